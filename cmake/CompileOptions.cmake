@@ -1,0 +1,15 @@
+# One set of flags for all targets of the project, through b3dgs_options.
+
+add_library(b3dgs_options INTERFACE)
+target_include_directories(b3dgs_options INTERFACE ${PROJECT_SOURCE_DIR}/src)
+target_compile_features(b3dgs_options INTERFACE cxx_std_17)
+# No contraction on the host: results do not depend on which instructions the compiler finds. The CPU kernels ask for
+# fused multiply-add by name where they want it.
+target_compile_options(b3dgs_options INTERFACE
+  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Werror -ffp-contract=off>)
+
+if(B3DGS_SANITIZE)
+  target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
+    -fno-sanitize-recover=all -fno-omit-frame-pointer>)
+  target_link_options(b3dgs_options INTERFACE -fsanitize=address,undefined)
+endif()

@@ -1,0 +1,74 @@
+// Work on all cores, through OpenMP. Two ways of dividing it: equal chunks settled beforehand, and a pool from which each
+// thread takes the next task. An exception in a body is thrown again in the caller.
+#pragma once
+
+#include <omp.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <exception>
+
+namespace b3dgs {
+
+/// Threads that the functions below use; set_thread_count(0) takes all cores.
+inline int thread_count() { return omp_get_max_threads(); }
+inline void set_thread_count(int n) { omp_set_num_threads(n > 0 ? n : omp_get_num_procs()); }
+
+namespace detail {
+
+/// Runs body(thread) on each of n threads.
+template <class Body>
+void on_threads(int n, Body&& body) {
+  if (n <= 1) {
+    body(0);
+    return;
+  }
+  std::exception_ptr error;
+#pragma omp parallel num_threads(n)
+  {
+    try {
+      body(omp_get_thread_num());
+    } catch (...) {
+#pragma omp critical(b3dgs_parallel_error)
+      if (!error) error = std::current_exception();
+    }
+  }
+  if (error) std::rethrow_exception(error);
+}
+
+}  // namespace detail
+
+/// Calls body(task, thread) for every task in [0, n); threads take tasks from a common counter.
+template <class Body>
+void parallel_pool(std::int64_t n, Body&& body) {
+  std::atomic<std::int64_t> next{0};
+  const int threads = static_cast<int>(std::min<std::int64_t>(thread_count(), n));
+  detail::on_threads(threads, [&](int thread) {
+    for (std::int64_t task = next.fetch_add(1); task < n; task = next.fetch_add(1)) body(task, thread);
+  });
+}
+
+/// [0, n) cut into nearly equal runs, one per thread.
+struct Chunks {
+  std::int64_t n = 0, count = 0;
+  std::int64_t begin(std::int64_t chunk) const { return n * chunk / count; }
+  std::int64_t end(std::int64_t chunk) const { return n * (chunk + 1) / count; }
+};
+
+/// As many chunks as threads, but none smaller than `grain` where there are several.
+inline Chunks make_chunks(std::int64_t n, std::int64_t grain) {
+  const std::int64_t most = std::max<std::int64_t>(1, n / std::max<std::int64_t>(1, grain));
+  return {n, std::min<std::int64_t>(thread_count(), most)};
+}
+
+/// Calls body(begin, end) once for each chunk of [0, n).
+template <class Body>
+void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
+  if (n <= 0) return;
+  const Chunks chunks = make_chunks(n, grain);
+  detail::on_threads(static_cast<int>(chunks.count),
+                     [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
+}
+
+}  // namespace b3dgs

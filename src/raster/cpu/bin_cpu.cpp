@@ -1,0 +1,128 @@
+// Binning: a stable radix sort of the splats by depth, then a stable counting sort of the (tile, splat) pairs by tile.
+// Both are split into chunks that keep their order, so the lists do not depend on the number of threads.
+
+#include <cstring>
+#include <vector>
+
+#include "check.h"
+#include "parallel.h"
+#include "raster/cpu/passes.h"
+#include "raster/tiling.h"
+
+namespace b3dgs::cpu {
+namespace {
+
+constexpr int kDigitBits = 11;
+constexpr int kDigits = 1 << kDigitBits;
+constexpr std::int64_t kGrain = 8192;
+
+/// Sorts keys by their upper 32 bits. Returns the array that holds the result.
+std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int64_t n) {
+  const Chunks chunks = make_chunks(n, kGrain);
+  std::vector<std::int64_t> counts(static_cast<std::size_t>(chunks.count * kDigits));
+  for (int shift = 32; shift < 64; shift += kDigitBits) {
+    parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+      std::int64_t* const count = counts.data() + chunk * kDigits;
+      std::fill(count, count + kDigits, 0);
+      for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
+        ++count[keys[i] >> shift & (kDigits - 1)];
+      }
+    });
+    std::int64_t total = 0;
+    for (int digit = 0; digit < kDigits; ++digit) {
+      for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
+        std::int64_t& count = counts[static_cast<std::size_t>(chunk * kDigits + digit)];
+        const std::int64_t first = total;
+        total += count;
+        count = first;
+      }
+    }
+    parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+      std::int64_t* const next = counts.data() + chunk * kDigits;
+      for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
+        swap[next[keys[i] >> shift & (kDigits - 1)]++] = keys[i];
+      }
+    });
+    std::swap(keys, swap);
+  }
+  return keys;
+}
+
+}  // namespace
+
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
+  const std::int64_t n = args.n_splats, n_tiles = args.grid.n_tiles();
+  std::uint64_t* keys = buffers.keys.resize(n);
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) {
+      std::uint32_t depth_bits;  // depths are positive, so their bit patterns are ordered as they are
+      std::memcpy(&depth_bits, &args.splats[m].depth, sizeof depth_bits);
+      keys[m] = std::uint64_t{depth_bits} << 32 | static_cast<std::uint64_t>(m);
+    }
+  });
+  keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
+
+  const auto visit_splat = [&](std::int64_t rank, auto&& visit) {
+    const auto m = static_cast<std::int32_t>(keys[rank] & 0xffffffffu);
+    const Splat& splat = args.splats[m];
+    visit_tile_rows(args.grid, args.culling, splat, args.extents[m], args.radii[splat.gaussian],
+                    [&](std::int32_t row, TileSpan span) { visit(m, row * args.grid.columns, span); });
+  };
+
+  // Pairs of each tile, chunk by chunk, and of each splat.
+  const Chunks chunks = make_chunks(n, kGrain);
+  std::int64_t* const counts = buffers.tile_counts.resize(chunks.count * n_tiles);
+  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
+  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+    std::int64_t* const count = counts + chunk * n_tiles;
+    std::fill(count, count + n_tiles, 0);
+    for (std::int64_t rank = chunks.begin(chunk); rank < chunks.end(chunk); ++rank) {
+      std::int64_t pairs = 0;
+      visit_splat(rank, [&](std::int32_t, std::int64_t row_start, TileSpan span) {
+        for (std::int32_t column = span.begin; column < span.end; ++column) ++count[row_start + column];
+        pairs += span.end - span.begin;
+      });
+      slot_offsets[keys[rank] & 0xffffffffu] = pairs;
+    }
+  });
+
+  std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1);
+  std::int64_t n_isects = 0;
+  for (std::int64_t tile = 0; tile < n_tiles; ++tile) {
+    tile_offsets[tile] = n_isects;
+    for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
+      std::int64_t& count = counts[chunk * n_tiles + tile];
+      const std::int64_t first = n_isects;
+      n_isects += count;
+      count = first;
+    }
+  }
+  tile_offsets[n_tiles] = n_isects;
+  std::int64_t slots = 0;
+  for (std::int64_t m = 0; m < n; ++m) {
+    const std::int64_t pairs = slot_offsets[m];
+    slot_offsets[m] = slots;
+    slots += pairs;
+  }
+  slot_offsets[n] = slots;
+  B3DGS_CHECK(slots == n_isects, "pairs by splat: ", slots, ", by tile: ", n_isects);
+
+  std::int32_t* const splat_ids = buffers.splat_ids.resize(n_isects);
+  std::int64_t* const isect_slots = buffers.isect_slots.resize(n_isects);
+  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+    std::int64_t* const next = counts + chunk * n_tiles;
+    for (std::int64_t rank = chunks.begin(chunk); rank < chunks.end(chunk); ++rank) {
+      std::int64_t slot = slot_offsets[keys[rank] & 0xffffffffu];
+      visit_splat(rank, [&](std::int32_t m, std::int64_t row_start, TileSpan span) {
+        for (std::int32_t column = span.begin; column < span.end; ++column) {
+          const std::int64_t position = next[row_start + column]++;
+          splat_ids[position] = m;
+          isect_slots[position] = slot++;
+        }
+      });
+    }
+  });
+  return {tile_offsets, splat_ids, isect_slots, slot_offsets, n_isects};
+}
+
+}  // namespace b3dgs::cpu

@@ -1,0 +1,29 @@
+// The passes of the CPU rasterizer. Each is a function of its arguments; the order is rasterize_cpu.cpp's.
+#pragma once
+
+#include <cstdint>
+
+#include "raster/args.h"
+#include "raster/cpu/buffer.h"
+
+namespace b3dgs::cpu {
+
+/// Returns M, the number of splats. @throws NumericError naming the first Gaussian whose projection is not finite.
+std::int64_t project(const ProjectArgs& args);
+
+/// Buffers that binning fills and keeps from view to view.
+struct BinBuffers {
+  Buffer<std::int64_t> tile_offsets, slot_offsets, isect_slots, tile_counts;
+  Buffer<std::int32_t> splat_ids;
+  Buffer<std::uint64_t> keys, keys_swap;
+};
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
+
+/// Runs one of the schedules of forward_table.h.
+void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
+
+void blend_backward(const BlendBackwardArgs& args);
+
+void project_backward(const ProjectBackwardArgs& args);
+
+}  // namespace b3dgs::cpu

@@ -1,0 +1,84 @@
+// Order of the passes, and the memory between them.
+
+#include "raster/cpu/rasterize_cpu.h"
+
+#include "check.h"
+#include "raster/cpu/buffer.h"
+#include "raster/cpu/forward_table.h"
+#include "raster/cpu/passes.h"
+#include "raster/tiling.h"
+
+namespace b3dgs::cpu {
+
+void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args) {
+  kForwardTable[static_cast<std::size_t>(kernel)](args);
+}
+
+struct Rasterizer::Impl {
+  Buffer<Splat> splats;
+  Buffer<Vec2f> extents;
+  Buffer<std::int32_t> radii, last_ids;
+  Buffer<SplatGrad> isect_grads;
+  BinBuffers bin_buffers;
+
+  // Of the last forward pass.
+  PinholeView view{};
+  int sh_degree = 0;
+  TileGrid grid{};
+  std::int64_t n_gaussians = -1, n_splats = 0;
+  BinnedSplats bins{};
+  ImageArrays rendered{};
+};
+
+Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
+Rasterizer::~Rasterizer() = default;
+Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
+Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
+
+void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                         const ImageArrays& out) {
+  B3DGS_CHECK(view.width > 0 && view.height > 0, "image is ", view.width, " x ", view.height);
+  B3DGS_CHECK(settings.tile.width > 0 && settings.tile.width <= kMaxTileSide && settings.tile.height > 0 &&
+                  settings.tile.height <= kMaxTileSide,
+              "tile is ", settings.tile.width, " x ", settings.tile.height, ", its sides must be from 1 to ",
+              kMaxTileSide);
+  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree ",
+              settings.sh_degree, " of at most ", gaussians.sh_degree_max);
+  Impl& s = *impl_;
+  const std::int64_t n = gaussians.n_gaussians;
+  s.n_gaussians = -1;  // until this pass has succeeded
+  s.view = view;
+  s.sh_degree = settings.sh_degree;
+  s.grid = make_tile_grid(view.width, view.height, settings.tile);
+  s.rendered = out;
+
+  Splat* const splats = s.splats.resize(n);
+  Vec2f* const extents = s.extents.resize(n);
+  std::int32_t* const radii = s.radii.resize(n);
+  s.n_splats = project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats,
+                        extents, radii});
+  s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
+  std::int32_t* const last_ids = s.last_ids.resize(std::int64_t{view.width} * view.height);
+  blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out, last_ids});
+  s.n_gaussians = n;
+}
+
+void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                          const GaussianGradArrays& out) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
+              " Gaussians after a forward of ", s.n_gaussians);
+  SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
+  blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.rendered, s.last_ids.data(), grad,
+                  isect_grads});
+  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads,
+                    out});
+}
+
+const std::int32_t* Rasterizer::radii() const { return impl_->radii.data(); }
+const std::int32_t* Rasterizer::last_ids() const { return impl_->last_ids.data(); }
+BinnedSplats Rasterizer::bins() const { return impl_->bins; }
+TileGrid Rasterizer::grid() const { return impl_->grid; }
+std::int64_t Rasterizer::n_splats() const { return impl_->n_splats; }
+
+}  // namespace b3dgs::cpu

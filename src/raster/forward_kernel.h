@@ -1,0 +1,38 @@
+// Names of the forward blending kernels. Plain C++: command line, selector and their tests need no CUDA.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string_view>
+
+namespace b3dgs {
+
+/// Every schedule computes the same image; README.md of this folder says what sets each apart, on CPU and on CUDA.
+enum class ForwardKernel { kNaive, kDynamic, kGaussianWise, kCombined, kSharedMemory };
+
+struct ForwardKernelName {
+  ForwardKernel kernel;
+  std::string_view name;     // as on the command line
+  std::string_view summary;  // one line for the help text
+};
+
+inline constexpr std::array<ForwardKernelName, 5> kForwardKernels{{
+    {ForwardKernel::kNaive, "naive", "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
+    {ForwardKernel::kDynamic, "dynamic", "as naive, tiles taken from an atomic pool (inter-block balancing)"},
+    {ForwardKernel::kGaussianWise, "gaussian-wise", "lanes over Gaussians with prefix products, tiles divided beforehand"},
+    {ForwardKernel::kCombined, "combined", "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
+    {ForwardKernel::kSharedMemory, "shared-memory", "lanes over pixels, splats staged in fast memory"},
+}};
+
+constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {
+  return kForwardKernels[static_cast<std::size_t>(kernel)].name;
+}
+
+constexpr std::optional<ForwardKernel> find_forward_kernel(std::string_view name) {
+  for (const ForwardKernelName& row : kForwardKernels) {
+    if (row.name == name) return row.kernel;
+  }
+  return std::nullopt;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,107 @@
+// From tensors to argument structs: checks, memory, device. Nothing below this file knows torch.
+
+#include "raster/rasterizer.h"
+
+#include "check.h"
+#include "raster/cpu/rasterize_cpu.h"
+#include "raster/tensor_check.h"
+
+namespace b3dgs {
+namespace {
+
+int sh_degree_max_of(const GaussianTensors& gaussians) {
+  const std::int64_t k = gaussians.shN.size(1) + 1;
+  for (int degree = 0; degree <= kShDegreeMax; ++degree) {
+    if ((degree + 1) * (degree + 1) == k) return degree;
+  }
+  throw LogicError(detail::concat("shN holds ", k - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
+}
+
+GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
+  TensorCheck check(device);
+  check.dims("means", g.means, {"N", 3});
+  check.dims("log_scales", g.log_scales, {"N", 3});
+  check.dims("quats", g.quats, {"N", 4});
+  check.dims("logit_opacities", g.logit_opacities, {"N"});
+  check.dims("sh0", g.sh0, {"N", 1, 3});
+  check.dims("shN", g.shN, {"N", "K-1", 3});
+  return {g.means.size(0),
+          sh_degree_max_of(g),
+          g.means.data_ptr<float>(),
+          g.log_scales.data_ptr<float>(),
+          g.quats.data_ptr<float>(),
+          g.logit_opacities.data_ptr<float>(),
+          g.sh0.data_ptr<float>(),
+          g.shN.data_ptr<float>()};
+}
+
+/// Keeps `tensor` if it has the shape, else replaces it.
+void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+  if (!tensor.defined() || tensor.sizes() != sizes) tensor = torch::empty(sizes, options);
+}
+
+const float* data_or_null(const torch::Tensor& tensor) {
+  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
+}
+
+}  // namespace
+
+struct Rasterizer::Impl {
+  torch::Device device;
+  cpu::Rasterizer cpu;
+  RenderedView rendered;
+  ViewStatistics statistics;
+};
+
+Rasterizer::Rasterizer(torch::Device device) : impl_(new Impl{device, {}, {}, {}}) {
+  if (!device.is_cpu()) {
+    input_error("this build renders on the CPU only, found device ", device.str(), "; use --device cpu");
+  }
+}
+Rasterizer::~Rasterizer() = default;
+Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
+Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
+
+RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const PinholeView& view,
+                                 const RenderSettings& settings) {
+  const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
+  RenderedView& out = impl_->rendered;
+  const auto options = gaussians.means.options();
+  ensure(out.color, {view.height, view.width, 3}, options);
+  ensure(out.depth, {view.height, view.width}, options);
+  ensure(out.alpha, {view.height, view.width}, options);
+  impl_->cpu.forward(arrays, view, settings,
+                     {out.color.data_ptr<float>(), out.depth.data_ptr<float>(), out.alpha.data_ptr<float>()});
+  return out;
+}
+
+ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                    GaussianTensors& grads) {
+  const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
+  const torch::Tensor& color = impl_->rendered.color;
+  B3DGS_CHECK(color.defined(), "backward before any forward");
+  TensorCheck check(impl_->device);
+  check.bind("H", color.size(0));
+  check.bind("W", color.size(1));
+  if (grad.color.defined()) check.dims("grad.color", grad.color, {"H", "W", 3});
+  if (grad.depth.defined()) check.dims("grad.depth", grad.depth, {"H", "W"});
+  if (grad.alpha.defined()) check.dims("grad.alpha", grad.alpha, {"H", "W"});
+
+  const auto options = gaussians.means.options();
+  const auto parameters = gaussians.all();
+  const auto gradients = grads.all();
+  for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
+  ViewStatistics& statistics = impl_->statistics;
+  ensure(statistics.means2d_grad, {arrays.n_gaussians, 2}, options);
+  impl_->cpu.backward(arrays, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
+                      {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(),
+                       grads.quats.data_ptr<float>(), grads.logit_opacities.data_ptr<float>(),
+                       grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
+                       statistics.means2d_grad.data_ptr<float>()});
+  // A view of the rasterizer's own array: valid until the next forward.
+  statistics.radii = torch::from_blob(const_cast<std::int32_t*>(impl_->cpu.radii()), {arrays.n_gaussians},
+                                      options.dtype(torch::kInt32));
+  return statistics;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,53 @@
+// The rasterizer for LibTorch: the only header of this folder that the trainer and the commands need.
+//
+// Forward and backward are explicit calls instead of autograd functions: a training step has one fixed graph, so nothing
+// is gained by recording it, and every buffer can stay where it is from step to step.
+#pragma once
+
+#include <memory>
+
+#include "raster/args.h"
+#include "raster/gaussian_tensors.h"
+
+namespace b3dgs {
+
+/// A rendered view; float tensors on the device of the parameters, overwritten by the next forward of the same
+/// Rasterizer.
+struct RenderedView {
+  torch::Tensor color;  // [H, W, 3] RGB, not clamped
+  torch::Tensor depth;  // [H, W] sum of weight times view-space z, world units
+  torch::Tensor alpha;  // [H, W]
+};
+
+/// Gradients by the rendered view; an undefined tensor stands for zeros.
+struct RenderedViewGrad {
+  torch::Tensor color, depth, alpha;
+};
+
+/// What densification wants to know about the last view.
+struct ViewStatistics {
+  torch::Tensor means2d_grad;  // [N, 2] gradient by the projected centre, 1/px
+  torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0: not seen in this view
+};
+
+class Rasterizer {
+ public:
+  explicit Rasterizer(torch::Device device);
+  ~Rasterizer();
+  Rasterizer(Rasterizer&&) noexcept;
+  Rasterizer& operator=(Rasterizer&&) noexcept;
+
+  /// Renders one view and keeps what backward() needs. Parameters are contiguous float tensors on the device.
+  /// @throws NumericError naming the Gaussian if a parameter it needs is not finite.
+  RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
+
+  /// Gradients of the last forward(); `gaussians` must be unchanged since. `grads` is allocated if undefined or of
+  /// another size, and overwritten.
+  ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,154 @@
+// Tiles of an image and which of them a splat touches. Index maps and intervals only; who walks them is a schedule.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "raster/args.h"
+#include "raster/constants.h"
+#include "raster/vec.h"
+
+namespace b3dgs {
+
+B3DGS_HD TileGrid make_tile_grid(std::int32_t image_width, std::int32_t image_height, TileShape tile) {
+  return {image_width, image_height, tile, (image_width + tile.width - 1) / tile.width,
+          (image_height + tile.height - 1) / tile.height};
+}
+
+/// Half-open rectangle of pixels or of tiles.
+struct Rect {
+  std::int32_t x_begin, x_end, y_begin, y_end;
+  B3DGS_HD bool empty() const { return x_begin >= x_end || y_begin >= y_end; }
+};
+
+/// Pixels of a tile that lie in the image.
+B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
+  const std::int32_t x = tile % grid.columns * grid.tile.width, y = tile / grid.columns * grid.tile.height;
+  const std::int32_t x_end = x + grid.tile.width, y_end = y + grid.tile.height;
+  return {x, x_end < grid.image_width ? x_end : grid.image_width, y,
+          y_end < grid.image_height ? y_end : grid.image_height};
+}
+
+/// A task of at most 2 x 2 pixels within a tile. Tiles follow one another; within a tile tasks go row by row.
+struct TaskPixels {
+  std::int32_t tile;
+  Rect rect;  // empty where the task lies outside the image
+};
+
+B3DGS_HD std::int64_t n_quad_tasks(const TileGrid& grid) {
+  const std::int64_t per_tile = std::int64_t{(grid.tile.width + 1) / 2} * ((grid.tile.height + 1) / 2);
+  return per_tile * grid.n_tiles();
+}
+
+B3DGS_HD TaskPixels quad_task(const TileGrid& grid, std::int64_t task) {
+  const std::int32_t columns = (grid.tile.width + 1) / 2, per_tile = columns * ((grid.tile.height + 1) / 2);
+  const auto tile = static_cast<std::int32_t>(task / per_tile), quad = static_cast<std::int32_t>(task % per_tile);
+  const Rect pixels = tile_pixels(grid, tile);
+  const std::int32_t x = pixels.x_begin + quad % columns * 2, y = pixels.y_begin + quad / columns * 2;
+  return {tile,
+          {x, x + 2 < pixels.x_end ? x + 2 : pixels.x_end, y, y + 2 < pixels.y_end ? y + 2 : pixels.y_end}};
+}
+
+/// Half-open interval of tile columns.
+struct TileSpan {
+  std::int32_t begin, end;
+};
+
+namespace detail {
+
+/// floor to an integer within [low, high]; safe for any finite value.
+B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t high) {
+  if (!(value > static_cast<float>(low))) return low;
+  if (!(value < static_cast<float>(high))) return high;
+  return static_cast<std::int32_t>(std::floor(value));
+}
+
+}  // namespace detail
+
+/// Half width and half height (px) of the smallest upright box around the ellipse alpha >= 1/255, with a margin that
+/// covers rounding. `cov` is the 2D covariance; 0 if the opacity itself is below 1/255.
+B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
+  const float power = log2_opacity - kLog2AlphaMin;  // sigma at the rim, in base 2
+  if (!(power >= 0)) return {0, 0};
+  const float two_sigma = 2 * 0.693147181f * power;
+  return {1.0001f * std::sqrt(two_sigma * cov.xx) + 1e-3f, 1.0001f * std::sqrt(two_sigma * cov.yy) + 1e-3f};
+}
+
+/// Tiles whose pixel centres the box around a splat's ellipse reaches.
+B3DGS_HD Rect box_tiles(const TileGrid& grid, float mean_x, float mean_y, Vec2f extent) {
+  const float width = static_cast<float>(grid.tile.width), height = static_cast<float>(grid.tile.height);
+  return {detail::floor_clamped((mean_x - extent.x + 0.5f - width) / width, -1, grid.columns - 1) + 1,
+          detail::floor_clamped((mean_x + extent.x - 0.5f) / width, -1, grid.columns - 1) + 1,
+          detail::floor_clamped((mean_y - extent.y + 0.5f - height) / height, -1, grid.rows - 1) + 1,
+          detail::floor_clamped((mean_y + extent.y - 0.5f) / height, -1, grid.rows - 1) + 1};
+}
+
+/// Tiles of the original rasterizer's square mean +- radius.
+B3DGS_HD Rect square_tiles(const TileGrid& grid, float mean_x, float mean_y, float radius) {
+  const float width = static_cast<float>(grid.tile.width), height = static_cast<float>(grid.tile.height);
+  return {detail::floor_clamped((mean_x - radius) / width, 0, grid.columns),
+          detail::floor_clamped((mean_x + radius + width - 1) / width, 0, grid.columns),
+          detail::floor_clamped((mean_y - radius) / height, 0, grid.rows),
+          detail::floor_clamped((mean_y + radius + height - 1) / height, 0, grid.rows)};
+}
+
+/// The ellipse alpha >= 1/255 row by row. At height dy above its centre it reaches from
+/// shear dy - chord sqrt(1 - (dy / half_height)^2) to the same with plus: no differences of large products, so needles
+/// come out as exact as discs.
+struct EllipseRows {
+  float mean_x, mean_y;  // px
+  float half_width, half_height;
+  float shear;    // dx per dy of the chord's midpoint
+  float chord;    // half the chord through the centre, px
+  float right_y;  // dy of the rightmost point
+};
+
+B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
+  const float power = splat.log2_opacity - kLog2AlphaMin;
+  return {splat.mean_x,
+          splat.mean_y,
+          extent.x,
+          extent.y,
+          -splat.conic_xy / (2 * splat.conic_xx),
+          1.0001f * std::sqrt(power / splat.conic_xx) + 1e-3f,
+          -splat.conic_xy / (2 * splat.conic_yy) * extent.x};
+}
+
+/// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01 px.
+B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
+  const float height = static_cast<float>(grid.tile.height), width = static_cast<float>(grid.tile.width);
+  float top = row * height + 0.5f - e.mean_y, bottom = top + height - 1;  // pixel centres, relative to the mean
+  top = top > -e.half_height ? top : -e.half_height;
+  bottom = bottom < e.half_height ? bottom : e.half_height;
+  if (top > bottom) return {0, 0};
+  // The strip's widest places: the ellipse's rightmost and leftmost points, or the strip's rim nearest to them.
+  const float right_y = e.right_y < top ? top : (e.right_y > bottom ? bottom : e.right_y);
+  const float left_y = -e.right_y < top ? top : (-e.right_y > bottom ? bottom : -e.right_y);
+  const float right_v = right_y / e.half_height, left_v = left_y / e.half_height;
+  const float right_square = 1 - right_v * right_v, left_square = 1 - left_v * left_v;
+  float right = e.shear * right_y + e.chord * std::sqrt(right_square > 0 ? right_square : 0);
+  float left = e.shear * left_y - e.chord * std::sqrt(left_square > 0 ? left_square : 0);
+  right = (right < e.half_width ? right : e.half_width) + 5e-3f;
+  left = (left > -e.half_width ? left : -e.half_width) - 5e-3f;
+  return {detail::floor_clamped((e.mean_x + left + 0.5f - width) / width, -1, grid.columns - 1) + 1,
+          detail::floor_clamped((e.mean_x + right - 0.5f) / width, -1, grid.columns - 1) + 1};
+}
+
+/// Calls visit(row, span) for each row of tiles in which the splat touches tiles.
+template <class Visit>
+B3DGS_HD void visit_tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
+                              std::int32_t radius, Visit&& visit) {
+  if (culling == Culling::kSquare) {
+    const Rect tiles = square_tiles(grid, splat.mean_x, splat.mean_y, static_cast<float>(radius));
+    for (std::int32_t row = tiles.y_begin; row < tiles.y_end; ++row) visit(row, TileSpan{tiles.x_begin, tiles.x_end});
+    return;
+  }
+  const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
+  const EllipseRows rows = make_ellipse_rows(splat, extent);
+  for (std::int32_t row = tiles.y_begin; row < tiles.y_end; ++row) {
+    const TileSpan span = ellipse_tiles_in_row(rows, grid, row);
+    if (span.begin < span.end) visit(row, span);
+  }
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,94 @@
+// Small vectors and matrices for host and device: only the operators that are in use.
+#pragma once
+
+#if defined(__CUDACC__)
+#define B3DGS_HD __host__ __device__ __forceinline__
+#else
+#define B3DGS_HD inline
+#endif
+
+namespace b3dgs {
+
+template <class Real>
+struct Vec2 {
+  Real x, y;
+};
+
+template <class Real>
+struct Vec3 {
+  Real x, y, z;
+};
+
+template <class Real>
+struct Vec4 {
+  Real x, y, z, w;
+};
+
+/// Row-major.
+template <class Real>
+struct Mat3 {
+  Real m[9];
+  B3DGS_HD Real operator()(int row, int column) const { return m[3 * row + column]; }
+  B3DGS_HD Real& operator()(int row, int column) { return m[3 * row + column]; }
+};
+
+/// Symmetric 2 x 2.
+template <class Real>
+struct Sym2 {
+  Real xx, xy, yy;
+};
+
+/// Symmetric 3 x 3.
+template <class Real>
+struct Sym3 {
+  Real xx, xy, xz, yy, yz, zz;
+};
+
+using Vec2f = Vec2<float>;
+using Vec3f = Vec3<float>;
+using Vec4f = Vec4<float>;
+using Mat3f = Mat3<float>;
+using Sym2f = Sym2<float>;
+using Sym3f = Sym3<float>;
+
+template <class Real>
+B3DGS_HD Vec3<Real> operator+(Vec3<Real> a, Vec3<Real> b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+template <class Real>
+B3DGS_HD Vec3<Real> operator-(Vec3<Real> a, Vec3<Real> b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+template <class Real>
+B3DGS_HD Vec3<Real> operator*(Real s, Vec3<Real> a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+
+template <class Real>
+B3DGS_HD Real dot(Vec3<Real> a, Vec3<Real> b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+template <class Real>
+B3DGS_HD Vec3<Real> operator*(const Mat3<Real>& a, Vec3<Real> v) {
+  return {a.m[0] * v.x + a.m[1] * v.y + a.m[2] * v.z, a.m[3] * v.x + a.m[4] * v.y + a.m[5] * v.z,
+          a.m[6] * v.x + a.m[7] * v.y + a.m[8] * v.z};
+}
+
+/// transpose(a) * v
+template <class Real>
+B3DGS_HD Vec3<Real> transpose_times(const Mat3<Real>& a, Vec3<Real> v) {
+  return {a.m[0] * v.x + a.m[3] * v.y + a.m[6] * v.z, a.m[1] * v.x + a.m[4] * v.y + a.m[7] * v.z,
+          a.m[2] * v.x + a.m[5] * v.y + a.m[8] * v.z};
+}
+
+/// s * v for a symmetric s.
+template <class Real>
+B3DGS_HD Vec3<Real> operator*(const Sym3<Real>& s, Vec3<Real> v) {
+  return {s.xx * v.x + s.xy * v.y + s.xz * v.z, s.xy * v.x + s.yy * v.y + s.yz * v.z,
+          s.xz * v.x + s.yz * v.y + s.zz * v.z};
+}
+
+}  // namespace b3dgs
