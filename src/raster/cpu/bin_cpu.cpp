@@ -15,6 +15,7 @@ namespace {
 constexpr int kDigitBits = 11;
 constexpr int kDigits = 1 << kDigitBits;
 constexpr std::int64_t kGrain = 8192;
+constexpr std::int64_t kPrefetch = 16;
 
 /// Sorts keys by their upper 32 bits. Returns the array that holds the result.
 std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int64_t n) {
@@ -61,8 +62,14 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
     }
   });
   keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
+  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
 
   const auto visit_splat = [&](std::int64_t rank, auto&& visit) {
+    // In depth order the splats lie scattered in memory: ask for them some ranks ahead.
+    const std::uint64_t ahead = keys[std::min(rank + kPrefetch, n - 1)] & 0xffffffffu;
+    __builtin_prefetch(&args.splats[ahead]);
+    __builtin_prefetch(&args.extents[ahead]);
+    __builtin_prefetch(&slot_offsets[ahead]);
     const auto m = static_cast<std::int32_t>(keys[rank] & 0xffffffffu);
     const Splat& splat = args.splats[m];
     visit_tile_rows(args.grid, args.culling, splat, args.extents[m], args.radii[splat.gaussian],
@@ -72,7 +79,6 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
   // Pairs of each tile, chunk by chunk, and of each splat.
   const Chunks chunks = make_chunks(n, kGrain);
   std::int64_t* const counts = buffers.tile_counts.resize(chunks.count * n_tiles);
-  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const count = counts + chunk * n_tiles;
     std::fill(count, count + n_tiles, 0);
