@@ -17,7 +17,8 @@ inline void set_thread_count(int n) { omp_set_num_threads(n > 0 ? n : omp_get_nu
 
 namespace detail {
 
-/// Runs body(thread) on each of n threads.
+/// Calls body(0) ... body(n - 1), each on a thread of its own where that many can be had; within another parallel region,
+/// or where fewer are granted, threads take several.
 template <class Body>
 void on_threads(int n, Body&& body) {
   if (n <= 1) {
@@ -28,7 +29,7 @@ void on_threads(int n, Body&& body) {
 #pragma omp parallel num_threads(n)
   {
     try {
-      body(omp_get_thread_num());
+      for (int part = omp_get_thread_num(); part < n; part += omp_get_num_threads()) body(part);
     } catch (...) {
 #pragma omp critical(b3dgs_parallel_error)
       if (!error) error = std::current_exception();

@@ -1,0 +1,19 @@
+// 8-bit images as the program keeps them in memory.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace b3dgs {
+
+/// Row-major, interleaved, 8 bits a channel; three channels are RGB.
+struct Image8 {
+  int width = 0, height = 0, channels = 3;
+  std::vector<std::uint8_t> pixels;  // [height, width, channels]
+
+  Image8() = default;
+  Image8(int w, int h, int c) : width(w), height(h), channels(c), pixels(static_cast<std::size_t>(w) * h * c) {}
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,30 @@
+// PLY files: Gaussians in the layout of the 3DGS viewers, and plain point clouds.
+#pragma once
+
+#include <filesystem>
+
+#include "scene/point_cloud.h"
+#include "scene/splat_cloud.h"
+
+namespace b3dgs {
+
+/// Writes binary_little_endian float32 properties in the order x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*
+/// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. The file appears whole or
+/// not at all. @throws IoError
+void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
+
+/// Reads by property name, in any order and of any scalar type, binary (both byte orders) or ASCII. The SH degree
+/// follows from the number of f_rest properties; normals are not read. @throws InputError, also for values that are not
+/// finite and quaternions of length 0
+SplatCloud read_splat_ply(const std::filesystem::path& path);
+
+/// Whether the file holds Gaussians rather than plain points, by its header. @throws InputError if it is no PLY
+bool is_splat_ply(const std::filesystem::path& path);
+
+/// x y z as float, red green blue as uchar.
+void write_point_ply(const std::filesystem::path& path, const PointCloud& points);
+
+/// As read_splat_ply. Colours of a real type count from 0 to 1, 16-bit ones are reduced; points without are mid-grey.
+PointCloud read_point_ply(const std::filesystem::path& path);
+
+}  // namespace b3dgs

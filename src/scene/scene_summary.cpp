@@ -1,0 +1,164 @@
+#include "scene/scene_summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <set>
+
+#include "check.h"
+#include "scene/resolution.h"
+
+namespace b3dgs {
+namespace {
+
+using detail::concat;
+
+constexpr std::size_t kMaxListed = 3;         // names of missing images, sizes, ...
+constexpr double kMaxAspectDeviation = 0.02;  // beyond rounding to whole pixels: cropped or turned images
+
+std::string join(const std::vector<std::string>& items) {
+  std::string text;
+  for (std::size_t i = 0; i < std::min(items.size(), kMaxListed); ++i) text += (i ? ", " : "") + items[i];
+  return items.size() > kMaxListed ? concat(text, ", ... (", items.size(), " in all)") : text;
+}
+
+std::string rounded(double value, const char* format) {
+  char text[64];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+class Lines {
+ public:
+  void add(const char* label, const std::string& text) {
+    std::string line = label;
+    line.resize(12, ' ');
+    lines_.push_back(line + text);
+  }
+  std::vector<std::string> take() { return std::move(lines_); }
+
+ private:
+  std::vector<std::string> lines_;
+};
+
+std::string describe_images(const SceneOrigin& origin) {
+  std::string text = concat(origin.model.images.size(), " registered, ", origin.sources.size(), " found in ",
+                            origin.image_folder.folder().string());
+  if (!origin.missing.empty()) text += concat(", ", origin.missing.size(), " missing (", join(origin.missing), ")");
+  if (origin.n_unregistered > 0) text += concat(", ", origin.n_unregistered, " more there not in the model");
+  return text;
+}
+
+std::string describe_cameras(const ColmapModel& model) {
+  std::map<std::string, std::size_t> kinds;
+  for (const auto& [id, camera] : model.cameras) {
+    ++kinds[concat(camera_model_name(camera.model), " ", camera.width, "x", camera.height)];
+  }
+  std::vector<std::string> texts;
+  for (const auto& [kind, count] : kinds) texts.push_back(count > 1 ? concat(count, " x ", kind) : kind);
+  return concat(model.cameras.size(), ": ", join(texts));
+}
+
+template <class Visit>
+void for_each_view(const Scene& scene, Visit&& visit) {
+  for (const View& view : scene.train) visit(view);
+  for (const View& view : scene.test) visit(view);
+}
+
+std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
+  const auto n_distorted = std::count_if(origin.sources.begin(), origin.sources.end(),
+                                         [](const ViewSource& source) { return !source.lens.is_pinhole(); });
+  if (n_distorted == 0) return "none";
+  if (!origin.options.load_images) return concat("of ", n_distorted, " images");
+  double share = 0;
+  for_each_view(scene, [&](const View& view) {
+    if (!view.valid) {
+      share += 1;
+      return;
+    }
+    const std::vector<std::uint8_t>& mask = view.valid->pixels;
+    share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
+  });
+  const double percent = 100 * share / static_cast<double>(origin.sources.size());
+  return concat("undone in ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid");
+}
+
+std::string describe_sizes(const SceneOrigin& origin) {
+  std::set<std::string> sizes;
+  for (const ViewSource& source : origin.sources) {
+    const std::string size = concat(source.size.width, "x", source.size.height);
+    const bool is_reduced =
+        source.size.width != source.file_size.width || source.size.height != source.file_size.height;
+    sizes.insert(is_reduced ? concat(size, " from ", source.file_size.width, "x", source.file_size.height) : size);
+  }
+  return join({sizes.begin(), sizes.end()}) + " px";
+}
+
+std::string describe_memory(const Scene& scene) {
+  std::set<const Image8*> images;  // masks are shared
+  for_each_view(scene, [&](const View& view) {
+    images.insert(view.image.get());
+    images.insert(view.valid.get());
+  });
+  std::size_t bytes = 0;
+  for (const Image8* image : images) bytes += image ? image->pixels.size() : 0;
+  return bytes > 0 ? rounded(static_cast<double>(bytes) / 1e6, "%.1f MB of images") : "images not loaded";
+}
+
+// Choices that were made for the user, and signs that something is wrong with the scene.
+void add_notes(const SceneOrigin& origin, Lines& lines) {
+  for (const std::string& note : origin.model_folder.notes) lines.add("note", note);
+  if (!origin.image_folder.note().empty()) lines.add("note", origin.image_folder.note());
+  const int resolution = origin.options.resolution;
+  bool is_capped = false, is_kept = false;
+  std::vector<std::string> other_aspect, other_name;
+  for (const ViewSource& source : origin.sources) {
+    const ImageSize size = divided_size(source.file_size, origin.image_folder.divisor());
+    is_capped = is_capped || (resolution == -1 && size.width > kMaxDefaultWidth);
+    is_kept = is_kept || (resolution > 8 && resolution > size.width);
+    const ColmapCamera& camera = origin.model.cameras.at(source.camera_id);
+    const double aspect = static_cast<double>(source.file_size.width) / source.file_size.height;
+    const double expected = static_cast<double>(camera.width) / static_cast<double>(camera.height);
+    const double step = 1.0 / std::min(source.file_size.width, source.file_size.height);
+    if (std::abs(aspect / expected - 1) > kMaxAspectDeviation + step) {
+      other_aspect.push_back(source.file.filename().string());
+    }
+    if (origin.image_folder.find(source.name).empty()) {
+      other_name.push_back(concat(source.name, " as ", source.file.filename().string()));
+    }
+  }
+  if (!other_name.empty()) lines.add("note", concat("found under another name: ", join(other_name)));
+  if (is_capped) lines.add("note", concat("reduced to ", kMaxDefaultWidth, " px width; -r 1 keeps the size on disk"));
+  if (is_kept) lines.add("note", concat("-r ", resolution, " is more than the images have: they are not enlarged"));
+  if (!other_aspect.empty()) {
+    lines.add("note", concat("another shape than their camera, cropped or turned since: ", join(other_aspect)));
+  }
+  if (origin.model.points.empty()) lines.add("note", "the model has no points; training needs some: --init_ply");
+}
+
+}  // namespace
+
+std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin) {
+  Lines lines;
+  const std::string folder = origin.model_folder.folder.lexically_relative(scene.source_path).string();
+  lines.add("scene", scene.source_path);
+  lines.add("model", concat(folder.empty() ? origin.model_folder.folder.string() : folder,
+                            origin.model_folder.format == ColmapFormat::kBinary ? ", binary" : ", text"));
+  lines.add("images", describe_images(origin));
+  lines.add("cameras", describe_cameras(origin.model));
+  lines.add("distortion", describe_distortion(scene, origin));
+  lines.add("size", describe_sizes(origin));
+  lines.add("memory", describe_memory(scene));
+  lines.add("points", std::to_string(scene.points.size()));
+  lines.add("extent", rounded(scene.extent, "%.4g"));
+  const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
+  lines.add("training", count_views(scene.train.size()));
+  lines.add("held out", origin.options.eval
+                            ? concat(count_views(scene.test.size()), ", every ", kTestEvery, "th by name")
+                            : concat("none; --eval holds out every ", kTestEvery, "th by name"));
+  add_notes(origin, lines);
+  return lines.take();
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,28 @@
+// The dozen lines that tell the user what was loaded.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "scene/colmap.h"
+#include "scene/image_folder.h"
+#include "scene/model_search.h"
+#include "scene/scene.h"
+#include "scene/view_loader.h"
+
+namespace b3dgs {
+
+/// What load_scene knows beyond the scene itself.
+struct SceneOrigin {
+  const SceneOptions& options;
+  const ModelFolder& model_folder;
+  const ColmapModel& model;
+  const ImageFolder& image_folder;
+  const std::vector<ViewSource>& sources;  // of the images that are on disk
+  std::vector<std::string> missing;        // registered names without a file
+  std::size_t n_unregistered = 0;          // image files without a name in the model
+};
+
+std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin);
+
+}  // namespace b3dgs

@@ -1,0 +1,216 @@
+// Damaged models: each is refused with the file, the place and what was expected.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "check.h"
+#include "scene/colmap.h"
+#include "scene/sample_model.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::bytes_of;
+using test::fails_with;
+using test::read_bytes;
+using test::sample_model;
+using test::TempDir;
+using test::write_bytes;
+
+class DamagedModel : public testing::Test {
+ protected:
+  void write(const ColmapModel& model, ColmapFormat format = ColmapFormat::kBinary) {
+    write_colmap_model(folder_.path(), model, format);
+  }
+  std::string file(const char* name) const { return (folder_ / name).string(); }
+  std::string content(const char* name) const { return read_bytes(folder_ / name); }
+  void replace(const char* name, const std::string& bytes) { write_bytes(folder_ / name, bytes); }
+  testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
+    return fails_with<InputError>(parts, [this] { read_colmap_model(folder_.path()); });
+  }
+  TempDir folder_;
+};
+
+TEST_F(DamagedModel, NamesAFolderWithoutAModel) {
+  EXPECT_TRUE(refuses({folder_.path().string(), "found none"}));
+}
+
+TEST_F(DamagedModel, NamesTheMissingFile) {
+  write(sample_model());
+  fs::remove(folder_ / "points3D.bin");
+  EXPECT_TRUE(refuses({file("points3D.bin"), "is missing"}));
+}
+
+TEST_F(DamagedModel, RejectsEveryTruncationOfEveryBinaryFile) {
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    write(sample_model());
+    const std::string whole = content(name);
+    for (std::size_t length = 0; length < whole.size(); ++length) {
+      replace(name, whole.substr(0, length));
+      ASSERT_TRUE(refuses({file(name)})) << name << " cut to " << length << " of " << whole.size() << " bytes";
+    }
+  }
+}
+
+TEST_F(DamagedModel, SaysInWhichRecordAFileEnds) {
+  write(sample_model());
+  const std::string whole = content("images.bin");
+  replace("images.bin", whole.substr(0, whole.size() - 3));
+  EXPECT_TRUE(refuses({file("images.bin"), "in image 2 of 2", "expected 3 more bytes", "truncated"}));
+}
+
+TEST_F(DamagedModel, RejectsTruncatedPointsFile) {
+  ColmapModel model = sample_model();
+  model.points.resize(1);
+  write(model);
+  // A track of two elements is announced and one is there.
+  std::string bytes = content("points3D.bin");
+  bytes.replace(bytes.size() - 8, 8, bytes_of<std::uint64_t>(2));
+  replace("points3D.bin", bytes + std::string(8, '\1'));
+  EXPECT_TRUE(refuses({file("points3D.bin"), "2 track elements", "only 8 bytes"}));
+}
+
+TEST_F(DamagedModel, RejectsCountsLargerThanTheFileBeforeAllocating) {
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    write(sample_model());
+    std::string bytes = content(name);
+    bytes.replace(0, 8, bytes_of<std::uint64_t>(1ull << 60));
+    replace(name, bytes);
+    EXPECT_TRUE(refuses({file(name), "1152921504606846976", "truncated, damaged"}));
+  }
+}
+
+TEST_F(DamagedModel, RejectsBytesAfterTheLastRecord) {
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    write(sample_model());
+    replace(name, content(name) + "xyz");
+    EXPECT_TRUE(refuses({file(name), "3 bytes follow after the last record"}));
+  }
+}
+
+TEST_F(DamagedModel, RejectsAnUnknownCameraModelByNumber) {
+  write(sample_model());
+  std::string bytes = content("cameras.bin");
+  bytes.replace(8 + 4, 4, bytes_of<std::int32_t>(42));
+  replace("cameras.bin", bytes);
+  EXPECT_TRUE(refuses({file("cameras.bin"), "camera 3", "unknown camera model 42"}));
+}
+
+TEST_F(DamagedModel, RejectsANewerCameraModelByNameWithTheRemedy) {
+  write(sample_model());
+  std::string bytes = content("cameras.bin");
+  bytes.replace(8 + 4, 4, bytes_of<std::int32_t>(16));
+  replace("cameras.bin", bytes);
+  EXPECT_TRUE(refuses({file("cameras.bin"), "camera 3", "EUCM", "image_undistorter"}));
+}
+
+TEST_F(DamagedModel, RejectsParametersThatAreNotFinite) {
+  ColmapModel model = sample_model();
+  model.cameras[7].params[2] = NAN;
+  write(model);
+  EXPECT_TRUE(refuses({file("cameras.bin"), "camera 7", "PINHOLE", "fx, fy, cx, cy", "nan"}));
+}
+
+TEST_F(DamagedModel, RejectsACameraWithoutPixels) {
+  ColmapModel model = sample_model();
+  model.cameras[7].height = 0;
+  write(model);
+  EXPECT_TRUE(refuses({"camera 7", "64 x 0"}));
+}
+
+TEST_F(DamagedModel, RejectsPosesThatAreNotFinite) {
+  for (const auto format : {ColmapFormat::kBinary, ColmapFormat::kText}) {
+    TempDir folder;
+    ColmapModel model = sample_model();
+    model.images[0].translation[1] = NAN;
+    write_colmap_model(folder.path(), model, format);
+    EXPECT_TRUE(fails_with<InputError>({"image 20 (b/second image.png)", "not finite"},
+                                       [&] { read_colmap_model(folder.path()); }));
+  }
+}
+
+TEST_F(DamagedModel, RejectsAQuaternionOfLengthZero) {
+  ColmapModel model = sample_model();
+  model.images[1].quat = {0, 0, 0, 0};
+  write(model);
+  EXPECT_TRUE(refuses({"image 0 (a.png)", "length 0"}));
+}
+
+TEST_F(DamagedModel, NamesTheCameraThatAnImageMisses) {
+  ColmapModel model = sample_model();
+  model.images[1].camera_id = 12;
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (a.png)", "camera 12", "has 3, 7"}));
+}
+
+TEST_F(DamagedModel, RejectsIdsAndNamesThatOccurTwice) {
+  ColmapModel model = sample_model();
+  model.images[1].id = 20;
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "two images have the id 20"}));
+  model = sample_model();
+  model.images[1].name = model.images[0].name;
+  write(model);
+  EXPECT_TRUE(refuses({"two images have the name b/second image.png"}));
+  model = sample_model();
+  model.points[1].id = model.points[0].id;
+  write(model);
+  EXPECT_TRUE(refuses({file("points3D.bin"), "two points have the id 0"}));
+  write(sample_model());
+  std::string bytes = content("cameras.bin");
+  const std::size_t second = 8 + 24 + 8 * 8;  // after the OPENCV camera 3
+  bytes.replace(second, 4, bytes_of<std::uint32_t>(3));
+  replace("cameras.bin", bytes);
+  EXPECT_TRUE(refuses({file("cameras.bin"), "two cameras have the id 3"}));
+}
+
+TEST_F(DamagedModel, NamesThePointThatIsNotFinite) {
+  ColmapModel model = sample_model();
+  model.points[1].position[2] = INFINITY;
+  write(model);
+  EXPECT_TRUE(refuses({file("points3D.bin"), "point 9007199254740993", "inf"}));
+  model.points[1].position[2] = 1e300;  // finite in the file, not in memory
+  write(model);
+  EXPECT_TRUE(refuses({"point 9007199254740993", "1e+300"}));
+}
+
+TEST_F(DamagedModel, NamesTheLineOfAWrongNumber) {
+  write(sample_model(), ColmapFormat::kText);
+  replace("points3D.txt", "# comment\n1 0 0 0 1 2 3 0\n2 0 zero 0 1 2 3 0\n");
+  EXPECT_TRUE(refuses({file("points3D.txt") + ":3:", "position x, y, z", "\"zero\""}));
+  replace("points3D.txt", "1 0 0 0 1 2 256 0\n");
+  EXPECT_TRUE(refuses({file("points3D.txt") + ":1:", "0 to 255", "\"256\""}));
+  replace("points3D.txt", "1 0 0 0 1 2\n");
+  EXPECT_TRUE(refuses({file("points3D.txt") + ":1:", "found the end of the line"}));
+}
+
+TEST_F(DamagedModel, NamesTheLineWithTheWrongNumberOfCameraParameters) {
+  write(sample_model(), ColmapFormat::kText);
+  replace("cameras.txt", "7 PINHOLE 64 48 50 50 32\n3 PINHOLE 64 48 50 50 32 24\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "the 4 parameters fx, fy, cx, cy of PINHOLE"}));
+  replace("cameras.txt", "3 PINHOLE 64 48 50 50 32 24\n7 PINHOLE 64 48 50 50 32 24 0.5\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":2:", "and no more", "0.5"}));
+}
+
+TEST_F(DamagedModel, RejectsAnUnknownCameraModelByName) {
+  write(sample_model(), ColmapFormat::kText);
+  replace("cameras.txt", "7 SPHERE 64 48 50 50 32\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "unknown camera model \"SPHERE\""}));
+  replace("cameras.txt", "7 DIVISION 64 48 50 50 32 24 0.1\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "DIVISION", "image_undistorter"}));
+}
+
+TEST_F(DamagedModel, NoticesTextImagesWithoutTheirLineOf2dPoints) {
+  write(sample_model(), ColmapFormat::kText);
+  replace("images.txt", "1 1 0 0 0 0 0 1 7 a.png\n2 1 0 0 0 0 0 1 7 b.png\n");
+  EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "b.png"}));
+  replace("images.txt", "1 1 0 0 0 0 0 1 7\n\n");
+  EXPECT_TRUE(refuses({file("images.txt") + ":1:", "expected the image's name"}));
+}
+
+}  // namespace
+}  // namespace b3dgs

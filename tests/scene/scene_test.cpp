@@ -1,0 +1,364 @@
+#include "scene/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "check.h"
+#include "scene/colmap.h"
+#include "scene/image_io.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::TempDir;
+using test::write_bytes;
+
+constexpr int kWidth = 40, kHeight = 30;
+
+std::string numbered_name(int i) {
+  char name[32];
+  std::snprintf(name, sizeof(name), "%02d.png", i);
+  return name;
+}
+
+// n images of a pinhole 40 x 30 on a line along x, their colour their number; the last one first in the file.
+ColmapModel line_model(int n) {
+  ColmapModel model;
+  model.cameras[1] = {1, CameraModel::kPinhole, kWidth, kHeight, {50, 60, 21, 14}};
+  for (int i = n - 1; i >= 0; --i) {
+    model.images.push_back({static_cast<std::uint32_t>(100 + i), {1, 0, 0, 0}, {-1.0 * i, 0, 0}, 1, numbered_name(i)});
+  }
+  model.points.push_back({1, {1, 2, 3}, {10, 20, 30}, 0});
+  return model;
+}
+
+Image8 flat(int width, int height, int value) {
+  Image8 image(width, height, 3);
+  std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));
+  return image;
+}
+
+class LoadScene : public testing::Test {
+ protected:
+  LoadScene() { options_.source_path = folder_.path().string(); }
+
+  void write(const ColmapModel& model, const fs::path& model_folder = "sparse/0") {
+    write_colmap_model(folder_ / model_folder, model, ColmapFormat::kBinary);
+  }
+  void write_images(const ColmapModel& model, const fs::path& image_folder = "images", int width = kWidth,
+                    int height = kHeight) {
+    for (const ColmapImage& image : model.images) {
+      write_image(folder_ / image_folder / image.name, flat(width, height, static_cast<int>(image.id)));
+    }
+  }
+  void write_scene(int n) {
+    write(line_model(n));
+    write_images(line_model(n));
+  }
+  Scene load() { return load_scene(options_); }
+  testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
+    return fails_with<InputError>(parts, [this] { load(); });
+  }
+  static testing::AssertionResult says(const Scene& scene, const std::string& part) {
+    std::string all;
+    for (const std::string& line : scene.summary) {
+      if (line.find(part) != std::string::npos) return testing::AssertionSuccess();
+      all += line + "\n";
+    }
+    return testing::AssertionFailure() << "\"" << part << "\" is not in\n" << all;
+  }
+
+  TempDir folder_;
+  SceneOptions options_;
+};
+
+TEST_F(LoadScene, GivesViewsSortedByNameWithTheirImages) {
+  write_scene(3);
+  const Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 3u);
+  EXPECT_TRUE(scene.test.empty());
+  for (int i = 0; i < 3; ++i) {
+    const View& view = scene.train[i];
+    EXPECT_EQ(view.name, numbered_name(i));
+    EXPECT_EQ(view.camera.cam_from_world.translation[0], -i);
+    ASSERT_NE(view.image, nullptr);
+    EXPECT_EQ(view.image->pixels[0], 100 + i);
+    EXPECT_EQ(view.valid, nullptr);
+    EXPECT_EQ(view.camera.width, kWidth);
+    EXPECT_EQ(view.camera.fx, 50);
+    EXPECT_EQ(view.camera.fy, 60);
+    EXPECT_EQ(view.camera.cx, 21);
+    EXPECT_EQ(view.camera.cy, 14);
+  }
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 2, 3}));
+  EXPECT_EQ(scene.points.colors, (std::vector<std::uint8_t>{10, 20, 30}));
+  EXPECT_TRUE(says(scene, "3 registered, 3 found"));
+}
+
+TEST_F(LoadScene, HoldsOutEveryEighthBySortedName) {
+  write_scene(17);
+  options_.eval = true;
+  const Scene scene = load();
+  ASSERT_EQ(scene.test.size(), 3u);
+  EXPECT_EQ(scene.test[0].name, "00.png");
+  EXPECT_EQ(scene.test[1].name, "08.png");
+  EXPECT_EQ(scene.test[2].name, "16.png");
+  EXPECT_EQ(scene.train.size(), 14u);
+  // Centres 1..7 and 9..15 on a line: the mean is 8, the farthest 7 away.
+  EXPECT_DOUBLE_EQ(scene.extent, 1.1 * 7);
+  EXPECT_TRUE(says(scene, "3 views, every 8th"));
+}
+
+TEST_F(LoadScene, RefusesToHoldOutTheOnlyImage) {
+  write_scene(1);
+  EXPECT_EQ(load().extent, 1);  // one camera has no extent
+  options_.eval = true;
+  EXPECT_TRUE(refuses({"--eval", "leaves none"}));
+}
+
+TEST_F(LoadScene, ScalesIntrinsicsPerAxisToTheImageOnDisk) {
+  write(line_model(1));
+  write_images(line_model(1), "images", 20, 10);
+  const Camera camera = load().train[0].camera;
+  EXPECT_EQ(camera.width, 20);
+  EXPECT_EQ(camera.height, 10);
+  EXPECT_DOUBLE_EQ(camera.fx, 25);
+  EXPECT_DOUBLE_EQ(camera.fy, 20);
+  EXPECT_DOUBLE_EQ(camera.cx, 10.5);
+  EXPECT_DOUBLE_EQ(camera.cy, 14.0 / 3);
+  EXPECT_TRUE(says(load(), "another shape than their camera"));
+}
+
+TEST_F(LoadScene, ReducesImagesAndCamerasForTraining) {
+  write_scene(1);
+  options_.resolution = 4;
+  const View view = load().train[0];
+  EXPECT_EQ(view.camera.width, 10);
+  EXPECT_EQ(view.camera.height, 8);  // 7.5
+  EXPECT_EQ(view.image->width, 10);
+  EXPECT_EQ(view.image->height, 8);
+  EXPECT_DOUBLE_EQ(view.camera.fx, 12.5);
+  EXPECT_DOUBLE_EQ(view.camera.fy, 16);
+  options_.resolution = 0;
+  EXPECT_TRUE(refuses({"-r 0"}));
+}
+
+TEST_F(LoadScene, ReplacesAMissingReducedFolder) {
+  write_scene(1);
+  options_.images = "images_2";
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].image->width, 20);
+  EXPECT_EQ(scene.train[0].image->height, 15);
+  EXPECT_DOUBLE_EQ(scene.train[0].camera.fx, 25);
+  EXPECT_TRUE(says(scene, "images_2/ does not exist"));
+}
+
+TEST_F(LoadScene, TakesAReducedFolderThatExistsAsItIs) {
+  write_scene(1);
+  write_images(line_model(1), "images_2", 21, 15);
+  options_.images = "images_2";
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].image->width, 21);
+  EXPECT_DOUBLE_EQ(scene.train[0].camera.fx, 50 * 21.0 / 40);
+}
+
+TEST_F(LoadScene, ListsTheFoldersWhenTheImageFolderIsMissing) {
+  write_scene(1);
+  options_.images = "photos";
+  EXPECT_TRUE(refuses({"photos", "does not exist", "images, sparse", "-i"}));
+}
+
+TEST_F(LoadScene, CountsMissingAndUnregisteredImages) {
+  write_scene(4);
+  fs::remove(folder_ / "images/01.png");
+  fs::remove(folder_ / "images/03.png");
+  write_image(folder_ / "images/other.jpg", flat(4, 4, 0));
+  write_bytes(folder_ / "images/notes.txt", "no image");
+  const Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 2u);
+  EXPECT_EQ(scene.train[1].name, "02.png");
+  EXPECT_TRUE(says(scene, "4 registered, 2 found"));
+  EXPECT_TRUE(says(scene, "2 missing (01.png, 03.png)"));
+  EXPECT_TRUE(says(scene, "1 more there not in the model"));
+}
+
+TEST_F(LoadScene, NeedsAtLeastOneImage) {
+  write(line_model(3));
+  EXPECT_TRUE(refuses({(folder_ / "images").string(), "none of the 3 registered images", "00.png"}));
+  fs::create_directories(folder_ / "images");
+  EXPECT_TRUE(refuses({(folder_ / "images").string(), "none of the 3 registered images"}));
+  ColmapModel empty = line_model(0);
+  write(empty);
+  EXPECT_TRUE(refuses({"no registered images"}));
+}
+
+TEST_F(LoadScene, FindsImagesUnderTheNamesThatToolsGiveThem) {
+  ColmapModel model = line_model(4);
+  model.images[0].name = "images/prefixed.png";
+  model.images[1].name = "left/deep.png";
+  model.images[2].name = "shot.JPG";
+  model.images[3].name = "cam1/flat.png";
+  write(model);
+  for (const char* name : {"prefixed.png", "left/deep.png", "shot.png", "flat.png"}) {
+    write_image(folder_ / "images" / name, flat(kWidth, kHeight, 1));
+  }
+  const Scene scene = load();
+  EXPECT_EQ(scene.train.size(), 4u);
+  EXPECT_TRUE(says(scene, "found under another name: cam1/flat.png as flat.png, shot.JPG as shot.png"));
+}
+
+TEST_F(LoadScene, DoesNotTakeAnImageOfAnotherSubfolder) {
+  ColmapModel model = line_model(2);
+  model.images[0].name = "left/a.png";
+  model.images[1].name = "right/a.png";
+  write(model);
+  write_image(folder_ / "images/left/a.png", flat(kWidth, kHeight, 1));
+  const Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 1u);
+  EXPECT_EQ(scene.train[0].name, "left/a.png");
+  EXPECT_TRUE(says(scene, "1 missing (right/a.png)"));
+}
+
+TEST_F(LoadScene, RefusesTwoNamesThatLeadToOneFile) {
+  ColmapModel model = line_model(2);
+  model.images[0].name = "left/a.png";
+  model.images[1].name = "right/a.png";
+  write(model);
+  write_image(folder_ / "images/a.png", flat(kWidth, kHeight, 1));
+  EXPECT_TRUE(refuses({"images/a.png", "left/a.png", "right/a.png", "both lead to this file"}));
+}
+
+TEST_F(LoadScene, LooksInTheSceneFolderWhereThereIsNoImageFolder) {
+  ColmapModel model = line_model(1);
+  model.images[0].name = "left/a.png";
+  write(model);
+  write_image(folder_ / "left/a.png", flat(kWidth, kHeight, 1));
+  EXPECT_TRUE(says(load(), "images/ does not exist: looked for the images in the scene folder itself"));
+}
+
+TEST_F(LoadScene, TakesTheModelWithMostImages) {
+  write_scene(5);
+  write(line_model(2), "sparse/0");
+  write(line_model(5), "sparse/10");
+  write(line_model(4), "sparse/2");
+  const Scene scene = load();
+  EXPECT_EQ(scene.train.size(), 5u);
+  EXPECT_TRUE(
+      says(scene, "3 models: took sparse/10 with 5 images, the most; left out: sparse/0 with 2, sparse/2 with 4"));
+}
+
+TEST_F(LoadScene, FindsTheModelWithoutANumberedFolder) {
+  write_images(line_model(2));
+  write(line_model(2), "sparse");
+  EXPECT_EQ(load().train.size(), 2u);
+  fs::remove_all(folder_ / "sparse");
+  EXPECT_TRUE(refuses({folder_.path().string(), "sparse/0", "found none"}));
+  write(line_model(2), "");
+  EXPECT_EQ(load().train.size(), 2u);
+}
+
+TEST_F(LoadScene, NamesAFolderThatIsNone) {
+  options_.source_path = (folder_ / "nowhere").string();
+  EXPECT_TRUE(refuses({"nowhere", "is no folder"}));
+}
+
+TEST_F(LoadScene, RefusesACorruptImageByName) {
+  write_scene(6);
+  const std::string whole = test::read_bytes(folder_ / "images/04.png");
+  write_bytes(folder_ / "images/04.png", whole.substr(0, whole.size() - 15));
+  EXPECT_TRUE(refuses({"04.png", "ends before"}));
+}
+
+TEST_F(LoadScene, ReportsProgressUpToTheLastImage) {
+  write_scene(9);
+  std::vector<std::size_t> seen;
+  load_scene(options_, [&](const std::string&, std::size_t done, std::size_t total) {
+    EXPECT_EQ(total, 9u);
+    seen.push_back(done);
+  });
+  ASSERT_EQ(seen.size(), 9u);
+  for (std::size_t i = 0; i < seen.size(); ++i) EXPECT_EQ(seen[i], i + 1);
+}
+
+TEST_F(LoadScene, WithoutImagesReadsOnlyTheirHeaders) {
+  write_scene(1);
+  const std::string whole = test::read_bytes(folder_ / "images/00.png");
+  write_bytes(folder_ / "images/00.png", whole.substr(0, 40));
+  options_.load_images = false;
+  options_.resolution = 2;
+  const View view = load().train[0];
+  EXPECT_EQ(view.image, nullptr);
+  EXPECT_EQ(view.camera.width, 20);
+  EXPECT_EQ(view.camera.height, 15);
+}
+
+TEST_F(LoadScene, UndistortsAndSharesTheMask) {
+  ColmapModel model = line_model(3);
+  model.cameras[1] = {1, CameraModel::kSimpleRadial, 400, 300, {400, 200, 150, 0.4}};
+  write(model);
+  for (const ColmapImage& image : model.images) write_image(folder_ / "images" / image.name, flat(400, 300, 200));
+  options_.resolution = 2;
+  const Scene scene = load();
+  const View& view = scene.train[0];
+  EXPECT_EQ(view.camera.width, 200);
+  EXPECT_DOUBLE_EQ(view.camera.fx, 200);
+  EXPECT_DOUBLE_EQ(view.camera.cx, 100);
+  ASSERT_NE(view.valid, nullptr);
+  EXPECT_EQ(view.valid, scene.train[2].valid);
+  EXPECT_EQ(view.valid->width, 200);
+  EXPECT_EQ(view.valid->height, 150);
+  std::size_t n_valid = 0;
+  for (std::size_t i = 0; i < view.valid->pixels.size(); ++i) {
+    if (view.valid->pixels[i] == 0) continue;
+    ++n_valid;
+    ASSERT_EQ(view.image->pixels[3 * i], 200) << "a valid pixel has black of the outside in it";
+  }
+  EXPECT_GT(n_valid, view.valid->pixels.size() / 2);
+  EXPECT_LT(n_valid, view.valid->pixels.size());
+  EXPECT_TRUE(says(scene, "undone in 3 images"));
+}
+
+TEST_F(LoadScene, RefusesAnUnsupportedCameraOnlyIfAnImageUsesIt) {
+  ColmapModel model = line_model(1);
+  model.cameras[2] = {2, CameraModel::kFov, 40, 30, {50, 50, 20, 15, 0.9}};
+  write(model);
+  write_images(model);
+  EXPECT_NO_THROW(load());
+  model.images[0].camera_id = 2;
+  write(model);
+  EXPECT_TRUE(refuses({"sparse/0", "camera 2", "FOV", "image_undistorter"}));
+}
+
+TEST_F(LoadScene, MixesSizesAndOrientations) {
+  ColmapModel model = line_model(2);
+  model.cameras[2] = {2, CameraModel::kPinhole, kHeight, kWidth, {50, 50, 15, 20}};
+  model.images[0].camera_id = 2;
+  write(model);
+  write_image(folder_ / "images/00.png", flat(kWidth, kHeight, 1));
+  write_image(folder_ / "images/01.png", flat(kHeight, kWidth, 2));
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].camera.width, kWidth);
+  EXPECT_EQ(scene.train[1].camera.width, kHeight);
+  EXPECT_EQ(scene.train[1].image->height, kWidth);
+}
+
+TEST_F(LoadScene, SaysThatAModelWithoutPointsNeedsThem) {
+  ColmapModel model = line_model(1);
+  model.points.clear();
+  write(model);
+  write_images(model);
+  const Scene scene = load();
+  EXPECT_EQ(scene.points.size(), 0);
+  EXPECT_TRUE(says(scene, "--init_ply"));
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,31 @@
+// Whether a call fails with the right kind of error, and says what it should.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <initializer_list>
+#include <string>
+
+namespace b3dgs::test {
+
+/// Succeeds if call() throws a Kind whose message is one line that contains all `parts`.
+template <class Kind, class Call>
+testing::AssertionResult fails_with(std::initializer_list<std::string> parts, Call&& call) {
+  try {
+    call();
+  } catch (const Kind& error) {
+    const std::string message = error.what();
+    if (message.find('\n') != std::string::npos) return testing::AssertionFailure() << "several lines: " << message;
+    for (const std::string& part : parts) {
+      if (message.find(part) == std::string::npos) {
+        return testing::AssertionFailure() << "\"" << part << "\" is not in: " << message;
+      }
+    }
+    return testing::AssertionSuccess();
+  } catch (const std::exception& error) {
+    return testing::AssertionFailure() << "an error of another kind: " << error.what();
+  }
+  return testing::AssertionFailure() << "no error";
+}
+
+}  // namespace b3dgs::test
