@@ -8,6 +8,9 @@ target_compile_features(b3dgs_options INTERFACE cxx_std_17)
 target_compile_options(b3dgs_options INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Werror -ffp-contract=off>)
 
+target_compile_options(b3dgs_options INTERFACE
+  $<$<COMPILE_LANGUAGE:CUDA>:-Werror=all-warnings --extended-lambda -lineinfo -Xcompiler=-Wall,-Wextra,-ffp-contract=off>)
+
 if(B3DGS_SANITIZE)
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
     -fno-sanitize-recover=all -fno-omit-frame-pointer>)

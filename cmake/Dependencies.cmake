@@ -80,6 +80,12 @@ if(NOT B3DGS_CUDA STREQUAL "OFF")
   endif()
 endif()
 
+# Training on the GPU takes both.
+set(B3DGS_TORCH_CUDA OFF)
+if(B3DGS_HAS_CUDA AND TARGET torch_cuda)
+  set(B3DGS_TORCH_CUDA ON)
+endif()
+
 if(NOT OpenCV_VERSION)
   set(OpenCV_VERSION "of unknown version")
 endif()
@@ -89,4 +95,8 @@ if(B3DGS_HAS_CUDA)
   message(STATUS "CUDA ${CMAKE_CUDA_COMPILER_VERSION} (${CMAKE_CUDA_COMPILER}), for sm_${CMAKE_CUDA_ARCHITECTURES}")
 else()
   message(STATUS "CUDA: not used (no nvcc, or B3DGS_CUDA=OFF)")
+endif()
+if(B3DGS_HAS_CUDA AND NOT B3DGS_TORCH_CUDA)
+  message(STATUS "LibTorch has no CUDA: kernels are compiled, training runs on the CPU. "
+    "For the GPU put a LibTorch with CUDA first in CMAKE_PREFIX_PATH.")
 endif()

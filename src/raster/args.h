@@ -5,6 +5,7 @@
 
 #include <cstdint>
 
+#include "raster/backward_kernel.h"
 #include "raster/constants.h"
 #include "raster/forward_kernel.h"
 #include "raster/vec.h"
@@ -60,6 +61,8 @@ struct RenderSettings {
   Culling culling = Culling::kEllipse;
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
+  BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
+  bool keep_for_backward = true;  // false saves memory and time where no gradient is wanted
 };
 
 /// The rendered view.
@@ -77,22 +80,24 @@ struct ImageGradArrays {
 };
 
 /// A Gaussian as one view sees it: 48 bytes, three 16-byte loads. Exponents are kept in base 2 and the opacity inside
-/// them, so that alpha = exp2(log2_opacity - xx dx^2 - xy dx dy - yy dy^2).
+/// them, so that alpha = exp2(log2_opacity - d^T conic d), d = pixel - mean.
 struct alignas(16) Splat {
   float mean_x, mean_y;     // px
   float log2_opacity;       // <= 0
   float depth;              // view-space z, world units
-  float conic_xx, conic_xy, conic_yy;  // inverse 2D covariance (1/px^2), times log2(e)/2, log2(e), log2(e)/2
+  float conic_xx, conic_xy, conic_yy;  // inverse 2D covariance (1/px^2), times kConicScale
   std::int32_t gaussian;    // index of the Gaussian, < N
   float red, green, blue;   // clamped at 0
   std::uint32_t clamped;    // bit c: channel c was clamped, its colour has no gradient
 };
 static_assert(sizeof(Splat) == 48, "three 16-byte loads");
 
-/// Sums over the pixels of a splat of q = dL/d(ln alpha) and its moments about the splat's centre, d = pixel - mean, and
-/// of the gradients by colour and depth. What the blending pass leaves; projection.h turns it into parameter gradients.
+/// Sums over the pixels of a splat of q = dL/d(ln alpha) and of its first and second moments with the pull conic d (Reach in
+/// blend.h), and of the gradients by colour and depth. What the blending pass leaves; projection.h turns it into parameter
+/// gradients. Moments of the pull, not of d itself: along a needle d is long and the pull is short, and multiplying by the
+/// conic only after summing would lose the difference.
 struct SplatGrad {
-  float q, q_dx, q_dy, q_dxdx, q_dxdy, q_dydy;
+  float q, q_x, q_y, q_xx, q_xy, q_yy;
   float red, green, blue;
   float depth;
 };
@@ -146,6 +151,7 @@ struct BlendForwardArgs {
   TileGrid grid{};
   Vec3f background{};
   ImageArrays out{};
+  float* transmittance = nullptr;    // [H, W] out, final: 1 - alpha has lost its last digits
   std::int32_t* last_ids = nullptr;  // [H, W] out, position within the tile's list of the last blended splat, -1 if none
 };
 
@@ -155,8 +161,11 @@ struct BlendBackwardArgs {
   const Vec2f* extents = nullptr;
   BinnedSplats bins{};
   TileGrid grid{};
-  ImageArrays rendered{};                  // as the forward pass left it
-  const std::int32_t* last_ids = nullptr;  // [H, W] as the forward pass left it
+  Vec3f background{};
+  // As the forward pass left them.
+  ImageArrays rendered{};
+  const float* transmittance = nullptr;    // [H, W]
+  const std::int32_t* last_ids = nullptr;  // [H, W]
   ImageGradArrays grad{};
   SplatGrad* isect_grads = nullptr;  // [n_isects] out, by slot; every record is written
 };

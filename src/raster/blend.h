@@ -70,13 +70,13 @@ template <class Real>
 struct SplatShape {
   Real mean_x, mean_y;                   // px
   Real log2_opacity;                     // <= 0
-  Real conic_xx, conic_xy, conic_yy;     // scaled as in Splat
+  Real conic_xx, conic_xy, conic_yy;     // times kConicScale, as in Splat
 };
 
 /// A splat as a pixel sees it, up to the exponential.
 template <class Real>
 struct Reach {
-  Real dx, dy;             // pixel centre - splat centre, px
+  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the slope of the exponent, 1/px
   Real power;              // log2 of the uncapped alpha
   Mask<Real> contributes;  // alpha reaches 1/255
 };
@@ -85,11 +85,10 @@ struct Reach {
 template <class Real>
 B3DGS_BLEND_FN Reach<Real> evaluate_reach(const SplatShape<Real>& splat, Real pixel_x, Real pixel_y) {
   Reach<Real> reach;
-  reach.dx = pixel_x - splat.mean_x;
-  reach.dy = pixel_y - splat.mean_y;
-  // xx dx^2 + xy dx dy + yy dy^2
-  const Real quadratic = multiply_add(reach.dx, multiply_add(splat.conic_xx, reach.dx, splat.conic_xy * reach.dy),
-                                      splat.conic_yy * (reach.dy * reach.dy));
+  const Real dx = pixel_x - splat.mean_x, dy = pixel_y - splat.mean_y;
+  reach.pull_x = multiply_add(splat.conic_xx, dx, splat.conic_xy * dy);
+  reach.pull_y = multiply_add(splat.conic_xy, dx, splat.conic_yy * dy);
+  const Real quadratic = multiply_add(dx, reach.pull_x, dy * reach.pull_y);
   reach.power = splat.log2_opacity - quadratic;
   // A negative quadratic form can only come from rounding; the original skips it too.
   reach.contributes = (reach.power >= Real(kLog2AlphaMin)) & (quadratic >= Real(0.0f));
@@ -146,15 +145,6 @@ B3DGS_BLEND_FN PixelState<Real> compose(const PixelState<Real>& front, const Pix
           multiply_add(t, back.blue, front.blue), multiply_add(t, back.depth, front.depth)};
 }
 
-/// A pixel while its splats are visited again, front to back.
-template <class Real>
-struct BackwardState {
-  Real transmittance;  // before the next splat
-  // What is still to come, seen through the loss: dot product of the gradient by the pixel with all that later splats
-  // and the background add to it. Starts as the dot product with the whole pixel.
-  Real remaining;
-};
-
 /// One splat's part in the gradient at one pixel.
 template <class Real>
 struct BlendGrad {
@@ -162,8 +152,46 @@ struct BlendGrad {
   Real q;       // dL/d(ln alpha), 0 where the cap holds
 };
 
-/// Passes one splat that was blended where `blended` holds. `value` is the dot product of the gradient by the pixel with
-/// what the splat shows there: colour, depth and, for alpha, 1.
+// Two ways of visiting a pixel's splats again. `value` is the dot product of the gradient by the pixel with what the splat
+// shows there, colour and depth. With S = what lies behind the splat, seen through the loss,
+//   dL/d(alpha) = T value - S / (1 - alpha).
+// The pixel's own alpha, 1 - final transmittance, acts like a background that takes light away: it is part of S from the
+// start, and of no value. (As a value of 1 for every splat its gradient would be a difference of nearly equal sums.)
+// Back to front S is summed and exact; front to back it is what is left of the whole, and where little light is left the
+// rounding of the whole shows. The second is for schedules that start in the middle of a list.
+
+/// A pixel while its splats are visited back to front.
+template <class Real>
+struct ReverseState {
+  Real transmittance;  // behind the next splat; starts as the final one
+  Real behind;         // S; starts as final transmittance times (dot(gradient, background) - gradient by alpha)
+};
+
+/// Passes one splat that was blended where `blended` holds.
+template <class Real>
+B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mask<Real> blended,
+                                                  const Alpha<Real>& alpha, Real value) {
+  const Real inverse = Real(1.0f) / (Real(1.0f) - alpha.alpha);
+  const Real before = pixel.transmittance * inverse;
+  BlendGrad<Real> grad;
+  grad.weight = select(blended, before * alpha.alpha, Real(0.0f));
+  const Real grad_alpha = before * value - pixel.behind * inverse;
+  grad.q = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
+  pixel.behind = multiply_add(grad.weight, value, pixel.behind);
+  pixel.transmittance = select(blended, before, pixel.transmittance);
+  return grad;
+}
+
+/// A pixel while its splats are visited front to back.
+template <class Real>
+struct BackwardState {
+  Real transmittance;  // before the next splat
+  // S and the next splat's part; starts as the dot product of the gradient with colour and depth of the whole pixel, less
+  // gradient by alpha times final transmittance.
+  Real remaining;
+};
+
+/// Passes one splat that was blended where `blended` holds.
 template <class Real>
 B3DGS_BLEND_FN BlendGrad<Real> blend_over_backward(BackwardState<Real>& pixel, Mask<Real> blended,
                                                    const Alpha<Real>& alpha, Real value) {

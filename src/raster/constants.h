@@ -11,6 +11,8 @@ inline constexpr float kLog2AlphaMin = -7.99435344f;  // log2(1/255)
 inline constexpr float kAlphaMax = 0.99f;
 // A pixel is finished before the splat that would take its transmittance below this. Two splats at the cap reach it.
 inline constexpr float kTransmittanceMin = 1e-4f;
+// log2(e) / 2: from exp(-d^T K d / 2) to exp2(-d^T conic d).
+inline constexpr float kConicScale = 0.721347520f;
 inline constexpr float kCovarianceBlur = 0.3f;  // px^2 on the 2D covariance's diagonal: no splat is thinner than about a pixel
 // The projection is linearised no further outside the image than this share of half its width (or height): beyond, the
 // affine approximation of EWA splatting grows without bound.

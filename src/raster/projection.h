@@ -106,26 +106,21 @@ struct ProjectionGrad {
   Vec2<Real> mean2d;   // by the projected centre, 1/px
 };
 
-/// Gradients from the sums that blending leaves for a splat (SplatGrad): q and its moments about the centre.
+/// Gradients from the sums that blending leaves for a splat (SplatGrad): moments of q with the pull p.
 ///
-/// With sigma = d^T K d / 2, d = pixel - mean and q = dL/d(ln alpha) = -dL/d(sigma):
-///   dL/dmean = K sum(q d),   dL/dcov = K sum(q d d^T) K / 2   (as a full matrix).
+/// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and q = dL/d(ln alpha) = -dL/d(sigma):
+///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
                                                const Mat3<Real>& factor, const Projection<Real>& p,
-                                               Vec2<Real> q_d, Sym2<Real> q_dd, Real grad_depth) {
+                                               Vec2<Real> q_p, Sym2<Real> q_pp, Real grad_depth) {
   ProjectionGrad<Real> grad;
-  const Sym2<Real> k = p.conic;
-  grad.mean2d = {k.xx * q_d.x + k.xy * q_d.y, k.xy * q_d.x + k.yy * q_d.y};
-
-  // K Q K, with Q = sum(q d d^T).
-  const Real t00 = q_dd.xx * k.xx + q_dd.xy * k.xy, t01 = q_dd.xx * k.xy + q_dd.xy * k.yy;
-  const Real t10 = q_dd.xy * k.xx + q_dd.yy * k.xy, t11 = q_dd.xy * k.xy + q_dd.yy * k.yy;
-  const Real kqk_xx = k.xx * t00 + k.xy * t10, kqk_xy = k.xx * t01 + k.xy * t11, kqk_yy = k.xy * t01 + k.yy * t11;
-
+  const Real scale = 1 / Real(kConicScale);
+  grad.mean2d = {scale * q_p.x, scale * q_p.y};
   // cov.xx = a . a, cov.xy = a . b, cov.yy = b . b with a, b = spread_x, spread_y = M^T axis.
-  const Vec3<Real> grad_a = kqk_xx * p.spread_x + kqk_xy * p.spread_y;
-  const Vec3<Real> grad_b = kqk_xy * p.spread_x + kqk_yy * p.spread_y;
+  const Sym2<Real> twice{scale * scale * q_pp.xx, scale * scale * q_pp.xy, scale * scale * q_pp.yy};  // 2 dL/dcov
+  const Vec3<Real> grad_a = twice.xx * p.spread_x + twice.xy * p.spread_y;
+  const Vec3<Real> grad_b = twice.xy * p.spread_x + twice.yy * p.spread_y;
   const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
   for (int row = 0; row < 3; ++row) {
     grad.factor(row, 0) = axis_x[row] * grad_a.x + axis_y[row] * grad_b.x;

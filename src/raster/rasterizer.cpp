@@ -6,6 +6,12 @@
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/tensor_check.h"
 
+// Set by the build where both nvcc and a LibTorch with CUDA are there.
+#if B3DGS_TORCH_CUDA
+#include "raster/cuda/rasterize_cuda.h"
+#include "raster/torch_launch.h"
+#endif
+
 namespace b3dgs {
 namespace {
 
@@ -35,10 +41,18 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
           g.shN.data_ptr<float>()};
 }
 
-/// Keeps `tensor` if it has the shape, else replaces it.
+/// Keeps `tensor` if it can be written to as an array of this shape and kind, else replaces it.
 void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
-  if (!tensor.defined() || tensor.sizes() != sizes) tensor = torch::empty(sizes, options);
+  const bool fits = tensor.defined() && tensor.sizes() == sizes && tensor.is_contiguous() &&
+                    tensor.dtype() == options.dtype() && tensor.device() == options.device();
+  if (!fits) tensor = torch::empty(sizes, options);
 }
+
+#if B3DGS_TORCH_CUDA
+constexpr bool kTorchHasCuda = true;
+#else
+constexpr bool kTorchHasCuda = false;
+#endif
 
 const float* data_or_null(const torch::Tensor& tensor) {
   return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
@@ -47,15 +61,45 @@ const float* data_or_null(const torch::Tensor& tensor) {
 }  // namespace
 
 struct Rasterizer::Impl {
+  explicit Impl(torch::Device where) : device(where) {}
+
   torch::Device device;
   cpu::Rasterizer cpu;
+#if B3DGS_TORCH_CUDA
+  std::unique_ptr<cuda::Rasterizer> cuda;  // made on first use: a CPU run never touches the driver
+#endif
   RenderedView rendered;
   ViewStatistics statistics;
+
+  void forward(const GaussianArrays& arrays, const PinholeView& view, const RenderSettings& settings,
+               const ImageArrays& out) {
+    if (device.is_cpu()) return cpu.forward(arrays, view, settings, out);
+#if B3DGS_TORCH_CUDA
+    if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
+    cuda->forward(arrays, view, settings, out, torch_launch_context());
+#endif
+  }
+
+  void backward(const GaussianArrays& arrays, const ImageGradArrays& grad, const GaussianGradArrays& out) {
+    if (device.is_cpu()) return cpu.backward(arrays, grad, out);
+#if B3DGS_TORCH_CUDA
+    cuda->backward(arrays, grad, out, torch_launch_context());
+#endif
+  }
+
+  const std::int32_t* radii() const {
+#if B3DGS_TORCH_CUDA
+    if (cuda != nullptr) return cuda->radii();
+#endif
+    return cpu.radii();
+  }
 };
 
-Rasterizer::Rasterizer(torch::Device device) : impl_(new Impl{device, {}, {}, {}}) {
-  if (!device.is_cpu()) {
-    input_error("this build renders on the CPU only, found device ", device.str(), "; use --device cpu");
+Rasterizer::Rasterizer(torch::Device device) : impl_(std::make_unique<Impl>(device)) {
+  if (device.is_cpu()) return;
+  if (!kTorchHasCuda) {
+    input_error("this build renders on the CPU only (its LibTorch has no CUDA), found device ", device.str(),
+                "; use --device cpu");
   }
 }
 Rasterizer::~Rasterizer() = default;
@@ -70,8 +114,8 @@ RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const Pinhole
   ensure(out.color, {view.height, view.width, 3}, options);
   ensure(out.depth, {view.height, view.width}, options);
   ensure(out.alpha, {view.height, view.width}, options);
-  impl_->cpu.forward(arrays, view, settings,
-                     {out.color.data_ptr<float>(), out.depth.data_ptr<float>(), out.alpha.data_ptr<float>()});
+  impl_->forward(arrays, view, settings,
+                 {out.color.data_ptr<float>(), out.depth.data_ptr<float>(), out.alpha.data_ptr<float>()});
   return out;
 }
 
@@ -93,13 +137,12 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
   for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
   ViewStatistics& statistics = impl_->statistics;
   ensure(statistics.means2d_grad, {arrays.n_gaussians, 2}, options);
-  impl_->cpu.backward(arrays, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
-                      {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(),
-                       grads.quats.data_ptr<float>(), grads.logit_opacities.data_ptr<float>(),
-                       grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
-                       statistics.means2d_grad.data_ptr<float>()});
+  impl_->backward(arrays, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
+                  {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
+                   grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
+                   statistics.means2d_grad.data_ptr<float>()});
   // A view of the rasterizer's own array: valid until the next forward.
-  statistics.radii = torch::from_blob(const_cast<std::int32_t*>(impl_->cpu.radii()), {arrays.n_gaussians},
+  statistics.radii = torch::from_blob(const_cast<std::int32_t*>(impl_->radii()), {arrays.n_gaussians},
                                       options.dtype(torch::kInt32));
   return statistics;
 }

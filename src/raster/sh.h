@@ -90,7 +90,7 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   for (int c = 0; c < 3; ++c) {
     if (color[c] < 0) {
       result.clamped |= 1u << c;
-      color[c] = 0;
+      color[c] *= 0;  // 0, but NaN of an infinity, which must not pass as black
     }
   }
   result.color = {color[0], color[1], color[2]};

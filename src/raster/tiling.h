@@ -29,6 +29,13 @@ B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
           y_end < grid.image_height ? y_end : grid.image_height};
 }
 
+/// Pixel (row by row in a tile 16 px wide) of a thread when each warp of 32 owns a sub-tile of 8 x 4 pixels.
+B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
+  const std::int32_t sub_tile = thread / 32, lane = thread % 32;
+  const std::int32_t x = sub_tile % 2 * 8 + lane % 8, y = sub_tile / 2 * 4 + lane / 8;
+  return y * 16 + x;
+}
+
 /// A task of at most 2 x 2 pixels within a tile. Tiles follow one another; within a tile tasks go row by row.
 struct TaskPixels {
   std::int32_t tile;
@@ -83,13 +90,13 @@ B3DGS_HD Rect box_tiles(const TileGrid& grid, float mean_x, float mean_y, Vec2f 
           detail::floor_clamped((mean_y + extent.y - 0.5f) / height, -1, grid.rows - 1) + 1};
 }
 
-/// Tiles of the original rasterizer's square mean +- radius.
+/// Tiles that the square mean +- radius overlaps, as the original rasterizer culls.
 B3DGS_HD Rect square_tiles(const TileGrid& grid, float mean_x, float mean_y, float radius) {
   const float width = static_cast<float>(grid.tile.width), height = static_cast<float>(grid.tile.height);
   return {detail::floor_clamped((mean_x - radius) / width, 0, grid.columns),
-          detail::floor_clamped((mean_x + radius + width - 1) / width, 0, grid.columns),
+          -detail::floor_clamped(-(mean_x + radius) / width, -grid.columns, 0),
           detail::floor_clamped((mean_y - radius) / height, 0, grid.rows),
-          detail::floor_clamped((mean_y + radius + height - 1) / height, 0, grid.rows)};
+          -detail::floor_clamped(-(mean_y + radius) / height, -grid.rows, 0)};
 }
 
 /// The ellipse alpha >= 1/255 row by row. At height dy above its centre it reaches from
@@ -109,15 +116,16 @@ B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
           splat.mean_y,
           extent.x,
           extent.y,
-          -splat.conic_xy / (2 * splat.conic_xx),
+          -splat.conic_xy / splat.conic_xx,
           1.0001f * std::sqrt(power / splat.conic_xx) + 1e-3f,
-          -splat.conic_xy / (2 * splat.conic_yy) * extent.x};
+          -splat.conic_xy / splat.conic_yy * extent.x};
 }
 
 /// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01 px.
 B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
   const float height = static_cast<float>(grid.tile.height), width = static_cast<float>(grid.tile.width);
-  float top = row * height + 0.5f - e.mean_y, bottom = top + height - 1;  // pixel centres, relative to the mean
+  float top = row * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
+  float bottom = top + (height - 1);           // in this order, or a row of one pixel could end before it begins
   top = top > -e.half_height ? top : -e.half_height;
   bottom = bottom < e.half_height ? bottom : e.half_height;
   if (top > bottom) return {0, 0};

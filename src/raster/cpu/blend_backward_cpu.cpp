@@ -1,4 +1,4 @@
-// Backward blend: tiles from the pool, lanes over pixels, splats front to back as in the forward pass. Each (tile, splat)
+// Backward blend: tiles from the pool, lanes over pixels, splats back to front. Each (tile, splat)
 // pair sums its gradient over the tile's pixels in registers and writes one record; nothing is stored per pixel and
 // splat, and no two threads write to the same place.
 
@@ -25,8 +25,8 @@ namespace {
 /// Pixels of one tile in planes, rows padded to whole vectors; padding has no last splat and no gradient.
 struct TileGradients {
   static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
-  HWY_ALIGN float transmittance[kCapacity], remaining[kCapacity];  // BackwardState
-  HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity], alpha[kCapacity];
+  HWY_ALIGN float transmittance[kCapacity], behind[kCapacity];  // ReverseState
+  HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
   std::int32_t row_last[cpu::kMaxTileSide];  // largest `last` of each row
   Rect rect;
@@ -39,7 +39,7 @@ struct TileGradients {
     row_vectors = (args.grid.tile.width + lane_count() - 1) / lane_count();
     stride = row_vectors * lane_count();
     const int n = rows * stride;
-    for (float* plane : {remaining, red, green, blue, depth, alpha}) std::fill(plane, plane + n, 0.0f);
+    for (float* plane : {behind, red, green, blue, depth}) std::fill(plane, plane + n, 0.0f);
     std::fill(transmittance, transmittance + n, 1.0f);
     std::fill(last, last + n, -1);
     tile_last = -1;
@@ -57,23 +57,16 @@ struct TileGradients {
     const int p = row * stride + column;
     const std::int64_t pixel = std::int64_t{rect.y_begin + row} * args.grid.image_width + rect.x_begin + column;
     last[p] = args.last_ids[pixel];
-    float total = 0;
+    transmittance[p] = args.transmittance[pixel];
     if (args.grad.color != nullptr) {
       red[p] = args.grad.color[3 * pixel];
       green[p] = args.grad.color[3 * pixel + 1];
       blue[p] = args.grad.color[3 * pixel + 2];
-      total = red[p] * args.rendered.color[3 * pixel] + green[p] * args.rendered.color[3 * pixel + 1] +
-              blue[p] * args.rendered.color[3 * pixel + 2];
+      const Vec3f color{red[p], green[p], blue[p]};
+      behind[p] = transmittance[p] * dot(color, args.background);
     }
-    if (args.grad.depth != nullptr) {
-      depth[p] = args.grad.depth[pixel];
-      total += depth[p] * args.rendered.depth[pixel];
-    }
-    if (args.grad.alpha != nullptr) {
-      alpha[p] = args.grad.alpha[pixel];
-      total += alpha[p] * args.rendered.alpha[pixel];
-    }
-    remaining[p] = total;
+    if (args.grad.depth != nullptr) depth[p] = args.grad.depth[pixel];
+    if (args.grad.alpha != nullptr) behind[p] -= transmittance[p] * args.grad.alpha[pixel];
   }
 };
 
@@ -86,7 +79,7 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
   const IntTag di;
   const IntVec own_position = hn::Set(di, position);
   const Lanes zero(0.0f);
-  Lanes q = zero, q_dx = zero, q_dy = zero, q_dxdx = zero, q_dxdy = zero, q_dydy = zero;
+  Lanes q = zero, q_x = zero, q_y = zero, q_xx = zero, q_xy = zero, q_yy = zero;
   Lanes sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
   bool any = false;
   const int lanes = lane_count();
@@ -105,21 +98,19 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       const Lanes grad_red = Lanes::load(tile.red + p), grad_green = Lanes::load(tile.green + p),
                   grad_blue = Lanes::load(tile.blue + p), grad_depth = Lanes::load(tile.depth + p);
       const Lanes value = multiply_add(
-          red, grad_red,
-          multiply_add(green, grad_green,
-                       multiply_add(blue, grad_blue, multiply_add(depth, grad_depth, Lanes::load(tile.alpha + p)))));
-      BackwardState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.remaining + p)};
-      const BlendGrad<Lanes> grad = blend_over_backward(pixel, blended, alpha, value);
+          red, grad_red, multiply_add(green, grad_green, multiply_add(blue, grad_blue, depth * grad_depth)));
+      ReverseState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.behind + p)};
+      const BlendGrad<Lanes> grad = blend_over_reverse(pixel, blended, alpha, value);
       pixel.transmittance.store(tile.transmittance + p);
-      pixel.remaining.store(tile.remaining + p);
+      pixel.behind.store(tile.behind + p);
 
-      const Lanes along_x = grad.q * reach.dx, along_y = grad.q * reach.dy;
+      const Lanes along_x = grad.q * reach.pull_x, along_y = grad.q * reach.pull_y;
       q = q + grad.q;
-      q_dx = q_dx + along_x;
-      q_dy = q_dy + along_y;
-      q_dxdx = multiply_add(along_x, reach.dx, q_dxdx);
-      q_dxdy = multiply_add(along_x, reach.dy, q_dxdy);
-      q_dydy = multiply_add(along_y, reach.dy, q_dydy);
+      q_x = q_x + along_x;
+      q_y = q_y + along_y;
+      q_xx = multiply_add(along_x, reach.pull_x, q_xx);
+      q_xy = multiply_add(along_x, reach.pull_y, q_xy);
+      q_yy = multiply_add(along_y, reach.pull_y, q_yy);
       sum_red = multiply_add(grad.weight, grad_red, sum_red);
       sum_green = multiply_add(grad.weight, grad_green, sum_green);
       sum_blue = multiply_add(grad.weight, grad_blue, sum_blue);
@@ -127,8 +118,8 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
     }
   }
   if (!any) return false;
-  out = {q.sum(),      q_dx.sum(),      q_dy.sum(),     q_dxdx.sum(),    q_dxdy.sum(),
-         q_dydy.sum(), sum_red.sum(),   sum_green.sum(), sum_blue.sum(), sum_depth.sum()};
+  out = {q.sum(),      q_x.sum(),      q_y.sum(),     q_xx.sum(),    q_xy.sum(),
+         q_yy.sum(), sum_red.sum(),   sum_green.sum(), sum_blue.sum(), sum_depth.sum()};
   return true;
 }
 
@@ -139,7 +130,7 @@ void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
   tile.begin(args, static_cast<std::int32_t>(index));
   const float top = static_cast<float>(tile.rect.y_begin);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
-  for (std::int64_t i = first; i < last; ++i) {
+  for (std::int64_t i = last - 1; i >= first; --i) {
     SplatGrad grad{};
     const auto position = static_cast<std::int32_t>(i - first);
     if (position <= tile.tile_last) {

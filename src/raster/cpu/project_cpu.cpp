@@ -44,10 +44,16 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
   if (!std::isfinite(point.x + point.y + point.z)) return Outcome::kNotFinite;
   if (point.z < args.near_plane) return Outcome::kCulled;
 
+  const Vec3f log_scales = load3(g.log_scales, i);
+  const Vec4f quat = load4(g.quats, i);
+  if (!std::isfinite(g.logit_opacities[i] + log_scales.x + log_scales.y + log_scales.z + quat.x + quat.y + quat.z +
+                     quat.w)) {
+    return Outcome::kNotFinite;
+  }
   const float log2_opacity = log2_sigmoid(g.logit_opacities[i]);
   if (args.culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return Outcome::kCulled;
 
-  const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
+  const Shape<float> shape = make_shape(log_scales, quat);
   const Projection<float> p = project_gaussian(view, point, shape.factor);
   const float sigma = largest_sigma(p.cov);
   if (!std::isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + sigma + log2_opacity)) {
@@ -69,9 +75,9 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
            p.mean2d.y,
            log2_opacity,
            point.z,
-           0.5f * kLog2e * p.conic.xx,
-           kLog2e * p.conic.xy,
-           0.5f * kLog2e * p.conic.yy,
+           kConicScale * p.conic.xx,
+           kConicScale * p.conic.xy,
+           kConicScale * p.conic.yy,
            static_cast<std::int32_t>(i),
            color.color.x,
            color.color.y,
@@ -144,11 +150,11 @@ void project_backward(const ProjectBackwardArgs& args) {
     for (std::int64_t slot = first; slot < last; ++slot) {
       const SplatGrad& part = args.isect_grads[slot];
       sum.q += part.q;
-      sum.q_dx += part.q_dx;
-      sum.q_dy += part.q_dy;
-      sum.q_dxdx += part.q_dxdx;
-      sum.q_dxdy += part.q_dxdy;
-      sum.q_dydy += part.q_dydy;
+      sum.q_x += part.q_x;
+      sum.q_y += part.q_y;
+      sum.q_xx += part.q_xx;
+      sum.q_xy += part.q_xy;
+      sum.q_yy += part.q_yy;
       sum.red += part.red;
       sum.green += part.green;
       sum.blue += part.blue;
@@ -159,8 +165,8 @@ void project_backward(const ProjectBackwardArgs& args) {
     const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
     const Projection<float> p = project_gaussian(view, point, shape.factor);
     const ProjectionGrad<float> grad =
-        b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_dx, sum.q_dy},
-                                Sym2f{sum.q_dxdx, sum.q_dxdy, sum.q_dydy}, sum.depth);
+        b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
+                                Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
     const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
 
     const Vec3f grad_color{splat.clamped & 1u ? 0.0f : sum.red, splat.clamped & 2u ? 0.0f : sum.green,

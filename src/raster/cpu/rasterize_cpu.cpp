@@ -18,6 +18,7 @@ struct Rasterizer::Impl {
   Buffer<Splat> splats;
   Buffer<Vec2f> extents;
   Buffer<std::int32_t> radii, last_ids;
+  Buffer<float> transmittance;
   Buffer<SplatGrad> isect_grads;
   BinBuffers bin_buffers;
 
@@ -27,6 +28,7 @@ struct Rasterizer::Impl {
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedSplats bins{};
+  Vec3f background{};
   ImageArrays rendered{};
 };
 
@@ -50,6 +52,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.view = view;
   s.sh_degree = settings.sh_degree;
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
+  s.background = settings.background;
   s.rendered = out;
 
   Splat* const splats = s.splats.resize(n);
@@ -58,8 +61,9 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_splats = project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats,
                         extents, radii});
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
-  std::int32_t* const last_ids = s.last_ids.resize(std::int64_t{view.width} * view.height);
-  blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out, last_ids});
+  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
+  blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out,
+                                  s.transmittance.resize(n_pixels), s.last_ids.resize(n_pixels)});
   s.n_gaussians = n;
 }
 
@@ -69,8 +73,8 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
   SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
-  blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.rendered, s.last_ids.data(), grad,
-                  isect_grads});
+  blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
+                  s.last_ids.data(), grad, isect_grads});
   project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads,
                     out});
 }

@@ -105,6 +105,7 @@ HWY_INLINE void store_pixel(const BlendForwardArgs& args, const PixelScan& scan,
   args.out.color[3 * pixel + 2] = scan.blue.sum() + scan.transmittance * args.background.z;
   args.out.depth[pixel] = scan.depth.sum();
   args.out.alpha[pixel] = 1 - scan.transmittance;
+  args.transmittance[pixel] = scan.transmittance;
   args.last_ids[pixel] = scan.last;
 }
 

@@ -74,6 +74,7 @@ struct TilePixels {
         args.out.color[3 * pixel + 2] = blue[p] + t * args.background.z;
         args.out.depth[pixel] = depth[p];
         args.out.alpha[pixel] = 1 - t;
+        args.transmittance[pixel] = t;
         args.last_ids[pixel] = last[p];
       }
     }

@@ -1,0 +1,256 @@
+// Binning with separate sorts: visible splats by depth, then the pairs, which are emitted in that order, stably by tile.
+// Sorting is CUB's; the two kernels here emit pairs and find where each tile's list begins.
+
+#include <thrust/iterator/counting_iterator.h>
+#include <thrust/iterator/transform_iterator.h>
+
+#include <cub/cub.cuh>
+
+#include <cstdint>
+
+#include "raster/cuda/passes.h"
+#include "raster/cuda/warp.cuh"
+#include "raster/tiling.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+// A splat with more tiles than this is emitted by its whole warp, or its neighbours in the warp would wait for it.
+constexpr int kTilesPerThread = 16;
+
+constexpr unsigned blocks_for(std::int64_t n) { return static_cast<unsigned>((n + kThreads - 1) / kThreads); }
+
+struct IsSeen {
+  const std::int32_t* n_tiles;
+  __device__ bool operator()(std::int32_t i) const { return n_tiles[i] > 0; }
+};
+
+__global__ void __launch_bounds__(kThreads)
+    gather_depths_kernel(const Splat* splats, const std::int32_t* visible, std::int64_t n, std::uint32_t* depths) {
+  const std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  // Depths are positive: their bit patterns are ordered as they are.
+  if (m < n) depths[m] = __float_as_uint(splats[visible[m]].depth);
+}
+
+/// Tiles of the splat at each depth rank, for the scan that gives every splat its slots.
+struct TilesOfRank {
+  const std::int32_t* n_tiles;
+  const std::int32_t* visible_sorted;
+  std::int64_t n_splats;
+  __device__ std::int64_t operator()(std::int64_t rank) const {
+    return rank < n_splats ? n_tiles[visible_sorted[rank]] : 0;
+  }
+};
+
+template <class TileKey>
+struct EmitArgs {
+  ProjectOutputs projected;
+  const std::int32_t* visible_sorted;  // [M]
+  const std::int64_t* slot_offsets;    // [M + 1]
+  std::int64_t n_splats;
+  TileGrid grid;
+  Culling culling;
+  Splat* splats;             // [M] out
+  Vec2f* extents;            // [M] out
+  std::int32_t* rank_of_gaussian;  // [N] out
+  TileKey* tiles;            // [n_isects] out
+  std::int32_t* isect_ranks;  // [n_isects] out
+};
+
+/// Copies each splat to its rank and writes its pairs to its slots.
+template <class TileKey>
+__global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<TileKey> args) {
+  const std::int64_t rank = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  Splat splat{};
+  Vec2f extent{};
+  std::int32_t radius = 0;
+  std::int64_t first = 0;
+  int pairs = 0;
+  if (rank < args.n_splats) {
+    const std::int32_t gaussian = args.visible_sorted[rank];
+    splat = args.projected.splats[gaussian];
+    extent = args.projected.extents[gaussian];
+    radius = args.projected.radii[gaussian];
+    args.splats[rank] = splat;
+    args.extents[rank] = extent;
+    args.rank_of_gaussian[gaussian] = static_cast<std::int32_t>(rank);
+    first = args.slot_offsets[rank];
+    pairs = static_cast<int>(args.slot_offsets[rank + 1] - first);
+  }
+  if (pairs > 0 && pairs <= kTilesPerThread) {
+    std::int64_t slot = first;
+    visit_tile_rows(args.grid, args.culling, splat, extent, radius, [&](std::int32_t row, TileSpan span) {
+      for (std::int32_t column = span.begin; column < span.end; ++column, ++slot) {
+        args.tiles[slot] = static_cast<TileKey>(row * args.grid.columns + column);
+        args.isect_ranks[slot] = static_cast<std::int32_t>(rank);
+      }
+    });
+  }
+  // Large splats one after the other, each by all lanes: every lane walks the rows, and shares their columns.
+  for (unsigned large = __ballot_sync(kFullWarp, pairs > kTilesPerThread); large != 0; large &= large - 1) {
+    const int owner = __ffs(large) - 1;
+    Splat shared_splat;
+    shared_splat.mean_x = __shfl_sync(kFullWarp, splat.mean_x, owner);
+    shared_splat.mean_y = __shfl_sync(kFullWarp, splat.mean_y, owner);
+    shared_splat.log2_opacity = __shfl_sync(kFullWarp, splat.log2_opacity, owner);
+    shared_splat.conic_xx = __shfl_sync(kFullWarp, splat.conic_xx, owner);
+    shared_splat.conic_xy = __shfl_sync(kFullWarp, splat.conic_xy, owner);
+    shared_splat.conic_yy = __shfl_sync(kFullWarp, splat.conic_yy, owner);
+    const Vec2f shared_extent{__shfl_sync(kFullWarp, extent.x, owner), __shfl_sync(kFullWarp, extent.y, owner)};
+    const std::int32_t shared_radius = __shfl_sync(kFullWarp, radius, owner);
+    std::int64_t slot = __shfl_sync(kFullWarp, first, owner);
+    const auto shared_rank = static_cast<std::int32_t>(rank - lane_id() + owner);
+    visit_tile_rows(args.grid, args.culling, shared_splat, shared_extent, shared_radius,
+                    [&](std::int32_t row, TileSpan span) {
+                      for (std::int32_t column = span.begin + lane_id(); column < span.end; column += kWarpSize) {
+                        const std::int64_t own = slot + column - span.begin;
+                        args.tiles[own] = static_cast<TileKey>(row * args.grid.columns + column);
+                        args.isect_ranks[own] = shared_rank;
+                      }
+                      slot += span.end - span.begin;
+                    });
+  }
+}
+
+/// Position t of tile_offsets: the first pair whose tile is at least t.
+template <class TileKey>
+__global__ void __launch_bounds__(kThreads)
+    find_tiles_kernel(const TileKey* tiles, std::int64_t n_isects, std::int32_t n_tiles, std::int64_t* tile_offsets) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i > n_isects) return;
+  const std::int32_t before = i > 0 ? static_cast<std::int32_t>(tiles[i - 1]) : -1;
+  const std::int32_t here = i < n_isects ? static_cast<std::int32_t>(tiles[i]) : n_tiles;
+  for (std::int32_t tile = before + 1; tile <= here; ++tile) tile_offsets[tile] = i;
+}
+
+/// Buckets of 32 entries in each tile's list.
+struct BucketsOfTile {
+  const std::int64_t* tile_offsets;
+  std::int32_t n_tiles;
+  __device__ std::int64_t operator()(std::int64_t tile) const {
+    return tile < n_tiles ? (tile_offsets[tile + 1] - tile_offsets[tile] + kWarpSize - 1) / kWarpSize : 0;
+  }
+};
+
+/// A warp writes the tile of its tile's buckets; the last warp marks what no tile uses.
+__global__ void __launch_bounds__(kThreads) name_buckets_kernel(const std::int64_t* bucket_offsets, std::int32_t n_tiles,
+                                                                std::int64_t n_buckets_max,
+                                                                std::int32_t* tile_of_bucket) {
+  const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
+  if (tile > n_tiles) return;
+  const std::int64_t end = tile < n_tiles ? bucket_offsets[tile + 1] : n_buckets_max;
+  for (std::int64_t bucket = bucket_offsets[tile] + lane_id(); bucket < end; bucket += kWarpSize) {
+    tile_of_bucket[bucket] = tile < n_tiles ? tile : -1;
+  }
+}
+
+/// CUB's convention in one place: ask for the size, make room, run.
+template <class Call>
+void run_cub(BinBuffers& buffers, const LaunchContext& context, Call&& call) {
+  std::size_t bytes = 0;
+  B3DGS_CUDA_CHECK(call(nullptr, bytes));
+  void* const temporary = buffers.temporary.resize(static_cast<std::int64_t>(bytes), context);
+  B3DGS_CUDA_CHECK(call(temporary, bytes));
+}
+
+template <class Value, class Function>
+void exclusive_scan(Function function, std::int64_t n, Value* out, BinBuffers& buffers, const LaunchContext& context) {
+  const auto input = thrust::make_transform_iterator(thrust::counting_iterator<std::int64_t>(0), function);
+  run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveSum(temporary, bytes, input, out, n, context.stream);
+  });
+}
+
+int bits_for(std::int64_t n) {
+  int bits = 1;
+  while ((std::int64_t{1} << bits) < n) ++bits;
+  return bits;
+}
+
+template <class TileKey>
+void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, DeviceBuffer<TileKey>& sorted_buffer,
+                        BinBuffers& buffers, std::int64_t* tile_offsets, const LaunchContext& context) {
+  const std::int32_t n_tiles = args.grid.n_tiles();
+  TileKey* const sorted = sorted_buffer.resize(args.n_isects, context);
+  std::int32_t* const splat_ids = buffers.splat_ids.resize(args.n_isects, context);
+  if (args.n_splats > 0) {
+    emit_pairs_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(emit);
+    B3DGS_CUDA_CHECK_LAUNCH();
+    run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+      return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, emit.isect_ranks, splat_ids,
+                                             args.n_isects, 0, bits_for(n_tiles), context.stream);
+    });
+  }
+  find_tiles_kernel<<<blocks_for(args.n_isects + 1), kThreads, 0, context.stream>>>(sorted, args.n_isects, n_tiles,
+                                                                                    tile_offsets);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace
+
+BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context) {
+  const std::int64_t n = args.n_splats;
+  const std::int32_t n_tiles = args.grid.n_tiles();
+
+  // Seen Gaussians in their own order, so that equal depths keep it and results repeat.
+  std::int32_t* const visible = buffers.visible.resize(n + 1, context);
+  std::int32_t* const visible_sorted = buffers.visible_sorted.resize(n + 1, context);
+  std::uint32_t* const depths = buffers.depths.resize(n + 1, context);
+  std::uint32_t* const depths_sorted = buffers.depths_sorted.resize(n + 1, context);
+  if (n > 0) {
+    // The host knows the count already; CUB writes it once more, behind the list.
+    const thrust::counting_iterator<std::int32_t> all(0);
+    run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+      return cub::DeviceSelect::If(temporary, bytes, all, visible, visible_sorted + n, args.n_gaussians,
+                                   IsSeen{args.projected.n_tiles}, context.stream);
+    });
+    gather_depths_kernel<<<blocks_for(n), kThreads, 0, context.stream>>>(args.projected.splats, visible, n, depths);
+    B3DGS_CUDA_CHECK_LAUNCH();
+    run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+      return cub::DeviceRadixSort::SortPairs(temporary, bytes, depths, depths_sorted, visible, visible_sorted, n, 0, 31,
+                                             context.stream);
+    });
+  }
+  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1, context);
+  exclusive_scan<std::int64_t>(TilesOfRank{args.projected.n_tiles, visible_sorted, n}, n + 1, slot_offsets, buffers,
+                               context);
+
+  Splat* const splats = buffers.splats.resize(n, context);
+  Vec2f* const extents = buffers.extents.resize(n, context);
+  std::int32_t* const rank_of_gaussian = buffers.rank_of_gaussian.resize(args.n_gaussians, context);
+  std::int32_t* const isect_ranks = buffers.isect_ranks.resize(args.n_isects, context);
+  std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
+  const auto sort = [&](auto& keys, auto& sorted) {
+    using TileKey = std::remove_pointer_t<decltype(keys.data())>;
+    const EmitArgs<TileKey> emit{args.projected, visible_sorted,
+                                 slot_offsets,   n,
+                                 args.grid,      args.culling,
+                                 splats,         extents,
+                                 rank_of_gaussian, keys.resize(args.n_isects, context),
+                                 isect_ranks};
+    sort_pairs_by_tile(args, emit, sorted, buffers, tile_offsets, context);
+  };
+  if (n_tiles <= 1 << 16) {
+    sort(buffers.tiles16, buffers.tiles16_sorted);
+  } else {
+    sort(buffers.tiles32, buffers.tiles32_sorted);
+  }
+
+  std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles + 1, context);
+  exclusive_scan<std::int64_t>(BucketsOfTile{tile_offsets, n_tiles}, n_tiles + 1, bucket_offsets, buffers, context);
+  const std::int64_t n_buckets_max = args.n_isects / kWarpSize + n_tiles;
+  std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
+  name_buckets_kernel<<<blocks_for((n_tiles + std::int64_t{1}) * kWarpSize), kThreads, 0, context.stream>>>(
+      bucket_offsets, n_tiles, n_buckets_max, tile_of_bucket);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  return {splats,
+          extents,
+          rank_of_gaussian,
+          {tile_offsets, buffers.splat_ids.data(), nullptr, slot_offsets, args.n_isects},
+          bucket_offsets,
+          tile_of_bucket,
+          n_buckets_max};
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,30 @@
+// How blend kernels are launched: the tile's size as a template argument, and as many blocks as fit for pools.
+#pragma once
+
+#include "check.h"
+#include "raster/cuda/device_buffer.h"
+#include "raster/tiling.h"
+
+namespace b3dgs::cuda {
+
+/// Calls body(std::integral_constant<int, pixels>) for the tile's number of pixels, which is a block's number of threads.
+template <class Body>
+void with_tile_pixels(const TileShape& tile, Body&& body) {
+  B3DGS_CHECK(tile.width == 16 && (tile.height == 8 || tile.height == 16),
+              "CUDA tiles are 16 x 8 or 16 x 16 px, found ", tile.width, " x ", tile.height);
+  if (tile.height == 8) {
+    body(std::integral_constant<int, 128>());
+  } else {
+    body(std::integral_constant<int, 256>());
+  }
+}
+
+/// Blocks that are resident at once on the whole device.
+template <class Kernel>
+int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
+  int per_multiprocessor = 0;
+  B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_multiprocessor, kernel, threads, 0));
+  return per_multiprocessor * context.n_multiprocessors;
+}
+
+}  // namespace b3dgs::cuda

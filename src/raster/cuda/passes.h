@@ -1,0 +1,110 @@
+// The passes of the CUDA rasterizer. Each is a function of its arguments and runs on context.stream without waiting,
+// except where its comment says so; the order is rasterize_cuda.cpp's.
+#pragma once
+
+#include "raster/args.h"
+#include "raster/cuda/device_buffer.h"
+
+namespace b3dgs::cuda {
+
+/// Totals of one view, read by the host once per step.
+struct ViewCounts {
+  std::int64_t n_splats;    // M
+  std::int64_t n_isects;    // (tile, splat) pairs
+  std::int64_t not_finite;  // smallest index of a Gaussian without a finite projection, or n_gaussians
+};
+
+/// One Gaussian's share in the binning.
+struct ProjectOutputs {
+  Splat* splats = nullptr;          // [N] rows of seen Gaussians are written
+  Vec2f* extents = nullptr;         // [N] likewise
+  std::int32_t* radii = nullptr;    // [N] 0 if not seen
+  std::int32_t* n_tiles = nullptr;  // [N] tiles touched, 0 if not seen
+  ViewCounts* counts = nullptr;     // [1]
+};
+
+struct ProjectCudaArgs {
+  GaussianArrays gaussians{};
+  PinholeView view{};
+  int sh_degree = 0;
+  float near_plane = kNearPlane;
+  Culling culling = Culling::kEllipse;
+  TileGrid grid{};
+  ProjectOutputs out{};
+};
+void project(const ProjectCudaArgs& args, const LaunchContext& context);
+
+/// Buffers that binning fills and keeps from view to view.
+struct BinBuffers {
+  DeviceBuffer<std::uint32_t> depths, depths_sorted;
+  DeviceBuffer<std::int32_t> visible, visible_sorted, rank_of_gaussian, isect_ranks, splat_ids, tile_of_bucket;
+  DeviceBuffer<std::uint16_t> tiles16, tiles16_sorted;
+  DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
+  DeviceBuffer<std::int64_t> slot_offsets, tile_offsets, bucket_offsets;
+  DeviceBuffer<Splat> splats;
+  DeviceBuffer<Vec2f> extents;
+  DeviceBuffer<unsigned char> temporary;  // CUB's
+};
+
+struct BinCudaArgs {
+  ProjectOutputs projected{};
+  std::int64_t n_gaussians = 0, n_splats = 0, n_isects = 0;
+  TileGrid grid{};
+  Culling culling = Culling::kEllipse;
+};
+
+/// Splats in order of depth, and the tiles' lists of them.
+struct BinnedView {
+  const Splat* splats = nullptr;               // [M] nearest first; equal depths in the order of the Gaussians
+  const Vec2f* extents = nullptr;              // [M]
+  const std::int32_t* rank_of_gaussian = nullptr;  // [N] place in `splats`; undefined where radii is 0
+  BinnedSplats bins{};                         // isect_slots is null: slots are kept by emission order, see below
+  const std::int64_t* bucket_offsets = nullptr;  // [n_tiles + 1] first bucket (32 entries) of each tile
+  const std::int32_t* tile_of_bucket = nullptr;  // [n_buckets_max], -1 beyond the last bucket
+  std::int64_t n_buckets_max = 0;                // bound on their number that the host knows
+};
+BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context);
+
+/// What the per-splat backward pass needs from the forward pass: each pixel before each bucket of 32 list entries. A state
+/// is written only where it is asked for again: pixels still alive, and for Gaussian-wise schedules buckets in which a
+/// splat contributes.
+struct BucketStates {
+  const std::int64_t* offsets = nullptr;  // [n_tiles + 1] first bucket of each tile; null: no states are kept
+  float4* light = nullptr;                // [n_buckets, tile pixels row by row] transmittance, red, green, blue
+  float* depth = nullptr;                 // likewise
+};
+
+struct BlendForwardCudaArgs {
+  BlendForwardArgs blend{};
+  BucketStates buckets{};
+  std::int32_t* next_task = nullptr;  // [1] the pool's counter, 0 at the start
+};
+
+/// A splat's sums, padded to three 16-byte words for vector atomics.
+struct alignas(16) SplatGradSum {
+  SplatGrad sum;
+  float unused[2];
+};
+static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
+
+struct BlendBackwardCudaArgs {
+  BlendBackwardArgs blend{};
+  BucketStates buckets{};
+  const std::int32_t* tile_of_bucket = nullptr;  // [n_buckets_max], -1 beyond the last bucket
+  std::int64_t n_buckets_max = 0;
+  SplatGradSum* splat_grads = nullptr;  // [M] added to; zero before
+};
+
+struct ProjectBackwardCudaArgs {
+  GaussianArrays gaussians{};
+  PinholeView view{};
+  int sh_degree = 0;
+  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
+  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                   // [M]
+  const SplatGradSum* splat_grads = nullptr;       // [M]
+  GaussianGradArrays grad{};
+};
+void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context);
+
+}  // namespace b3dgs::cuda

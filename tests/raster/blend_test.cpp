@@ -1,0 +1,167 @@
+#include "raster/blend.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "support/finite_difference.h"
+
+namespace b3dgs {
+namespace {
+
+using test::gradients_agree;
+using test::numeric_gradient;
+
+TEST(Blend, EvaluatesTheExponentInBaseTwo) {
+  // sigma = d^T conic d / 2 with conic (0.5, 0.1, 0.3) and d = (1.5, -2), stored times log2(e)/2.
+  const double log2e = 1 / std::log(2.0);
+  const SplatShape<double> splat{3.0, 7.0, std::log2(0.8), 0.25 * log2e, 0.05 * log2e, 0.15 * log2e};
+  const Reach<double> reach = evaluate_reach(splat, 4.5, 5.0);
+  EXPECT_NEAR(reach.pull_x, 0.5 * log2e * (0.5 * 1.5 + 0.1 * -2), 1e-12);
+  EXPECT_NEAR(reach.pull_y, 0.5 * log2e * (0.1 * 1.5 + 0.3 * -2), 1e-12);
+  const double sigma = 0.5 * (0.5 * 2.25 + 2 * 0.1 * -3 + 0.3 * 4);
+  const Alpha<double> alpha = evaluate_alpha(reach.power);
+  EXPECT_NEAR(alpha.alpha, 0.8 * std::exp(-sigma), 1e-12);
+  EXPECT_FALSE(alpha.capped);
+  EXPECT_TRUE(reach.contributes);
+}
+
+TEST(Blend, SkipsBelowTheCutoff) {
+  const auto contributes = [](double opacity) {
+    return evaluate_reach<double>({0, 0, std::log2(opacity), 1, 0, 1}, 0, 0).contributes;
+  };
+  EXPECT_TRUE(contributes(1.00001 / 255));
+  EXPECT_FALSE(contributes(0.99999 / 255));
+}
+
+TEST(Blend, CapsAlpha) {
+  EXPECT_NEAR(evaluate_alpha(std::log2(0.9899)).alpha, 0.9899, 1e-12);
+  EXPECT_FALSE(evaluate_alpha(std::log2(0.9899)).capped);
+  EXPECT_EQ(evaluate_alpha(std::log2(0.9901)).alpha, double{kAlphaMax});
+  EXPECT_TRUE(evaluate_alpha(std::log2(0.9901)).capped);
+}
+
+TEST(Blend, BlendsFrontToBack) {
+  PixelState<double> pixel{1, 0, 0, 0, 0};
+  EXPECT_TRUE(blend_over(pixel, true, 0.25, 1.0, 0.5, 0.0, 2.0));
+  EXPECT_FALSE(blend_over(pixel, false, 0.9, 1.0, 1.0, 1.0, 2.5));
+  EXPECT_TRUE(blend_over(pixel, true, 0.5, 0.2, 0.4, 0.8, 3.0));
+  EXPECT_DOUBLE_EQ(pixel.transmittance, 0.75 * 0.5);
+  EXPECT_DOUBLE_EQ(pixel.red, 0.25 + 0.75 * 0.5 * 0.2);
+  EXPECT_DOUBLE_EQ(pixel.green, 0.25 * 0.5 + 0.75 * 0.5 * 0.4);
+  EXPECT_DOUBLE_EQ(pixel.blue, 0.75 * 0.5 * 0.8);
+  EXPECT_DOUBLE_EQ(pixel.depth, 0.25 * 2 + 0.75 * 0.5 * 3);
+}
+
+TEST(Blend, FinishesThePixelBeforeTheSplatThatWouldSaturateIt) {
+  PixelState<double> pixel{1, 0, 0, 0, 0};
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(blend_over(pixel, true, 0.95, 1.0, 1.0, 1.0, 1.0));
+  const double before = pixel.red;
+  EXPECT_FALSE(blend_over(pixel, true, 0.95, 1.0, 1.0, 1.0, 1.0));
+  EXPECT_FALSE(blend_over(pixel, true, 0.01, 1.0, 1.0, 1.0, 1.0)) << "finished means that nothing follows";
+  EXPECT_EQ(pixel.red, before);
+  EXPECT_NEAR(std::abs(pixel.transmittance), 1.25e-4, 1e-12);
+  EXPECT_LT(pixel.transmittance, 0);
+}
+
+PixelState<double> run_of(std::initializer_list<double> alphas, double color) {
+  PixelState<double> pixel{1, 0, 0, 0, 0};
+  for (double alpha : alphas) {
+    blend_over(pixel, true, alpha, color, 2 * color, 1 - color, 3 * color);
+    color += 0.1;
+  }
+  return pixel;
+}
+
+void expect_near(const PixelState<double>& a, const PixelState<double>& b) {
+  EXPECT_NEAR(a.transmittance, b.transmittance, 1e-15);
+  EXPECT_NEAR(a.red, b.red, 1e-15);
+  EXPECT_NEAR(a.green, b.green, 1e-15);
+  EXPECT_NEAR(a.blue, b.blue, 1e-15);
+  EXPECT_NEAR(a.depth, b.depth, 1e-15);
+}
+
+TEST(Blend, ComposesRunsAsIfBlendedInOne) {
+  const auto whole = run_of({0.1, 0.4, 0.3, 0.2, 0.5}, 0.2);
+  expect_near(compose(run_of({0.1, 0.4}, 0.2), run_of({0.3, 0.2, 0.5}, 0.4)), whole);
+}
+
+TEST(Blend, CompositionIsAssociative) {
+  const auto a = run_of({0.1, 0.4}, 0.2), b = run_of({0.6}, 0.7), c = run_of({0.3, 0.25, 0.5}, 0.1);
+  expect_near(compose(compose(a, b), c), compose(a, compose(b, c)));
+}
+
+/// A pixel that sees `n` splats with parameters log2(uncapped alpha), red, green, blue, depth each.
+struct PixelProblem {
+  std::size_t n;
+  double background[3] = {0.3, 0.1, 0.8};
+  double grad[5] = {0.9, -0.7, 0.4, 0.3, -0.5};  // by red, green, blue, depth, alpha
+
+  PixelState<double> blend(const std::vector<double>& x, std::vector<bool>* accepted = nullptr) const {
+    PixelState<double> pixel{1, 0, 0, 0, 0};
+    for (std::size_t i = 0; i < n; ++i) {
+      const double* s = x.data() + 5 * i;
+      const bool blended =
+          blend_over(pixel, s[0] >= double{kLog2AlphaMin}, evaluate_alpha(s[0]).alpha, s[1], s[2], s[3], s[4]);
+      if (accepted != nullptr) accepted->push_back(blended);
+    }
+    return pixel;
+  }
+  double loss(const std::vector<double>& x) const {
+    const PixelState<double> p = blend(x);
+    const double t = std::abs(p.transmittance);
+    return grad[0] * (p.red + t * background[0]) + grad[1] * (p.green + t * background[1]) +
+           grad[2] * (p.blue + t * background[2]) + grad[3] * p.depth + grad[4] * (1 - t);
+  }
+  std::vector<double> gradient(const std::vector<double>& x) const {
+    std::vector<bool> accepted;
+    blend(x, &accepted);
+    BackwardState<double> state{1, loss(x)};
+    std::vector<double> out(5 * n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double* s = x.data() + 5 * i;
+      const double value = grad[0] * s[1] + grad[1] * s[2] + grad[2] * s[3] + grad[3] * s[4] + grad[4];
+      const BlendGrad<double> g = blend_over_backward(state, bool{accepted[i]}, evaluate_alpha(s[0]), value);
+      out[5 * i] = g.q * std::log(2.0);  // q is by ln(alpha)
+      for (std::size_t c = 0; c < 4; ++c) out[5 * i + 1 + c] = g.weight * grad[c];
+    }
+    return out;
+  }
+};
+
+std::vector<double> splats_with_alphas(const std::vector<double>& alphas) {
+  std::vector<double> x;
+  for (std::size_t i = 0; i < alphas.size(); ++i) {
+    const double phase = static_cast<double>(i);
+    x.insert(x.end(), {std::log2(alphas[i]), 0.5 + 0.4 * std::sin(phase), 0.5 + 0.4 * std::cos(phase),
+                       0.5 - 0.3 * std::sin(2 * phase), 2 + 0.5 * phase});
+  }
+  return x;
+}
+
+TEST(Blend, GradientOfAPixelAgreesWithFiniteDifferences) {
+  const std::vector<std::vector<double>> pixels{
+      {0.6},
+      {0.1, 0.5, 0.3, 0.8, 0.05, 0.4},
+      {0.3, 0.003, 0.2, 0.5},           // one below the cutoff
+      {0.2, 0.996, 0.4, 0.3},           // one at the cap
+      {0.9, 0.8, 0.97, 0.9, 0.5, 0.4},  // the fourth ends the pixel
+  };
+  for (const std::vector<double>& alphas : pixels) {
+    const PixelProblem problem{alphas.size()};
+    const std::vector<double> x = splats_with_alphas(alphas);
+    EXPECT_TRUE(gradients_agree(problem.gradient(x),
+                                numeric_gradient([&](const std::vector<double>& at) { return problem.loss(at); }, x)));
+  }
+}
+
+TEST(Blend, NoGradientReachesACappedSplatButThatByItsColour) {
+  const PixelProblem problem{2};
+  const std::vector<double> gradient = problem.gradient(splats_with_alphas({0.999, 0.5}));
+  EXPECT_EQ(gradient[0], 0);
+  EXPECT_NEAR(gradient[1], 0.99 * 0.9, 1e-7);
+}
+
+}  // namespace
+}  // namespace b3dgs

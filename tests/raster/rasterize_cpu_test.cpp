@@ -1,0 +1,297 @@
+// The CPU rasterizer against the dense reference: every schedule, culling, tile shape and instruction set, scene by
+// scene.
+#include "raster/cpu/rasterize_cpu.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <limits>
+
+#include "check.h"
+#include "raster/cpu_harness.h"
+#include "support/approx.h"
+#include "support/boundary_band.h"
+
+namespace b3dgs::test {
+namespace {
+
+/// A way of binning, and what the reference makes of it.
+struct Judged {
+  const char* name;
+  Culling culling;
+  TileShape tile;
+};
+constexpr Judged kBinnings[] = {
+    {"ellipse, 16 x 16", Culling::kEllipse, {16, 16}},
+    {"ellipse, 16 x 8", Culling::kEllipse, {16, 8}},
+    {"square, 16 x 16", Culling::kSquare, {16, 16}},
+    {"square, 16 x 8", Culling::kSquare, {16, 8}},
+};
+
+struct Judge {
+  GaussianTensors leaves;
+  DenseView view;
+  RenderedViewGrad grad;  // 0 where the reference is in doubt, so that gradients have to agree everywhere
+  DenseGradients gradients;
+
+  Judge(const TestScene& scene, const RenderSettings& settings) : leaves(to_dense_leaves(scene.gaussians)) {
+    view = dense_render(leaves, scene.view, settings);
+    grad = uneven_grad(scene.view, view.near_decision);
+    gradients = dense_gradients(leaves, view, grad);
+  }
+};
+
+double largest(const torch::Tensor& tensor, double at_least) {
+  return tensor.numel() == 0 ? at_least : std::max(at_least, tensor.detach().abs().max().item<double>());
+}
+
+void expect_same_image(const CpuView& found, const DenseView& expected) {
+  const torch::Tensor& doubtful = expected.near_decision;
+  EXPECT_TRUE(images_agree(found.color, expected.color, doubtful, largest(expected.color, 1))) << "colour";
+  EXPECT_TRUE(images_agree(found.depth, expected.depth, doubtful, largest(expected.depth, 1))) << "depth";
+  EXPECT_TRUE(images_agree(found.alpha, expected.alpha, doubtful, 1)) << "alpha";
+  const torch::Tensor settled = torch::logical_not(doubtful);
+  EXPECT_TRUE(within(found.last_gaussians() * settled, expected.last_gaussians * settled, 0)) << "last Gaussian";
+}
+
+/// Gradients of one group, as a whole and row by row, `size` [N] being the size of each row. A row may also be off by a
+/// share of the largest: it is a sum over pixels of terms that may cancel, and each of those can be as large as in the
+/// largest row, which is what float rounds.
+testing::AssertionResult same_gradient(const torch::Tensor& found, const torch::Tensor& expected,
+                                       const torch::Tensor& size) {
+  constexpr double kRelative = 1e-4, kFloor = 5e-5;
+  if (expected.numel() == 0) return within(found, expected, 0);
+  std::vector<std::int64_t> column(static_cast<std::size_t>(expected.dim()), 1);
+  column[0] = expected.size(0);
+  const torch::Tensor allowed = (kRelative * size + kFloor * size.max()).view(column);
+  testing::AssertionResult entries = within(found, expected, allowed);
+  const double error = (found.to(torch::kFloat64) - expected).norm().item<double>();
+  const double whole = size.norm().item<double>();
+  if (error <= kRelative * whole) return entries;
+  return testing::AssertionFailure() << "off by " << error << " of " << whole << "; " << entries.message();
+}
+
+torch::Tensor row_norms(const torch::Tensor& tensor) {
+  return tensor.numel() == 0 ? torch::zeros({tensor.size(0)}, torch::kFloat64)
+                             : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
+}
+
+void expect_same_gradients(const DenseGradients& found, const Judge& judge, const DenseGradients& expected) {
+  const torch::Tensor idle = torch::logical_not(judge.view.contributes).nonzero().squeeze(1);
+  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+    SCOPED_TRACE(GaussianTensors::kNames[i]);
+    const torch::Tensor& group = *found.parameters.all()[i];
+    torch::Tensor size = row_norms(*expected.parameters.all()[i]);
+    if (group.is_same(found.parameters.quats)) {
+      // Turning a ball changes nothing: what float leaves there comes from the terms that make its gradients by scale.
+      size = size + row_norms(expected.parameters.log_scales) / row_norms(judge.leaves.quats.detach());
+    }
+    EXPECT_TRUE(same_gradient(group, *expected.parameters.all()[i], size));
+    const torch::Tensor nothing = group.index_select(0, idle);
+    EXPECT_TRUE(within(nothing, torch::zeros_like(nothing), 0)) << "of Gaussians that are blended nowhere";
+  }
+  EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, row_norms(expected.means2d))) << "means2d";
+}
+
+void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {
+  EXPECT_FALSE(((found == 0) & expected.contributes).any().item<bool>()) << "a Gaussian in the image has no radius";
+  EXPECT_TRUE(within(found, expected.radii * (found > 0), 0)) << "radii";
+}
+
+class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
+
+TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseReference) {
+  const TestScene scene = GetParam().build();
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  for (const Judged& binning : kBinnings) {
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    const Judge judge(scene, settings);
+    ASSERT_TRUE(judge.view.hazards.empty()) << "no judge of float: " << judge.view.hazards.front();
+    for (const std::int64_t target : targets) {
+      const ScopedSimdTarget simd(target);
+      for (const ForwardKernelName& kernel : kForwardKernels) {
+        SCOPED_TRACE(testing::Message() << kernel.name << ", " << binning.name << ", " << hwy::TargetName(target));
+        settings.kernel = kernel.kernel;
+        CpuView view(scene, settings);
+        expect_same_image(view, judge.view);
+        expect_same_radii(view.radii(), judge.view);
+        expect_same_gradients(view.backward(judge.grad), judge, judge.gradients);
+        if (HasFailure()) return;  // one case says it all
+      }
+    }
+  }
+}
+
+TEST_P(RasterizeCpuTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
+  const TestScene scene = GetParam().build();
+  const RenderSettings settings = settings_of(scene);
+  const Judge judge(scene, settings);
+  CpuView view(scene, settings);
+  for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{judge.grad.color, {}, {}}),
+                                   std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
+                                   std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
+    SCOPED_TRACE(name);
+    expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCpuTest, testing::ValuesIn(test_scenes()),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+/// Everything that a view and its backward pass give, bit for bit.
+std::vector<torch::Tensor> all_results(const TestScene& scene, const RenderSettings& settings) {
+  CpuView view(scene, settings);
+  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+  const DenseGradients gradients = view.backward(uneven_grad(scene.view, none));
+  std::vector<torch::Tensor> results{view.color,   view.depth,       view.alpha, view.last_gaussians(),
+                                     view.radii(), gradients.means2d};
+  for (const torch::Tensor* group : gradients.parameters.all()) results.push_back(*group);
+  return results;
+}
+
+void expect_same_bytes(const std::vector<torch::Tensor>& a, const std::vector<torch::Tensor>& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(std::memcmp(a[i].data_ptr(), b[i].data_ptr(), a[i].nbytes()), 0) << "result " << i;
+  }
+}
+
+TEST(RasterizeCpu, ResultsDoNotDependOnTheNumberOfThreads) {
+  for (const TestScene& scene : {large_cloud(), anisotropic_cloud(), ten_thousand_in_one_tile()}) {
+    for (const ForwardKernelName& kernel : kForwardKernels) {
+      SCOPED_TRACE(kernel.name);
+      RenderSettings settings = settings_of(scene);
+      settings.kernel = kernel.kernel;
+      std::vector<torch::Tensor> single;
+      {
+        const ScopedThreadCount threads(1);
+        single = all_results(scene, settings);
+      }
+      for (int n : {2, 3}) {
+        const ScopedThreadCount threads(n);
+        expect_same_bytes(all_results(scene, settings), single);
+      }
+    }
+  }
+}
+
+TEST(RasterizeCpu, RunsAreReproducible) {
+  const TestScene scene = saturated_pixels();
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    SCOPED_TRACE(kernel.name);
+    RenderSettings settings = settings_of(scene);
+    settings.kernel = kernel.kernel;
+    expect_same_bytes(all_results(scene, settings), all_results(scene, settings));
+  }
+}
+
+TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
+  // Larger and smaller, more and fewer Gaussians, through one rasterizer and through fresh ones.
+  cpu::Rasterizer reused;
+  for (const TestScene& scene : {saturated_pixels(), one_pixel_image(), empty_scene(), anisotropic_cloud(),
+                                 behind_the_camera(), odd_image_size(), opaque_front_layer()}) {
+    const std::int64_t h = scene.view.height, w = scene.view.width;
+    const torch::Tensor color = torch::empty({h, w, 3}), depth = torch::empty({h, w}), alpha = torch::empty({h, w});
+    reused.forward(arrays_of(scene), scene.view, settings_of(scene),
+                   {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
+    const CpuView fresh(scene, settings_of(scene));
+    expect_same_bytes({color, depth, alpha}, {fresh.color, fresh.depth, fresh.alpha});
+  }
+}
+
+TEST(RasterizeCpu, CullingByEllipseChangesNoImageThatAllTilesWouldGive) {
+  // One tile for the whole image cuts nothing off; small tiles depend on the culling for every pixel.
+  for (const TestScene& scene : {anisotropic_cloud(), needles(), far_outside_the_field_of_view()}) {
+    RenderSettings settings = settings_of(scene);
+    settings.tile = {32, 32};
+    const CpuView large(scene, settings);
+    for (const TileShape tile :
+         {TileShape{1, 1}, TileShape{3, 5}, TileShape{32, 1}, TileShape{1, 32}, TileShape{17, 9}}) {
+      SCOPED_TRACE(testing::Message() << tile.width << " x " << tile.height);
+      settings.tile = tile;
+      const CpuView small(scene, settings);
+      EXPECT_TRUE(within(small.color, large.color, 1e-6));
+      EXPECT_TRUE(within(small.alpha, large.alpha, 1e-6));
+      EXPECT_TRUE(within(small.last_gaussians(), large.last_gaussians(), 0));
+    }
+  }
+}
+
+TEST(RasterizeCpu, EmptySceneShowsTheBackground) {
+  const TestScene scene = empty_scene();
+  const CpuView view(scene, settings_of(scene));
+  EXPECT_TRUE(within(view.color.select(2, 0), torch::full_like(view.alpha, scene.background.x), 0));
+  EXPECT_TRUE(within(view.color.select(2, 2), torch::full_like(view.alpha, scene.background.z), 0));
+  EXPECT_TRUE(within(view.depth, torch::zeros_like(view.depth), 0));
+  EXPECT_TRUE(within(view.alpha, torch::zeros_like(view.alpha), 0));
+}
+
+TEST(RasterizeCpu, AMissingGradientCountsAsZeros) {
+  const TestScene scene = odd_image_size();
+  CpuView view(scene, settings_of(scene));
+  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+  const RenderedViewGrad grad = uneven_grad(scene.view, none);
+  const DenseGradients missing = view.backward({grad.color, {}, {}});
+  const DenseGradients zeros =
+      view.backward({grad.color, torch::zeros_like(grad.depth), torch::zeros_like(grad.alpha)});
+  expect_same_bytes({missing.parameters.means, missing.parameters.quats},
+                    {zeros.parameters.means, zeros.parameters.quats});
+  const DenseGradients nothing = view.backward({});
+  EXPECT_TRUE(within(nothing.parameters.means, torch::zeros_like(nothing.parameters.means), 0));
+}
+
+TEST(RasterizeCpu, NumericErrorNamesTheGaussianOfAParameterThatIsNotFinite) {
+  for (std::size_t group = 0; group < GaussianTensors::kNames.size(); ++group) {
+    for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(),
+                            -std::numeric_limits<float>::infinity()}) {
+      SCOPED_TRACE(testing::Message() << GaussianTensors::kNames[group] << " " << bad);
+      const TestScene scene = smooth_scene();
+      scene.gaussians.all()[group]->view({7, -1})[5][0] = bad;
+      try {
+        const CpuView view(scene, settings_of(scene));
+        ADD_FAILURE() << "rendered without an error";
+      } catch (const NumericError& error) {
+        EXPECT_NE(std::string(error.what()).find("Gaussian 5"), std::string::npos) << error.what();
+      }
+    }
+  }
+}
+
+TEST(RasterizeCpu, NumericErrorNamesTheFirstOfSeveral) {
+  const ScopedThreadCount threads(2);
+  const TestScene scene = large_cloud();
+  for (int i : {25017, 21003, 6}) {
+    scene.gaussians.means[i][1] = NAN;
+    try {
+      const CpuView view(scene, settings_of(scene));
+      ADD_FAILURE() << "rendered without an error";
+    } catch (const NumericError& error) {
+      EXPECT_NE(std::string(error.what()).find("Gaussian " + std::to_string(i) + " "), std::string::npos)
+          << error.what();
+    }
+  }
+}
+
+TEST(RasterizeCpu, RefusesWhatItCannotRender) {
+  const TestScene scene = smooth_scene();
+  const auto render = [&](auto&& change) {
+    RenderSettings settings = settings_of(scene);
+    change(settings);
+    const CpuView view(scene, settings);
+  };
+  EXPECT_THROW(render([](RenderSettings& s) { s.tile = {0, 16}; }), LogicError);
+  EXPECT_THROW(render([](RenderSettings& s) { s.tile = {64, 16}; }), LogicError);
+  EXPECT_THROW(render([](RenderSettings& s) { s.sh_degree = 4; }), LogicError);
+  EXPECT_THROW(render([](RenderSettings& s) { s.sh_degree = -1; }), LogicError);
+}
+
+TEST(RasterizeCpu, BackwardNeedsAForward) {
+  cpu::Rasterizer rasterizer;
+  const TestScene scene = smooth_scene();
+  EXPECT_THROW(rasterizer.backward(arrays_of(scene), {}, {}), LogicError);
+}
+
+}  // namespace
+}  // namespace b3dgs::test

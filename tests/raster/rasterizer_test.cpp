@@ -1,0 +1,114 @@
+// The torch layer: same results as the rasterizer below it, and tensors checked before anyone reads them.
+#include "raster/rasterizer.h"
+
+#include <gtest/gtest.h>
+
+#include "check.h"
+#include "raster/cpu_harness.h"
+#include "support/approx.h"
+
+namespace b3dgs::test {
+namespace {
+
+RenderedViewGrad grad_for(const TestScene& scene) {
+  return uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+}
+
+TEST(Rasterizer, GivesWhatTheRasterizerBelowGives) {
+  Rasterizer rasterizer(torch::kCPU);
+  for (const TestScene& scene : {anisotropic_cloud(), degree_below_maximum(), no_higher_degrees(), empty_scene()}) {
+    const RenderedView view = rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+    CpuView expected(scene, settings_of(scene));
+    EXPECT_TRUE(torch::equal(view.color, expected.color));
+    EXPECT_TRUE(torch::equal(view.depth, expected.depth));
+    EXPECT_TRUE(torch::equal(view.alpha, expected.alpha));
+
+    GaussianTensors grads;
+    const ViewStatistics statistics = rasterizer.backward(scene.gaussians, grad_for(scene), grads);
+    const DenseGradients expected_grads = expected.backward(grad_for(scene));
+    for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+      EXPECT_TRUE(torch::equal(*grads.all()[i], *expected_grads.parameters.all()[i])) << GaussianTensors::kNames[i];
+    }
+    EXPECT_TRUE(torch::equal(statistics.means2d_grad, expected_grads.means2d));
+    EXPECT_TRUE(torch::equal(statistics.radii.to(torch::kInt64), expected.radii()));
+    EXPECT_EQ(statistics.radii.scalar_type(), torch::kInt32);
+  }
+}
+
+TEST(Rasterizer, WritesGradientsIntoTheTensorsItIsGivenIfTheyFit) {
+  const TestScene scene = smooth_scene();
+  Rasterizer rasterizer(torch::kCPU);
+  rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+  GaussianTensors grads;
+  rasterizer.backward(scene.gaussians, grad_for(scene), grads);
+  const torch::Tensor first = grads.means.clone();
+  const float* const memory = grads.means.data_ptr<float>();
+  grads.means.fill_(7);
+  grads.quats = torch::zeros({3, 4});
+  rasterizer.backward(scene.gaussians, grad_for(scene), grads);
+  EXPECT_EQ(grads.means.data_ptr<float>(), memory);
+  EXPECT_TRUE(torch::equal(grads.means, first)) << "overwritten, not added to";
+  EXPECT_EQ(grads.quats.size(0), scene.gaussians.size());
+}
+
+TEST(Rasterizer, NeverWritesGradientsInTheWrongOrder) {
+  const TestScene scene = smooth_scene();
+  Rasterizer rasterizer(torch::kCPU);
+  rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+  GaussianTensors expected;
+  rasterizer.backward(scene.gaussians, grad_for(scene), expected);
+
+  GaussianTensors strided;
+  strided.means = torch::zeros({3, scene.gaussians.size()}).t();  // the right shape, columns first in memory
+  try {
+    rasterizer.backward(scene.gaussians, grad_for(scene), strided);
+    EXPECT_TRUE(torch::equal(strided.means, expected.means));
+  } catch (const LogicError&) {
+  }
+}
+
+TEST(Rasterizer, NamesTheTensorThatDoesNotFit) {
+  const auto message_of = [](auto&& change) {
+    TestScene scene = smooth_scene();
+    change(scene.gaussians);
+    Rasterizer rasterizer(torch::kCPU);
+    try {
+      rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+    } catch (const LogicError& error) {
+      return std::string(error.what());
+    }
+    return std::string("rendered without an error");
+  };
+  EXPECT_NE(message_of([](GaussianTensors& g) { g.quats = g.quats.slice(0, 1); }).find("quats is [6, 4]"),
+            std::string::npos);
+  EXPECT_NE(message_of([](GaussianTensors& g) { g.means = g.means.to(torch::kFloat64); }).find("means"),
+            std::string::npos);
+  EXPECT_NE(
+      message_of([](GaussianTensors& g) { g.shN = g.shN.transpose(1, 2).contiguous().transpose(1, 2); }).find("shN"),
+      std::string::npos);
+  EXPECT_NE(message_of([](GaussianTensors& g) { g.shN = g.shN.slice(1, 0, 5).contiguous(); }).find("shN"),
+            std::string::npos);
+  EXPECT_NE(
+      message_of([](GaussianTensors& g) { g.logit_opacities = torch::Tensor(); }).find("logit_opacities is undefined"),
+      std::string::npos);
+}
+
+TEST(Rasterizer, RefusesGradientsOfAnotherImageSize) {
+  const TestScene scene = smooth_scene();
+  Rasterizer rasterizer(torch::kCPU);
+  rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+  RenderedViewGrad grad = grad_for(scene);
+  grad.depth = torch::zeros({scene.view.width, scene.view.height});
+  GaussianTensors grads;
+  EXPECT_THROW(rasterizer.backward(scene.gaussians, grad, grads), LogicError);
+}
+
+TEST(Rasterizer, BackwardNeedsAForward) {
+  const TestScene scene = smooth_scene();
+  Rasterizer rasterizer(torch::kCPU);
+  GaussianTensors grads;
+  EXPECT_THROW(rasterizer.backward(scene.gaussians, grad_for(scene), grads), LogicError);
+}
+
+}  // namespace
+}  // namespace b3dgs::test

@@ -1,0 +1,49 @@
+// Comparison of tensors that says where it failed: the worst entry, its place and both values.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <torch/types.h>
+
+#include <string>
+
+namespace b3dgs::test {
+
+/// "[row, column, ...]" of a flat index.
+inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
+  std::string place;
+  for (std::int64_t axis = tensor.dim() - 1; axis >= 0; --axis) {
+    place = std::to_string(flat % tensor.size(axis)) + (place.empty() ? "" : ", ") + place;
+    flat /= tensor.size(axis);
+  }
+  return "[" + place + "]";
+}
+
+/// Whether |actual - expected| <= allowed everywhere; `allowed` has a shape that broadcasts to theirs. NaN never
+/// agrees.
+inline testing::AssertionResult within(const torch::Tensor& actual, const torch::Tensor& expected,
+                                       const torch::Tensor& allowed) {
+  if (!actual.defined() || actual.sizes() != expected.sizes()) {
+    return testing::AssertionFailure() << "shape "
+                                       << (actual.defined() ? torch::str(actual.sizes()) : std::string("undefined"))
+                                       << ", expected " << expected.sizes();
+  }
+  if (actual.numel() == 0) return testing::AssertionSuccess();
+  const torch::Tensor a = actual.detach().to(torch::kFloat64).contiguous();
+  const torch::Tensor e = expected.detach().to(torch::kFloat64).contiguous();
+  // The smallest normal number keeps 0 <= 0 from becoming 0 / 0.
+  const torch::Tensor limit = allowed.detach().to(torch::kFloat64).expand_as(e) + 1e-300;
+  const torch::Tensor excess = torch::nan_to_num((a - e).abs() / limit, INFINITY, INFINITY);
+  const std::int64_t worst = excess.argmax().item<std::int64_t>();
+  if (excess.flatten()[worst].item<double>() <= 1.0) return testing::AssertionSuccess();
+  return testing::AssertionFailure() << (excess > 1.0).sum().item<std::int64_t>() << " of " << a.numel()
+                                     << " entries differ too much; worst at " << place_in(e, worst) << ": "
+                                     << a.flatten()[worst].item<double>() << ", expected "
+                                     << e.flatten()[worst].item<double>() << " +- "
+                                     << limit.flatten()[worst].item<double>();
+}
+
+inline testing::AssertionResult within(const torch::Tensor& actual, const torch::Tensor& expected, double allowed) {
+  return within(actual, expected, torch::full({}, allowed, torch::kFloat64));
+}
+
+}  // namespace b3dgs::test
