@@ -25,8 +25,8 @@ namespace b3dgs {
 
 /// Name of a field: in JSON, and with two hyphens on the command line, where '-' and '_' are the same.
 struct Option {
-  std::string_view name;                      // "source_path"
-  char letter = '\0';                         // 's' for -s, or none
+  std::string_view name;                          // "source_path"
+  char letter = '\0';                             // 's' for -s, or none
   std::initializer_list<const char*> other = {};  // names of other trainers for the same thing
 };
 
@@ -45,7 +45,9 @@ struct OneOf {
 };
 
 /// What a value would have to be, or "" if it is that.
-inline std::string violation(const Any&, ...) { return ""; }
+inline std::string violation(const Any&, ...) {
+  return "";
+}
 inline std::string violation(const AtLeast& limit, double value) {
   return value >= limit.min ? "" : detail::concat("at least ", limit.min);
 }
@@ -99,7 +101,8 @@ nlohmann::ordered_json config_to_json(const Config& config) {
 /// InputErrors that name `place` and the key.
 template <class Config>
 void config_from_json(Config& config, const nlohmann::ordered_json& json, const std::string& place) {
-  if (!json.is_object()) input_error(place, ": expected a JSON object with option names as keys, found ", json.type_name());
+  if (!json.is_object())
+    input_error(place, ": expected a JSON object with option names as keys, found ", json.type_name());
   std::size_t known = 0;
   visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
     const auto it = json.find(std::string(option.name));

@@ -1,5 +1,5 @@
-// Work on all cores, through OpenMP. Two ways of dividing it: equal chunks settled beforehand, and a pool from which each
-// thread takes the next task. An exception in a body is thrown again in the caller.
+// Work on all cores, through OpenMP. Two ways of dividing it: equal chunks settled beforehand, and a pool from which
+// each thread takes the next task. An exception in a body is thrown again in the caller.
 #pragma once
 
 #include <omp.h>
@@ -12,13 +12,17 @@
 namespace b3dgs {
 
 /// Threads that the functions below use; set_thread_count(0) takes all cores.
-inline int thread_count() { return omp_get_max_threads(); }
-inline void set_thread_count(int n) { omp_set_num_threads(n > 0 ? n : omp_get_num_procs()); }
+inline int thread_count() {
+  return omp_get_max_threads();
+}
+inline void set_thread_count(int n) {
+  omp_set_num_threads(n > 0 ? n : omp_get_num_procs());
+}
 
 namespace detail {
 
-/// Calls body(0) ... body(n - 1), each on a thread of its own where that many can be had; within another parallel region,
-/// or where fewer are granted, threads take several.
+/// Calls body(0) ... body(n - 1), each on a thread of its own where that many can be had; within another parallel
+/// region, or where fewer are granted, threads take several.
 template <class Body>
 void on_threads(int n, Body&& body) {
   if (n <= 1) {
@@ -68,8 +72,7 @@ template <class Body>
 void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
   if (n <= 0) return;
   const Chunks chunks = make_chunks(n, grain);
-  detail::on_threads(static_cast<int>(chunks.count),
-                     [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
+  detail::on_threads(static_cast<int>(chunks.count), [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
 }
 
 }  // namespace b3dgs

@@ -1,6 +1,6 @@
-// What goes into and comes out of the rasterizer and each of its passes. Pointers and sizes only: whoever fills a struct
-// owns the memory, which is contiguous and lies on one device. Shapes stand beside the pointers; N is the number of
-// Gaussians, M that of splats (Gaussians seen in the view), K = (sh_degree_max + 1)^2.
+// What goes into and comes out of the rasterizer and each of its passes. Pointers and sizes only: whoever fills a
+// struct owns the memory, which is contiguous and lies on one device. Shapes stand beside the pointers; N is the number
+// of Gaussians, M that of splats (Gaussians seen in the view), K = (sh_degree_max + 1)^2.
 #pragma once
 
 #include <cstdint>
@@ -14,10 +14,10 @@ namespace b3dgs {
 
 /// One pinhole view. Camera frame: +x right, +y down, +z forward; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
 struct PinholeView {
-  Mat3f rotation;     // cam_from_world
-  Vec3f translation;  // cam_from_world
-  Vec3f center;       // camera centre, world
-  float fx, fy, cx, cy;  // px
+  Mat3f rotation;              // cam_from_world
+  Vec3f translation;           // cam_from_world
+  Vec3f center;                // camera centre, world
+  float fx, fy, cx, cy;        // px
   std::int32_t width, height;  // px
 };
 
@@ -33,7 +33,8 @@ struct GaussianArrays {
   const float* shN = nullptr;              // [N, K-1, 3]
 };
 
-/// Gradients of the loss by the stored parameters; every row is written, with zeros for Gaussians the view does not see.
+/// Gradients of the loss by the stored parameters; every row is written, with zeros for Gaussians the view does not
+/// see.
 struct GaussianGradArrays {
   float* means = nullptr;            // [N, 3]
   float* log_scales = nullptr;       // [N, 3]
@@ -55,8 +56,8 @@ struct TileShape {
 };
 
 struct RenderSettings {
-  Vec3f background{0, 0, 0};  // RGB, seen through what the Gaussians leave of the light
-  int sh_degree = 0;          // of the colours, at most sh_degree_max
+  Vec3f background{0, 0, 0};      // RGB, seen through what the Gaussians leave of the light
+  int sh_degree = 0;              // of the colours, at most sh_degree_max
   float near_plane = kNearPlane;  // world units; Gaussians nearer than this are not seen
   Culling culling = Culling::kEllipse;
   TileShape tile{};
@@ -82,20 +83,20 @@ struct ImageGradArrays {
 /// A Gaussian as one view sees it: 48 bytes, three 16-byte loads. Exponents are kept in base 2 and the opacity inside
 /// them, so that alpha = exp2(log2_opacity - d^T conic d), d = pixel - mean.
 struct alignas(16) Splat {
-  float mean_x, mean_y;     // px
-  float log2_opacity;       // <= 0
-  float depth;              // view-space z, world units
+  float mean_x, mean_y;                // px
+  float log2_opacity;                  // <= 0
+  float depth;                         // view-space z, world units
   float conic_xx, conic_xy, conic_yy;  // inverse 2D covariance (1/px^2), times kConicScale
-  std::int32_t gaussian;    // index of the Gaussian, < N
-  float red, green, blue;   // clamped at 0
-  std::uint32_t clamped;    // bit c: channel c was clamped, its colour has no gradient
+  std::int32_t gaussian;               // index of the Gaussian, < N
+  float red, green, blue;              // clamped at 0
+  std::uint32_t clamped;               // bit c: channel c was clamped, its colour has no gradient
 };
 static_assert(sizeof(Splat) == 48, "three 16-byte loads");
 
-/// Sums over the pixels of a splat of q = dL/d(ln alpha) and of its first and second moments with the pull conic d (Reach in
-/// blend.h), and of the gradients by colour and depth. What the blending pass leaves; projection.h turns it into parameter
-/// gradients. Moments of the pull, not of d itself: along a needle d is long and the pull is short, and multiplying by the
-/// conic only after summing would lose the difference.
+/// Sums over the pixels of a splat of q = dL/d(ln alpha) and of its first and second moments with the pull conic d
+/// (Reach in blend.h), and of the gradients by colour and depth. What the blending pass leaves; projection.h turns it
+/// into parameter gradients. Moments of the pull, not of d itself: along a needle d is long and the pull is short, and
+/// multiplying by the conic only after summing would lose the difference.
 struct SplatGrad {
   float q, q_x, q_y, q_xx, q_xy, q_yy;
   float red, green, blue;
@@ -133,8 +134,8 @@ struct BinArgs {
   Culling culling = Culling::kEllipse;
 };
 
-/// What binning leaves. Pairs of a tile lie together in splat_ids; the slots of a splat's pairs lie together too, so that
-/// gradients written there are summed in a fixed order.
+/// What binning leaves. Pairs of a tile lie together in splat_ids; the slots of a splat's pairs lie together too, so
+/// that gradients written there are summed in a fixed order.
 struct BinnedSplats {
   const std::int64_t* tile_offsets = nullptr;  // [n_tiles + 1] into splat_ids
   const std::int32_t* splat_ids = nullptr;     // [n_isects] in [0, M), nearest first within a tile
@@ -151,8 +152,9 @@ struct BlendForwardArgs {
   TileGrid grid{};
   Vec3f background{};
   ImageArrays out{};
-  float* transmittance = nullptr;    // [H, W] out, final: 1 - alpha has lost its last digits
-  std::int32_t* last_ids = nullptr;  // [H, W] out, position within the tile's list of the last blended splat, -1 if none
+  float* transmittance = nullptr;  // [H, W] out, final: 1 - alpha has lost its last digits
+  std::int32_t* last_ids =
+      nullptr;  // [H, W] out, position within the tile's list of the last blended splat, -1 if none
 };
 
 /// Backward blend: gradients by pixels to gradients by splats, one record per (tile, splat) pair.

@@ -1,5 +1,5 @@
-// What one splat does to one pixel, forward and backward: the arithmetic that every kernel shares. Values in, values out;
-// no pointers, no loops over splats, no thread numbers. Kernel files hold schedules and call this.
+// What one splat does to one pixel, forward and backward: the arithmetic that every kernel shares. Values in, values
+// out; no pointers, no loops over splats, no thread numbers. Kernel files hold schedules and call this.
 //
 // `Real` is float or double for one pixel, or a SIMD vector (cpu/lanes-inl.h) for several pixels or several splats at
 // once; conditions are then masks, and select() takes the place of branches.
@@ -68,9 +68,9 @@ B3DGS_BLEND_FN Real exp2_of(Real a) {
 /// Where a splat is and how it falls off; exponents in base 2 as in Splat (args.h).
 template <class Real>
 struct SplatShape {
-  Real mean_x, mean_y;                   // px
-  Real log2_opacity;                     // <= 0
-  Real conic_xx, conic_xy, conic_yy;     // times kConicScale, as in Splat
+  Real mean_x, mean_y;                // px
+  Real log2_opacity;                  // <= 0
+  Real conic_xx, conic_xy, conic_yy;  // times kConicScale, as in Splat
 };
 
 /// A splat as a pixel sees it, up to the exponential.
@@ -109,8 +109,8 @@ B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   return {select(capped, Real(kAlphaMax), uncapped), capped};
 }
 
-/// A pixel while splats are blended onto it, front to back. A finished pixel keeps its transmittance negated, so that it
-/// fails every later test without a flag of its own.
+/// A pixel while splats are blended onto it, front to back. A finished pixel keeps its transmittance negated, so that
+/// it fails every later test without a flag of its own.
 template <class Real>
 struct PixelState {
   Real transmittance;  // (0, 1], negated when finished
@@ -132,8 +132,8 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   pixel.green = multiply_add(weight, green, pixel.green);
   pixel.blue = multiply_add(weight, blue, pixel.blue);
   pixel.depth = multiply_add(weight, depth, pixel.depth);
-  pixel.transmittance = select(
-      accepted, next, select(finishing, Real(0.0f) - magnitude(pixel.transmittance), pixel.transmittance));
+  pixel.transmittance =
+      select(accepted, next, select(finishing, Real(0.0f) - magnitude(pixel.transmittance), pixel.transmittance));
   return accepted;
 }
 
@@ -152,13 +152,13 @@ struct BlendGrad {
   Real q;       // dL/d(ln alpha), 0 where the cap holds
 };
 
-// Two ways of visiting a pixel's splats again. `value` is the dot product of the gradient by the pixel with what the splat
-// shows there, colour and depth. With S = what lies behind the splat, seen through the loss,
+// Two ways of visiting a pixel's splats again. `value` is the dot product of the gradient by the pixel with what the
+// splat shows there, colour and depth. With S = what lies behind the splat, seen through the loss,
 //   dL/d(alpha) = T value - S / (1 - alpha).
-// The pixel's own alpha, 1 - final transmittance, acts like a background that takes light away: it is part of S from the
-// start, and of no value. (As a value of 1 for every splat its gradient would be a difference of nearly equal sums.)
-// Back to front S is summed and exact; front to back it is what is left of the whole, and where little light is left the
-// rounding of the whole shows. The second is for schedules that start in the middle of a list.
+// The pixel's own alpha, 1 - final transmittance, acts like a background that takes light away: it is part of S from
+// the start, and of no value. (As a value of 1 for every splat its gradient would be a difference of nearly equal
+// sums.) Back to front S is summed and exact; front to back it is what is left of the whole, and where little light is
+// left the rounding of the whole shows. The second is for schedules that start in the middle of a list.
 
 /// A pixel while its splats are visited back to front.
 template <class Real>
@@ -186,8 +186,8 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
 template <class Real>
 struct BackwardState {
   Real transmittance;  // before the next splat
-  // S and the next splat's part; starts as the dot product of the gradient with colour and depth of the whole pixel, less
-  // gradient by alpha times final transmittance.
+  // S and the next splat's part; starts as the dot product of the gradient with colour and depth of the whole pixel,
+  // less gradient by alpha times final transmittance.
   Real remaining;
 };
 

@@ -19,8 +19,10 @@ struct ForwardKernelName {
 inline constexpr std::array<ForwardKernelName, 5> kForwardKernels{{
     {ForwardKernel::kNaive, "naive", "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
     {ForwardKernel::kDynamic, "dynamic", "as naive, tiles taken from an atomic pool (inter-block balancing)"},
-    {ForwardKernel::kGaussianWise, "gaussian-wise", "lanes over Gaussians with prefix products, tiles divided beforehand"},
-    {ForwardKernel::kCombined, "combined", "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
+    {ForwardKernel::kGaussianWise, "gaussian-wise",
+     "lanes over Gaussians with prefix products, tiles divided beforehand"},
+    {ForwardKernel::kCombined, "combined",
+     "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
     {ForwardKernel::kSharedMemory, "shared-memory", "lanes over pixels, splats staged in fast memory"},
 }};
 

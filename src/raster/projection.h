@@ -101,9 +101,9 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
 
 template <class Real>
 struct ProjectionGrad {
-  Vec3<Real> point;    // by the centre in camera coordinates
-  Mat3<Real> factor;   // by M
-  Vec2<Real> mean2d;   // by the projected centre, 1/px
+  Vec3<Real> point;   // by the centre in camera coordinates
+  Mat3<Real> factor;  // by M
+  Vec2<Real> mean2d;  // by the projected centre, 1/px
 };
 
 /// Gradients from the sums that blending leaves for a splat (SplatGrad): moments of q with the pull p.
@@ -112,8 +112,8 @@ struct ProjectionGrad {
 ///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
-                                               const Mat3<Real>& factor, const Projection<Real>& p,
-                                               Vec2<Real> q_p, Sym2<Real> q_pp, Real grad_depth) {
+                                               const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
+                                               Sym2<Real> q_pp, Real grad_depth) {
   ProjectionGrad<Real> grad;
   const Real scale = 1 / Real(kConicScale);
   grad.mean2d = {scale * q_p.x, scale * q_p.y};

@@ -31,14 +31,10 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
   check.dims("logit_opacities", g.logit_opacities, {"N"});
   check.dims("sh0", g.sh0, {"N", 1, 3});
   check.dims("shN", g.shN, {"N", "K-1", 3});
-  return {g.means.size(0),
-          sh_degree_max_of(g),
-          g.means.data_ptr<float>(),
-          g.log_scales.data_ptr<float>(),
-          g.quats.data_ptr<float>(),
-          g.logit_opacities.data_ptr<float>(),
-          g.sh0.data_ptr<float>(),
-          g.shN.data_ptr<float>()};
+  return {g.means.size(0),           sh_degree_max_of(g),
+          g.means.data_ptr<float>(), g.log_scales.data_ptr<float>(),
+          g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
+          g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>()};
 }
 
 /// Keeps `tensor` if it can be written to as an array of this shape and kind, else replaces it.
@@ -142,8 +138,8 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
   // A view of the rasterizer's own array: valid until the next forward.
-  statistics.radii = torch::from_blob(const_cast<std::int32_t*>(impl_->radii()), {arrays.n_gaussians},
-                                      options.dtype(torch::kInt32));
+  statistics.radii =
+      torch::from_blob(const_cast<std::int32_t*>(impl_->radii()), {arrays.n_gaussians}, options.dtype(torch::kInt32));
   return statistics;
 }
 

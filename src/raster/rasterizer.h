@@ -1,7 +1,7 @@
 // The rasterizer for LibTorch: the only header of this folder that the trainer and the commands need.
 //
-// Forward and backward are explicit calls instead of autograd functions: a training step has one fixed graph, so nothing
-// is gained by recording it, and every buffer can stay where it is from step to step.
+// Forward and backward are explicit calls instead of autograd functions: a training step has one fixed graph, so
+// nothing is gained by recording it, and every buffer can stay where it is from step to step.
 #pragma once
 
 #include <memory>

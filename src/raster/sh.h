@@ -60,8 +60,8 @@ B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w)
   const Real k3a = Real(kSh3a), k3b = Real(kSh3b), k3c = Real(kSh3c), k3d = Real(kSh3d), k3e = Real(kSh3e);
   g.x += -6 * k3a * xy * w[9] + k3b * yz * w[10] + 2 * k3c * xy * w[11] - 6 * k3d * xz * w[12] -
          k3c * (4 * zz - 3 * xx - yy) * w[13] + 2 * k3e * xz * w[14] - 3 * k3a * (xx - yy) * w[15];
-  g.y += -3 * k3a * (xx - yy) * w[9] + k3b * xz * w[10] - k3c * (4 * zz - xx - 3 * yy) * w[11] -
-         6 * k3d * yz * w[12] + 2 * k3c * xy * w[13] - 2 * k3e * yz * w[14] + 6 * k3a * xy * w[15];
+  g.y += -3 * k3a * (xx - yy) * w[9] + k3b * xz * w[10] - k3c * (4 * zz - xx - 3 * yy) * w[11] - 6 * k3d * yz * w[12] +
+         2 * k3c * xy * w[13] - 2 * k3e * yz * w[14] + 6 * k3a * xy * w[15];
   g.z += k3b * xy * w[10] - 8 * k3c * yz * w[11] + 3 * k3d * (2 * zz - xx - yy) * w[12] - 8 * k3c * xz * w[13] +
          k3e * (xx - yy) * w[14];
   return g;
@@ -70,8 +70,8 @@ B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w)
 /// Colour of one Gaussian seen along `offset` = mean - camera centre (any length but 0).
 template <class Real>
 struct ShColor {
-  Vec3<Real> color;   // + 0.5, clamped at 0
-  unsigned clamped;   // bit c: channel c was clamped
+  Vec3<Real> color;  // + 0.5, clamped at 0
+  unsigned clamped;  // bit c: channel c was clamped
 };
 
 /// `sh0` holds 3 coefficients, `shN` the others as [k][channel].

@@ -18,7 +18,7 @@ class TensorCheck {
 
   /// A dimension: a number, or a name that stands for the same number everywhere.
   struct Dim {
-    Dim(int size) : size(size) {}                // NOLINT(google-explicit-constructor): reads as a list of sizes
+    Dim(int size) : size(size) {}                    // NOLINT(google-explicit-constructor): reads as a list of sizes
     Dim(const char* name) : size(-1), name(name) {}  // NOLINT(google-explicit-constructor)
     std::int64_t size;
     std::string name;

@@ -52,8 +52,7 @@ B3DGS_HD TaskPixels quad_task(const TileGrid& grid, std::int64_t task) {
   const auto tile = static_cast<std::int32_t>(task / per_tile), quad = static_cast<std::int32_t>(task % per_tile);
   const Rect pixels = tile_pixels(grid, tile);
   const std::int32_t x = pixels.x_begin + quad % columns * 2, y = pixels.y_begin + quad / columns * 2;
-  return {tile,
-          {x, x + 2 < pixels.x_end ? x + 2 : pixels.x_end, y, y + 2 < pixels.y_end ? y + 2 : pixels.y_end}};
+  return {tile, {x, x + 2 < pixels.x_end ? x + 2 : pixels.x_end, y, y + 2 < pixels.y_end ? y + 2 : pixels.y_end}};
 }
 
 /// Half-open interval of tile columns.
@@ -121,7 +120,8 @@ B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
           -splat.conic_xy / splat.conic_yy * extent.x};
 }
 
-/// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01 px.
+/// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01
+/// px.
 B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
   const float height = static_cast<float>(grid.tile.height), width = static_cast<float>(grid.tile.width);
   float top = row * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean

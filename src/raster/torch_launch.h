@@ -1,5 +1,5 @@
-// LibTorch's current stream and its allocator as a LaunchContext. Compiled only where both nvcc and a LibTorch with CUDA
-// are there: the one file that includes c10's CUDA headers.
+// LibTorch's current stream and its allocator as a LaunchContext. Compiled only where both nvcc and a LibTorch with
+// CUDA are there: the one file that includes c10's CUDA headers.
 #pragma once
 
 #include "raster/cuda/device_buffer.h"

@@ -39,7 +39,7 @@ std::vector<fs::path> folders_to_look_in(const fs::path& source) {
 
 }  // namespace
 
-ModelFolder find_model_folder(const fs::path& source) {
+SparseModelFolder find_model_folder(const fs::path& source) {
   if (!fs::is_directory(source)) {
     input_error(source.string(), ": is no folder; expected a scene folder with images/ and sparse/0/ (-s)");
   }
@@ -54,7 +54,7 @@ ModelFolder find_model_folder(const fs::path& source) {
                 is_blender ? "transforms.json files are not read: convert the scene to COLMAP"
                            : "reconstruct the scene with COLMAP, or name its folder with -s");
   }
-  ModelFolder found;
+  SparseModelFolder found;
   if (candidates.size() == 1) {
     found.folder = candidates.front().folder;
     found.format = *colmap_format(found.folder);

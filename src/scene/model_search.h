@@ -9,7 +9,7 @@
 
 namespace b3dgs {
 
-struct ModelFolder {
+struct SparseModelFolder {
   std::filesystem::path folder;
   ColmapFormat format = ColmapFormat::kBinary;
   std::vector<std::string> notes;  // choices made for the user
@@ -17,6 +17,6 @@ struct ModelFolder {
 
 /// Looks in sparse/N, in sparse/ and in the scene folder itself; of several models takes the one with most images.
 /// @throws InputError if there is none.
-ModelFolder find_model_folder(const std::filesystem::path& source);
+SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs

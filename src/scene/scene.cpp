@@ -114,7 +114,7 @@ double scene_extent(const std::vector<View>& views) {
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  const ModelFolder model_folder = find_model_folder(source_path);
+  const SparseModelFolder model_folder = find_model_folder(source_path);
   const ColmapModel model = read_colmap_model(model_folder.folder);
   const ImageFolder folder(source_path, options.images);
 

@@ -15,7 +15,7 @@ namespace b3dgs {
 /// What load_scene knows beyond the scene itself.
 struct SceneOrigin {
   const SceneOptions& options;
-  const ModelFolder& model_folder;
+  const SparseModelFolder& model_folder;
   const ColmapModel& model;
   const ImageFolder& image_folder;
   const std::vector<ViewSource>& sources;  // of the images that are on disk

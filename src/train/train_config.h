@@ -37,7 +37,7 @@ struct TrainConfig {
   int keep_checkpoints = 2;
 
   // Learning rates
-  double position_lr_init = 0.00016;   // times the scene's extent
+  double position_lr_init = 0.00016;     // times the scene's extent
   double position_lr_final = 0.0000016;  // times the scene's extent
   int position_lr_max_steps = 30000;
   double feature_lr = 0.0025;  // of SH degree 0; the rest gets a 20th
@@ -49,7 +49,7 @@ struct TrainConfig {
   double lambda_dssim = 0.2;
 
   // Density control
-  int densify_from_iter = 500;   // exclusive: acts at 600, 700, ...
+  int densify_from_iter = 500;     // exclusive: acts at 600, 700, ...
   int densify_until_iter = 15000;  // exclusive: acts up to 14900
   int densification_interval = 100;
   double densify_grad_threshold = 0.0002;  // norm of the gradient by the projected centre, in units of half the image
@@ -75,13 +75,16 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   for (const ForwardKernelName& row : kForwardKernels) kernels.values.emplace_back(row.name);
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{}, "folder of the COLMAP scene");
-  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{}, "folder to write the model to (default: output/SCENE)");
+  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{},
+        "folder to write the model to (default: output/SCENE)");
   field(Option{"images", 'i'}, c.images, Any{}, "image folder below the scene");
   field(Option{"resolution", 'r', {"data_factor"}}, c.resolution, AtLeast{-1},
         "1, 2, 4, 8 divide the image size; -1 caps the width at 1600 px; any other number is the width in px");
   field(Option{"eval"}, c.eval, Any{}, "hold out every 8th view by sorted name for testing");
-  field(Option{"init_ply"}, c.init_ply, Any{}, "start from the Gaussians (or points) of this PLY instead of the scene's points");
-  field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto takes a GPU if there is one");
+  field(Option{"init_ply"}, c.init_ply, Any{},
+        "start from the Gaussians (or points) of this PLY instead of the scene's points");
+  field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
+        "where to train; auto takes a GPU if there is one");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");
@@ -91,35 +94,50 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"iterations", '\0', {"max_steps"}}, c.iterations, AtLeast{1}, "optimisation steps");
   field(Option{"seed"}, c.seed, AtLeast{0}, "of everything random");
   field(Option{"test_iterations", '\0', {"eval_steps"}}, c.test_iterations, AtLeast{1}, "evaluate after these");
-  field(Option{"save_iterations", '\0', {"save_steps"}}, c.save_iterations, AtLeast{1}, "write a PLY after these, and after the last");
-  field(Option{"checkpoint_iterations"}, c.checkpoint_iterations, AtLeast{1}, "write a checkpoint after these, and after the last");
-  field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0}, "write a checkpoint every so many iterations; 0: not");
+  field(Option{"save_iterations", '\0', {"save_steps"}}, c.save_iterations, AtLeast{1},
+        "write a PLY after these, and after the last");
+  field(Option{"checkpoint_iterations"}, c.checkpoint_iterations, AtLeast{1},
+        "write a checkpoint after these, and after the last");
+  field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0},
+        "write a checkpoint every so many iterations; 0: not");
   field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "keep so many of the newest checkpoints");
 
   field(Option{"position_lr_init"}, c.position_lr_init, AtLeast{0}, "rate of the means at the start, times the extent");
   field(Option{"position_lr_final"}, c.position_lr_final, AtLeast{0}, "rate of the means at the end, times the extent");
-  field(Option{"position_lr_max_steps"}, c.position_lr_max_steps, AtLeast{1}, "iterations over which the means' rate falls");
+  field(Option{"position_lr_max_steps"}, c.position_lr_max_steps, AtLeast{1},
+        "iterations over which the means' rate falls");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "rate of SH degree 0; the higher ones get a 20th");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "rate of the rotations");
 
-  field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1}, "share of D-SSIM in the loss");
+  field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
+        "share of D-SSIM in the loss");
 
   field(Option{"densify_from_iter"}, c.densify_from_iter, AtLeast{0}, "density control acts after this iteration");
   field(Option{"densify_until_iter"}, c.densify_until_iter, AtLeast{0}, "density control acts before this iteration");
-  field(Option{"densification_interval"}, c.densification_interval, AtLeast{1}, "iterations between two rounds of density control");
-  field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0}, "mean gradient above which a Gaussian is cloned or split");
-  field(Option{"percent_dense"}, c.percent_dense, AtLeast{0}, "share of the extent above which a Gaussian is split, not cloned");
-  field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1}, "Gaussians below this opacity are removed");
-  field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0}, "share of the extent above which a Gaussian is removed, after the first opacity reset; 0: none");
-  field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0}, "radius in px above which a Gaussian is removed, after the first opacity reset; 0: none");
-  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1}, "iterations between two resets of the opacities");
-  field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}, c.sh_increase_interval, AtLeast{1}, "iterations after which the SH degree rises by one");
-  field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0}, "the count never grows beyond this; 0: no limit");
+  field(Option{"densification_interval"}, c.densification_interval, AtLeast{1},
+        "iterations between two rounds of density control");
+  field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
+        "mean gradient above which a Gaussian is cloned or split");
+  field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
+        "share of the extent above which a Gaussian is split, not cloned");
+  field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1},
+        "Gaussians below this opacity are removed");
+  field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0},
+        "share of the extent above which a Gaussian is removed, after the first opacity reset; 0: none");
+  field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
+        "radius in px above which a Gaussian is removed, after the first opacity reset; 0: none");
+  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1},
+        "iterations between two resets of the opacities");
+  field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}, c.sh_increase_interval, AtLeast{1},
+        "iterations after which the SH degree rises by one");
+  field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0},
+        "the count never grows beyond this; 0: no limit");
 
   field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel");
-  field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}}, "tiles of a Gaussian: exact, or the original's 3-sigma square");
+  field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
+        "tiles of a Gaussian: exact, or the original's 3-sigma square");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
 }
 

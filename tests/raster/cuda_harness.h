@@ -62,13 +62,42 @@ class CudaView {
 
   /// [N] int64
   torch::Tensor radii() const {
-    torch::Tensor host = torch::empty({scene_.gaussians.size()}, torch::kInt32);
-    B3DGS_CUDA_CHECK(cudaMemcpy(host.data_ptr<std::int32_t>(), rasterizer_.radii(),
-                                static_cast<std::size_t>(host.numel()) * sizeof(std::int32_t), cudaMemcpyDeviceToHost));
-    return host.to(torch::kInt64);
+    const std::vector<std::int32_t> host = download(rasterizer_.radii(), scene_.gaussians.size());
+    torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);
+    for (std::size_t i = 0; i < host.size(); ++i) copy[static_cast<std::int64_t>(i)] = std::int64_t{host[i]};
+    return copy;
+  }
+
+  /// [H, W] int64, index of the last Gaussian blended, -1 if none.
+  torch::Tensor last_gaussians() const {
+    const TileGrid grid = rasterizer_.grid();
+    const BinnedSplats bins = rasterizer_.bins();
+    const std::vector<std::int32_t> last_ids = download(rasterizer_.last_ids(), pixels_);
+    const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
+    const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_isects);
+    const std::vector<Splat> splats = download(rasterizer_.splats(), rasterizer_.n_splats());
+    torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
+    auto places = last.accessor<std::int64_t, 2>();
+    for (std::int32_t y = 0; y < grid.image_height; ++y) {
+      for (std::int32_t x = 0; x < grid.image_width; ++x) {
+        const std::int32_t id = last_ids[static_cast<std::size_t>(y * grid.image_width + x)];
+        if (id < 0) continue;
+        const auto tile = static_cast<std::size_t>(y / grid.tile.height * grid.columns + x / grid.tile.width);
+        places[y][x] =
+            splats.at(static_cast<std::size_t>(ids.at(static_cast<std::size_t>(offsets[tile] + id)))).gaussian;
+      }
+    }
+    return last;
   }
 
  private:
+  template <class T>
+  static std::vector<T> download(const T* device, std::int64_t n) {
+    std::vector<T> host(static_cast<std::size_t>(n));
+    B3DGS_CUDA_CHECK(cudaMemcpy(host.data(), device, host.size() * sizeof(T), cudaMemcpyDeviceToHost));
+    return host;
+  }
+
   GaussianArrays arrays() const {
     GaussianArrays host = arrays_of(scene_);
     return {host.n_gaussians,      host.sh_degree_max,    parameters_[0].data(), parameters_[1].data(),

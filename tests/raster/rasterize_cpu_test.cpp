@@ -9,94 +9,10 @@
 
 #include "check.h"
 #include "raster/cpu_harness.h"
-#include "support/approx.h"
-#include "support/boundary_band.h"
+#include "raster/judge.h"
 
 namespace b3dgs::test {
 namespace {
-
-/// A way of binning, and what the reference makes of it.
-struct Judged {
-  const char* name;
-  Culling culling;
-  TileShape tile;
-};
-constexpr Judged kBinnings[] = {
-    {"ellipse, 16 x 16", Culling::kEllipse, {16, 16}},
-    {"ellipse, 16 x 8", Culling::kEllipse, {16, 8}},
-    {"square, 16 x 16", Culling::kSquare, {16, 16}},
-    {"square, 16 x 8", Culling::kSquare, {16, 8}},
-};
-
-struct Judge {
-  GaussianTensors leaves;
-  DenseView view;
-  RenderedViewGrad grad;  // 0 where the reference is in doubt, so that gradients have to agree everywhere
-  DenseGradients gradients;
-
-  Judge(const TestScene& scene, const RenderSettings& settings) : leaves(to_dense_leaves(scene.gaussians)) {
-    view = dense_render(leaves, scene.view, settings);
-    grad = uneven_grad(scene.view, view.near_decision);
-    gradients = dense_gradients(leaves, view, grad);
-  }
-};
-
-double largest(const torch::Tensor& tensor, double at_least) {
-  return tensor.numel() == 0 ? at_least : std::max(at_least, tensor.detach().abs().max().item<double>());
-}
-
-void expect_same_image(const CpuView& found, const DenseView& expected) {
-  const torch::Tensor& doubtful = expected.near_decision;
-  EXPECT_TRUE(images_agree(found.color, expected.color, doubtful, largest(expected.color, 1))) << "colour";
-  EXPECT_TRUE(images_agree(found.depth, expected.depth, doubtful, largest(expected.depth, 1))) << "depth";
-  EXPECT_TRUE(images_agree(found.alpha, expected.alpha, doubtful, 1)) << "alpha";
-  const torch::Tensor settled = torch::logical_not(doubtful);
-  EXPECT_TRUE(within(found.last_gaussians() * settled, expected.last_gaussians * settled, 0)) << "last Gaussian";
-}
-
-/// Gradients of one group, as a whole and row by row, `size` [N] being the size of each row. A row may also be off by a
-/// share of the largest: it is a sum over pixels of terms that may cancel, and each of those can be as large as in the
-/// largest row, which is what float rounds.
-testing::AssertionResult same_gradient(const torch::Tensor& found, const torch::Tensor& expected,
-                                       const torch::Tensor& size) {
-  constexpr double kRelative = 1e-4, kFloor = 5e-5;
-  if (expected.numel() == 0) return within(found, expected, 0);
-  std::vector<std::int64_t> column(static_cast<std::size_t>(expected.dim()), 1);
-  column[0] = expected.size(0);
-  const torch::Tensor allowed = (kRelative * size + kFloor * size.max()).view(column);
-  testing::AssertionResult entries = within(found, expected, allowed);
-  const double error = (found.to(torch::kFloat64) - expected).norm().item<double>();
-  const double whole = size.norm().item<double>();
-  if (error <= kRelative * whole) return entries;
-  return testing::AssertionFailure() << "off by " << error << " of " << whole << "; " << entries.message();
-}
-
-torch::Tensor row_norms(const torch::Tensor& tensor) {
-  return tensor.numel() == 0 ? torch::zeros({tensor.size(0)}, torch::kFloat64)
-                             : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
-}
-
-void expect_same_gradients(const DenseGradients& found, const Judge& judge, const DenseGradients& expected) {
-  const torch::Tensor idle = torch::logical_not(judge.view.contributes).nonzero().squeeze(1);
-  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
-    SCOPED_TRACE(GaussianTensors::kNames[i]);
-    const torch::Tensor& group = *found.parameters.all()[i];
-    torch::Tensor size = row_norms(*expected.parameters.all()[i]);
-    if (group.is_same(found.parameters.quats)) {
-      // Turning a ball changes nothing: what float leaves there comes from the terms that make its gradients by scale.
-      size = size + row_norms(expected.parameters.log_scales) / row_norms(judge.leaves.quats.detach());
-    }
-    EXPECT_TRUE(same_gradient(group, *expected.parameters.all()[i], size));
-    const torch::Tensor nothing = group.index_select(0, idle);
-    EXPECT_TRUE(within(nothing, torch::zeros_like(nothing), 0)) << "of Gaussians that are blended nowhere";
-  }
-  EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, row_norms(expected.means2d))) << "means2d";
-}
-
-void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {
-  EXPECT_FALSE(((found == 0) & expected.contributes).any().item<bool>()) << "a Gaussian in the image has no radius";
-  EXPECT_TRUE(within(found, expected.radii * (found > 0), 0)) << "radii";
-}
 
 class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
 

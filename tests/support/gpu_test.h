@@ -27,13 +27,14 @@ inline bool gpu_is_required() {
 }
 
 /// First statement of SetUp() or of a test.
-#define B3DGS_NEEDS_GPU()                                                                      \
-  if (const std::string fault = ::b3dgs::test::gpu_fault(); !fault.empty()) {                  \
-    if (::b3dgs::test::gpu_is_required()) FAIL() << "B3DGS_REQUIRE_GPU=1, but " << fault;      \
-    GTEST_SKIP() << "no GPU: " << fault;                                                       \
+#define B3DGS_NEEDS_GPU()                                                                 \
+  if (const std::string fault = ::b3dgs::test::gpu_fault(); !fault.empty()) {             \
+    if (::b3dgs::test::gpu_is_required()) FAIL() << "B3DGS_REQUIRE_GPU=1, but " << fault; \
+    GTEST_SKIP() << "no GPU: " << fault;                                                  \
   }
 
-/// An array on the device for the length of a test. Fresh memory is all ones: NaN as float, so what is not written shows.
+/// An array on the device for the length of a test. Fresh memory is all ones: NaN as float, so what is not written
+/// shows.
 template <class T>
 class DeviceArray {
  public:

@@ -118,8 +118,8 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
     }
   }
   if (!any) return false;
-  out = {q.sum(),      q_x.sum(),      q_y.sum(),     q_xx.sum(),    q_xy.sum(),
-         q_yy.sum(), sum_red.sum(),   sum_green.sum(), sum_blue.sum(), sum_depth.sum()};
+  out = {q.sum(),    q_x.sum(),     q_y.sum(),       q_xx.sum(),     q_xy.sum(),
+         q_yy.sum(), sum_red.sum(), sum_green.sum(), sum_blue.sum(), sum_depth.sum()};
   return true;
 }
 
@@ -156,8 +156,9 @@ HWY_EXPORT(run_blend_backward);
 namespace cpu {
 
 void blend_backward(const BlendBackwardArgs& args) {
-  parallel_pool(args.grid.n_tiles(),
-                [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_blend_backward)(args, tile); });
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
+    HWY_DYNAMIC_DISPATCH(run_blend_backward)(args, tile);
+  });
 }
 
 }  // namespace cpu

@@ -1,6 +1,6 @@
-// Forward blend, combined: tasks of 2 x 2 pixels from the pool, lanes over the splats (the paper's fine-grained combined
-// load balancing). A group is fetched once for the task's four pixels. A crowded tile becomes tens of tasks, so threads
-// finish together even where one tile holds most of the work.
+// Forward blend, combined: tasks of 2 x 2 pixels from the pool, lanes over the splats (the paper's fine-grained
+// combined load balancing). A group is fetched once for the task's four pixels. A crowded tile becomes tens of tasks,
+// so threads finish together even where one tile holds most of the work.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward_combined.cpp"
@@ -48,8 +48,9 @@ HWY_EXPORT(run_forward_combined);
 namespace cpu {
 
 void blend_forward_combined(const BlendForwardArgs& args) {
-  parallel_pool(n_quad_tasks(args.grid),
-                [&](std::int64_t task, int) { HWY_DYNAMIC_DISPATCH(run_forward_combined)(args, task); });
+  parallel_pool(n_quad_tasks(args.grid), [&](std::int64_t task, int) {
+    HWY_DYNAMIC_DISPATCH(run_forward_combined)(args, task);
+  });
 }
 
 }  // namespace cpu

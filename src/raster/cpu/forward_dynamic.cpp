@@ -31,8 +31,9 @@ HWY_EXPORT(run_forward_dynamic);
 namespace cpu {
 
 void blend_forward_dynamic(const BlendForwardArgs& args) {
-  parallel_pool(args.grid.n_tiles(),
-                [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_forward_dynamic)(args, tile); });
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
+    HWY_DYNAMIC_DISPATCH(run_forward_dynamic)(args, tile);
+  });
 }
 
 }  // namespace cpu

@@ -1,6 +1,6 @@
-// Forward blend, Gaussian-wise: lanes over the splats of a list, one pixel after the other, tiles divided over the threads
-// beforehand. Lanes never wait for a neighbouring pixel, but each group costs a prefix product and there is no culling by
-// rows: on a CPU it pays only where few pixels of a tile are alive.
+// Forward blend, Gaussian-wise: lanes over the splats of a list, one pixel after the other, tiles divided over the
+// threads beforehand. Lanes never wait for a neighbouring pixel, but each group costs a prefix product and there is no
+// culling by rows: on a CPU it pays only where few pixels of a tile are alive.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward_gaussian_wise.cpp"

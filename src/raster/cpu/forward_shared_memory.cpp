@@ -1,6 +1,7 @@
-// Forward blend, shared-memory: lanes over pixels, tiles from the pool, splats staged in batches: packed side by side in
-// the first-level cache together with the rows of the tile that each can reach, so that no lane looks at a splat that
-// ends above or below it. The fastest schedule on a CPU, where a core has no idle lanes that Gaussian-wise work could fill.
+// Forward blend, shared-memory: lanes over pixels, tiles from the pool, splats staged in batches: packed side by side
+// in the first-level cache together with the rows of the tile that each can reach, so that no lane looks at a splat
+// that ends above or below it. The fastest schedule on a CPU, where a core has no idle lanes that Gaussian-wise work
+// could fill.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward_shared_memory.cpp"
@@ -60,8 +61,9 @@ HWY_EXPORT(run_forward_shared_memory);
 namespace cpu {
 
 void blend_forward_shared_memory(const BlendForwardArgs& args) {
-  parallel_pool(args.grid.n_tiles(),
-                [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_forward_shared_memory)(args, tile); });
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
+    HWY_DYNAMIC_DISPATCH(run_forward_shared_memory)(args, tile);
+  });
 }
 
 }  // namespace cpu

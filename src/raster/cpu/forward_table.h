@@ -17,8 +17,8 @@ void blend_forward_shared_memory(const BlendForwardArgs& args);
 
 /// Indexed by ForwardKernel.
 inline constexpr std::array<void (*)(const BlendForwardArgs&), kForwardKernels.size()> kForwardTable{
-    blend_forward_naive, blend_forward_dynamic, blend_forward_gaussian_wise, blend_forward_combined,
-    blend_forward_shared_memory,
+    blend_forward_naive,    blend_forward_dynamic,       blend_forward_gaussian_wise,
+    blend_forward_combined, blend_forward_shared_memory,
 };
 
 }  // namespace b3dgs::cpu

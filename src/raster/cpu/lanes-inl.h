@@ -24,15 +24,25 @@ using FloatVec = hn::Vec<FloatTag>;
 using IntVec = hn::Vec<IntTag>;
 
 inline constexpr int kMaxLanes = 16;
-HWY_INLINE int lane_count() { return static_cast<int>(hn::Lanes(FloatTag())); }
+HWY_INLINE int lane_count() {
+  return static_cast<int>(hn::Lanes(FloatTag()));
+}
 
 struct LaneMask {
   hn::Mask<FloatTag> m;
 };
-HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) { return {hn::And(a.m, b.m)}; }
-HWY_INLINE LaneMask operator!(LaneMask a) { return {hn::Not(a.m)}; }
-HWY_INLINE bool none(LaneMask a) { return hn::AllFalse(FloatTag(), a.m); }
-HWY_INLINE bool all(LaneMask a) { return hn::AllTrue(FloatTag(), a.m); }
+HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) {
+  return {hn::And(a.m, b.m)};
+}
+HWY_INLINE LaneMask operator!(LaneMask a) {
+  return {hn::Not(a.m)};
+}
+HWY_INLINE bool none(LaneMask a) {
+  return hn::AllFalse(FloatTag(), a.m);
+}
+HWY_INLINE bool all(LaneMask a) {
+  return hn::AllTrue(FloatTag(), a.m);
+}
 
 struct Lanes {
   FloatVec v;
@@ -48,18 +58,36 @@ struct Lanes {
   HWY_INLINE float sum() const { return hn::GetLane(hn::SumOfLanes(FloatTag(), v)); }
 };
 
-HWY_INLINE Lanes operator+(Lanes a, Lanes b) { return Lanes(hn::Add(a.v, b.v)); }
-HWY_INLINE Lanes operator-(Lanes a, Lanes b) { return Lanes(hn::Sub(a.v, b.v)); }
-HWY_INLINE Lanes operator*(Lanes a, Lanes b) { return Lanes(hn::Mul(a.v, b.v)); }
-HWY_INLINE Lanes operator/(Lanes a, Lanes b) { return Lanes(hn::Div(a.v, b.v)); }
-HWY_INLINE LaneMask operator>(Lanes a, Lanes b) { return {hn::Gt(a.v, b.v)}; }
-HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) { return {hn::Ge(a.v, b.v)}; }
-HWY_INLINE LaneMask operator<(Lanes a, Lanes b) { return {hn::Lt(a.v, b.v)}; }
+HWY_INLINE Lanes operator+(Lanes a, Lanes b) {
+  return Lanes(hn::Add(a.v, b.v));
+}
+HWY_INLINE Lanes operator-(Lanes a, Lanes b) {
+  return Lanes(hn::Sub(a.v, b.v));
+}
+HWY_INLINE Lanes operator*(Lanes a, Lanes b) {
+  return Lanes(hn::Mul(a.v, b.v));
+}
+HWY_INLINE Lanes operator/(Lanes a, Lanes b) {
+  return Lanes(hn::Div(a.v, b.v));
+}
+HWY_INLINE LaneMask operator>(Lanes a, Lanes b) {
+  return {hn::Gt(a.v, b.v)};
+}
+HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) {
+  return {hn::Ge(a.v, b.v)};
+}
+HWY_INLINE LaneMask operator<(Lanes a, Lanes b) {
+  return {hn::Lt(a.v, b.v)};
+}
 HWY_INLINE Lanes select(LaneMask condition, Lanes if_true, Lanes if_false) {
   return Lanes(hn::IfThenElse(condition.m, if_true.v, if_false.v));
 }
-HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) { return Lanes(hn::MulAdd(a.v, b.v, c.v)); }
-HWY_INLINE Lanes magnitude(Lanes a) { return Lanes(hn::Abs(a.v)); }
+HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) {
+  return Lanes(hn::MulAdd(a.v, b.v, c.v));
+}
+HWY_INLINE Lanes magnitude(Lanes a) {
+  return Lanes(hn::Abs(a.v));
+}
 
 /// 2^a to 2 units in the last place for a in [-126, 126]. Blending asks for [-8, 0]; what lies below is clamped, since
 /// masks discard it.

@@ -18,7 +18,9 @@ namespace {
 constexpr float kLog2e = 1.44269504f;
 constexpr std::int64_t kGrain = 1024;
 
-Vec3f load3(const float* array, std::int64_t i) { return {array[3 * i], array[3 * i + 1], array[3 * i + 2]}; }
+Vec3f load3(const float* array, std::int64_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
 Vec4f load4(const float* array, std::int64_t i) {
   return {array[4 * i], array[4 * i + 1], array[4 * i + 2], array[4 * i + 3]};
 }
@@ -67,8 +69,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
   if (tiles.empty()) return Outcome::kCulled;
 
   const std::int64_t rest = 3 * ((g.sh_degree_max + 1) * (g.sh_degree_max + 1) - 1);
-  const ShColor<float> color =
-      sh_color(args.sh_degree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
+  const ShColor<float> color = sh_color(args.sh_degree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
   if (!std::isfinite(color.color.x + color.color.y + color.color.z)) return Outcome::kNotFinite;
 
   splat = {p.mean2d.x,
@@ -164,9 +165,8 @@ void project_backward(const ProjectBackwardArgs& args) {
     const Vec3f point = to_camera(view, mean);
     const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
     const Projection<float> p = project_gaussian(view, point, shape.factor);
-    const ProjectionGrad<float> grad =
-        b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
-                                Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
+    const ProjectionGrad<float> grad = b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
+                                                               Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
     const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
 
     const Vec3f grad_color{splat.clamped & 1u ? 0.0f : sum.red, splat.clamped & 2u ? 0.0f : sum.green,

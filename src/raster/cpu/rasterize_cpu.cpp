@@ -58,8 +58,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
   std::int32_t* const radii = s.radii.resize(n);
-  s.n_splats = project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats,
-                        extents, radii});
+  s.n_splats = project(
+      {gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats, extents, radii});
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out,
@@ -67,22 +67,31 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_gaussians = n;
 }
 
-void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad,
-                          const GaussianGradArrays& out) {
+void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) {
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
   SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
                   s.last_ids.data(), grad, isect_grads});
-  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads,
-                    out});
+  project_backward(
+      {gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads, out});
 }
 
-const std::int32_t* Rasterizer::radii() const { return impl_->radii.data(); }
-const std::int32_t* Rasterizer::last_ids() const { return impl_->last_ids.data(); }
-BinnedSplats Rasterizer::bins() const { return impl_->bins; }
-TileGrid Rasterizer::grid() const { return impl_->grid; }
-std::int64_t Rasterizer::n_splats() const { return impl_->n_splats; }
+const std::int32_t* Rasterizer::radii() const {
+  return impl_->radii.data();
+}
+const std::int32_t* Rasterizer::last_ids() const {
+  return impl_->last_ids.data();
+}
+BinnedSplats Rasterizer::bins() const {
+  return impl_->bins;
+}
+TileGrid Rasterizer::grid() const {
+  return impl_->grid;
+}
+std::int64_t Rasterizer::n_splats() const {
+  return impl_->n_splats;
+}
 
 }  // namespace b3dgs::cpu

@@ -26,10 +26,10 @@ struct TilePixels {
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
 
-  Rect rect;       // of the tile, in the image
-  int rows;        // in the image
+  Rect rect;  // of the tile, in the image
+  int rows;   // in the image
   int row_vectors;
-  int stride;      // of a row, in pixels
+  int stride;  // of a row, in pixels
 
   HWY_INLINE void begin(const TileGrid& grid, std::int32_t tile) {
     rect = tile_pixels(grid, tile);

@@ -61,9 +61,8 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
         const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
         accumulate(grad, reach, part, g.color, g.depth);
       }
-      grad = {warp_sum(grad.q),      warp_sum(grad.q_x), warp_sum(grad.q_y),  warp_sum(grad.q_xx),
-              warp_sum(grad.q_xy), warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green),
-              warp_sum(grad.blue),   warp_sum(grad.depth)};
+      grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
+              warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
       if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad);
     }
   }

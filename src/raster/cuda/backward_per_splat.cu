@@ -1,10 +1,10 @@
-// Backward blend, per splat: a warp owns a bucket of 32 list entries, a lane one splat, and the tile's pixels stream through
-// the lanes. Pixel t enters lane 0 with its state from before the bucket; each step hands (transmittance, remaining) to
-// the next lane, so that every splat sees the pixel in the order of the list. Gradients stay in registers until the end,
-// and a splat's tile costs three vector atomics.
+// Backward blend, per splat: a warp owns a bucket of 32 list entries, a lane one splat, and the tile's pixels stream
+// through the lanes. Pixel t enters lane 0 with its state from before the bucket; each step hands (transmittance,
+// remaining) to the next lane, so that every splat sees the pixel in the order of the list. Gradients stay in registers
+// until the end, and a splat's tile costs three vector atomics.
 //
-// Buckets are of one size whatever the tile's list, so the launch is balanced by construction. Pixels that finished before
-// the bucket, and sub-tiles of 8 x 4 that no splat of it reaches, never enter the stream.
+// Buckets are of one size whatever the tile's list, so the launch is balanced by construction. Pixels that finished
+// before the bucket, and sub-tiles of 8 x 4 that no splat of it reaches, never enter the stream.
 
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/launch.cuh"

@@ -1,5 +1,5 @@
-// Binning with separate sorts: visible splats by depth, then the pairs, which are emitted in that order, stably by tile.
-// Sorting is CUB's; the two kernels here emit pairs and find where each tile's list begins.
+// Binning with separate sorts: visible splats by depth, then the pairs, which are emitted in that order, stably by
+// tile. Sorting is CUB's; the two kernels here emit pairs and find where each tile's list begins.
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>
@@ -19,7 +19,9 @@ constexpr int kThreads = 256;
 // A splat with more tiles than this is emitted by its whole warp, or its neighbours in the warp would wait for it.
 constexpr int kTilesPerThread = 16;
 
-constexpr unsigned blocks_for(std::int64_t n) { return static_cast<unsigned>((n + kThreads - 1) / kThreads); }
+constexpr unsigned blocks_for(std::int64_t n) {
+  return static_cast<unsigned>((n + kThreads - 1) / kThreads);
+}
 
 struct IsSeen {
   const std::int32_t* n_tiles;
@@ -51,11 +53,11 @@ struct EmitArgs {
   std::int64_t n_splats;
   TileGrid grid;
   Culling culling;
-  Splat* splats;             // [M] out
-  Vec2f* extents;            // [M] out
+  Splat* splats;                   // [M] out
+  Vec2f* extents;                  // [M] out
   std::int32_t* rank_of_gaussian;  // [N] out
-  TileKey* tiles;            // [n_isects] out
-  std::int32_t* isect_ranks;  // [n_isects] out
+  TileKey* tiles;                  // [n_isects] out
+  std::int32_t* isect_ranks;       // [n_isects] out
 };
 
 /// Copies each splat to its rank and writes its pairs to its slots.
@@ -134,9 +136,9 @@ struct BucketsOfTile {
 };
 
 /// A warp writes the tile of its tile's buckets; the last warp marks what no tile uses.
-__global__ void __launch_bounds__(kThreads) name_buckets_kernel(const std::int64_t* bucket_offsets, std::int32_t n_tiles,
-                                                                std::int64_t n_buckets_max,
-                                                                std::int32_t* tile_of_bucket) {
+__global__ void __launch_bounds__(kThreads)
+    name_buckets_kernel(const std::int64_t* bucket_offsets, std::int32_t n_tiles, std::int64_t n_buckets_max,
+                        std::int32_t* tile_of_bucket) {
   const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
   if (tile > n_tiles) return;
   const std::int64_t end = tile < n_tiles ? bucket_offsets[tile + 1] : n_buckets_max;
@@ -223,10 +225,10 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
   const auto sort = [&](auto& keys, auto& sorted) {
     using TileKey = std::remove_pointer_t<decltype(keys.data())>;
-    const EmitArgs<TileKey> emit{args.projected, visible_sorted,
-                                 slot_offsets,   n,
-                                 args.grid,      args.culling,
-                                 splats,         extents,
+    const EmitArgs<TileKey> emit{args.projected,   visible_sorted,
+                                 slot_offsets,     n,
+                                 args.grid,        args.culling,
+                                 splats,           extents,
                                  rank_of_gaussian, keys.resize(args.n_isects, context),
                                  isect_ranks};
     sort_pairs_by_tile(args, emit, sorted, buffers, tile_offsets, context);
@@ -244,12 +246,9 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
   name_buckets_kernel<<<blocks_for((n_tiles + std::int64_t{1}) * kWarpSize), kThreads, 0, context.stream>>>(
       bucket_offsets, n_tiles, n_buckets_max, tile_of_bucket);
   B3DGS_CUDA_CHECK_LAUNCH();
-  return {splats,
-          extents,
-          rank_of_gaussian,
-          {tile_offsets, buffers.splat_ids.data(), nullptr, slot_offsets, args.n_isects},
-          bucket_offsets,
-          tile_of_bucket,
+  return {splats,           extents,
+          rank_of_gaussian, {tile_offsets, buffers.splat_ids.data(), nullptr, slot_offsets, args.n_isects},
+          bucket_offsets,   tile_of_bucket,
           n_buckets_max};
 }
 

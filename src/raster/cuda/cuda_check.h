@@ -17,17 +17,17 @@ namespace detail {
 
 [[noreturn]] inline void fail_cuda(cudaError_t code, const char* expression, const char* file, int line) {
   cudaGetLastError();  // a fault that can be survived must not fail the next call as well
-  throw CudaError(concat(file, ":", line, ": ", expression, ": ", cudaGetErrorName(code), ": ",
-                         cudaGetErrorString(code)));
+  throw CudaError(
+      concat(file, ":", line, ": ", expression, ": ", cudaGetErrorName(code), ": ", cudaGetErrorString(code)));
 }
 
 }  // namespace detail
 }  // namespace b3dgs
 
-#define B3DGS_CUDA_CHECK(call)                                                                          \
-  do {                                                                                                  \
-    const cudaError_t b3dgs_code = (call);                                                              \
-    if (b3dgs_code != cudaSuccess) ::b3dgs::detail::fail_cuda(b3dgs_code, #call, __FILE__, __LINE__);   \
+#define B3DGS_CUDA_CHECK(call)                                                                        \
+  do {                                                                                                \
+    const cudaError_t b3dgs_code = (call);                                                            \
+    if (b3dgs_code != cudaSuccess) ::b3dgs::detail::fail_cuda(b3dgs_code, #call, __FILE__, __LINE__); \
   } while (false)
 
 /// After every launch; asks for launch errors only and does not wait.

@@ -1,7 +1,7 @@
-// Forward blend, combined: blocks of four warps take tasks of 2 x 2 pixels from the pool, a warp for each pixel, a lane for
-// each splat (the paper's fine-grained combined load balancing). A crowded tile becomes 32 or 64 tasks for as many blocks,
-// so the longest task is one pixel's list divided by 32. Loses where lists are short: a group costs the same for one
-// contributing splat as for 32.
+// Forward blend, combined: blocks of four warps take tasks of 2 x 2 pixels from the pool, a warp for each pixel, a lane
+// for each splat (the paper's fine-grained combined load balancing). A crowded tile becomes 32 or 64 tasks for as many
+// blocks, so the longest task is one pixel's list divided by 32. Loses where lists are short: a group costs the same
+// for one contributing splat as for 32.
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"
@@ -12,8 +12,8 @@ namespace {
 
 constexpr int kThreads = 4 * kWarpSize;
 
-__global__ void __launch_bounds__(kThreads) forward_combined_kernel(const BlendForwardCudaArgs args,
-                                                                    const std::int32_t n_tasks) {
+__global__ void __launch_bounds__(kThreads)
+    forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ std::int32_t ticket;
   const std::int32_t own = static_cast<std::int32_t>(threadIdx.x) / kWarpSize;
   for (std::int32_t task = take_task(args.next_task, ticket); task < n_tasks;
@@ -33,8 +33,8 @@ __global__ void __launch_bounds__(kThreads) forward_combined_kernel(const BlendF
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = n_quad_tasks(args.blend.grid);
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "tasks are counted in 32 bits; the image has ", n_tasks);
-  forward_combined_kernel<<<resident_blocks(forward_combined_kernel, kThreads, context), kThreads, 0,
-                            context.stream>>>(args, static_cast<std::int32_t>(n_tasks));
+  forward_combined_kernel<<<resident_blocks(forward_combined_kernel, kThreads, context), kThreads, 0, context.stream>>>(
+      args, static_cast<std::int32_t>(n_tasks));
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

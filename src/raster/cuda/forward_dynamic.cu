@@ -1,6 +1,6 @@
 // Forward blend, dynamic: as many blocks as fit take tiles from a counter until none is left (the paper's inter-block
-// dynamic workload distribution); within a tile as naive. The device's own block scheduler does nearly the same, so little
-// is gained by itself: one tile longer than a fair share still decides the time.
+// dynamic workload distribution); within a tile as naive. The device's own block scheduler does nearly the same, so
+// little is gained by itself: one tile longer than a fair share still decides the time.
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"

@@ -1,6 +1,6 @@
-// Forward blend, Gaussian-wise: a block owns a tile; each of its warps works through 32 pixels one after the other, a lane
-// for each of 32 splats. A warp never waits for its slowest pixel, but every group costs a prefix product and the list is
-// read once per pixel; the block of the crowded tile is still the longest.
+// Forward blend, Gaussian-wise: a block owns a tile; each of its warps works through 32 pixels one after the other, a
+// lane for each of 32 splats. A warp never waits for its slowest pixel, but every group costs a prefix product and the
+// list is read once per pixel; the block of the crowded tile is still the longest.
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"

@@ -1,6 +1,6 @@
-// Forward blend, naive: a block owns a tile, a thread a pixel. The list, centres and conics are staged in shared memory,
-// colours and depths are read from global memory where a splat contributes (the paper's baseline). A block runs as long as
-// its slowest pixel, and the crowded tile decides the time of the whole launch.
+// Forward blend, naive: a block owns a tile, a thread a pixel. The list, centres and conics are staged in shared
+// memory, colours and depths are read from global memory where a splat contributes (the paper's baseline). A block runs
+// as long as its slowest pixel, and the crowded tile decides the time of the whole launch.
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"

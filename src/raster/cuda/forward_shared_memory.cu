@@ -1,6 +1,6 @@
-// Forward blend, shared-memory: as naive, with colours and depths staged in shared memory too, so that a contributing splat
-// costs no trip to global memory. A warp's pixels form a sub-tile of 8 x 4, which contributes more often as a whole than
-// two rows of 16. The kernel of choice once the load is balanced.
+// Forward blend, shared-memory: as naive, with colours and depths staged in shared memory too, so that a contributing
+// splat costs no trip to global memory. A warp's pixels form a sub-tile of 8 x 4, which contributes more often as a
+// whole than two rows of 16. The kernel of choice once the load is balanced.
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"

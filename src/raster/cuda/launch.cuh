@@ -7,7 +7,8 @@
 
 namespace b3dgs::cuda {
 
-/// Calls body(std::integral_constant<int, pixels>) for the tile's number of pixels, which is a block's number of threads.
+/// Calls body(std::integral_constant<int, pixels>) for the tile's number of pixels, which is a block's number of
+/// threads.
 template <class Body>
 void with_tile_pixels(const TileShape& tile, Body&& body) {
   B3DGS_CHECK(tile.width == 16 && (tile.height == 8 || tile.height == 16),

@@ -55,19 +55,19 @@ struct BinCudaArgs {
 
 /// Splats in order of depth, and the tiles' lists of them.
 struct BinnedView {
-  const Splat* splats = nullptr;               // [M] nearest first; equal depths in the order of the Gaussians
-  const Vec2f* extents = nullptr;              // [M]
+  const Splat* splats = nullptr;                   // [M] nearest first; equal depths in the order of the Gaussians
+  const Vec2f* extents = nullptr;                  // [M]
   const std::int32_t* rank_of_gaussian = nullptr;  // [N] place in `splats`; undefined where radii is 0
-  BinnedSplats bins{};                         // isect_slots is null: slots are kept by emission order, see below
-  const std::int64_t* bucket_offsets = nullptr;  // [n_tiles + 1] first bucket (32 entries) of each tile
-  const std::int32_t* tile_of_bucket = nullptr;  // [n_buckets_max], -1 beyond the last bucket
-  std::int64_t n_buckets_max = 0;                // bound on their number that the host knows
+  BinnedSplats bins{};                             // isect_slots is null: slots are kept by emission order, see below
+  const std::int64_t* bucket_offsets = nullptr;    // [n_tiles + 1] first bucket (32 entries) of each tile
+  const std::int32_t* tile_of_bucket = nullptr;    // [n_buckets_max], -1 beyond the last bucket
+  std::int64_t n_buckets_max = 0;                  // bound on their number that the host knows
 };
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context);
 
-/// What the per-splat backward pass needs from the forward pass: each pixel before each bucket of 32 list entries. A state
-/// is written only where it is asked for again: pixels still alive, and for Gaussian-wise schedules buckets in which a
-/// splat contributes.
+/// What the per-splat backward pass needs from the forward pass: each pixel before each bucket of 32 list entries. A
+/// state is written only where it is asked for again: pixels still alive, and for Gaussian-wise schedules buckets in
+/// which a splat contributes.
 struct BucketStates {
   const std::int64_t* offsets = nullptr;  // [n_tiles + 1] first bucket of each tile; null: no states are kept
   float4* light = nullptr;                // [n_buckets, tile pixels row by row] transmittance, red, green, blue

@@ -122,7 +122,9 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
   }
 }
 
-__global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians) { *counts = {0, 0, n_gaussians}; }
+__global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians) {
+  *counts = {0, 0, n_gaussians};
+}
 
 }  // namespace
 

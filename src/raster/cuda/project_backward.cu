@@ -1,5 +1,5 @@
-// Projection backward: one thread per Gaussian turns its splat's sums into gradients of the stored parameters. Harmonics'
-// gradients, 45 floats a Gaussian, go through shared memory so that a block writes them side by side.
+// Projection backward: one thread per Gaussian turns its splat's sums into gradients of the stored parameters.
+// Harmonics' gradients, 45 floats a Gaussian, go through shared memory so that a block writes them side by side.
 
 #include "raster/cuda/passes.h"
 #include "raster/projection.h"
@@ -41,9 +41,8 @@ __device__ GaussianGrad backward_one(const ProjectBackwardCudaArgs& args, std::i
   const float4 quat = reinterpret_cast<const float4*>(g.quats)[i];
   const Shape<float> shape = make_shape(load3(g.log_scales, i), Vec4f{quat.x, quat.y, quat.z, quat.w});
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  const ProjectionGrad<float> grad =
-      b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
-                              Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
+  const ProjectionGrad<float> grad = b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
+                                                             Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
   const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
@@ -87,8 +86,7 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
   const int n_rest = 3 * ((degree + 1) * (degree + 1) - 1);
   static_assert(sizeof(float) * kThreads * kRestMax <= 48 * 1024, "fits without asking for more shared memory");
   project_backward_kernel<<<static_cast<unsigned>((n + kThreads - 1) / kThreads), kThreads,
-                            sizeof(float) * kThreads * static_cast<std::size_t>(n_rest), context.stream>>>(args,
-                                                                                                           n_rest);
+                            sizeof(float) * kThreads* static_cast<std::size_t>(n_rest), context.stream>>>(args, n_rest);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

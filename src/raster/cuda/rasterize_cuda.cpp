@@ -73,9 +73,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.background = settings.background;
   s.rendered = out;
 
-  const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context),
-                                 s.radii.resize(n, context), s.n_tiles.resize(n, context),
-                                 s.counts.resize(1, context)};
+  const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
+                                 s.n_tiles.resize(n, context), s.counts.resize(1, context)};
   project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected}, context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
@@ -94,16 +93,20 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.buckets = {};
   s.backward_kernel = settings.backward_kernel;
   if (settings.keep_for_backward) {
-    const std::int64_t n_states =
-        s.binned.n_buckets_max * (std::int64_t{settings.tile.width} * settings.tile.height);
+    const std::int64_t n_states = s.binned.n_buckets_max * (std::int64_t{settings.tile.width} * settings.tile.height);
     s.buckets = {s.binned.bucket_offsets, s.state_light.resize(n_states, context),
                  s.state_depth.resize(n_states, context)};
   }
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   std::int32_t* const next_task = s.next_task.resize(1, context);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
-  const BlendForwardArgs blend{s.binned.splats, s.binned.extents,    s.binned.bins, s.grid,
-                               settings.background, out, s.transmittance.resize(n_pixels, context),
+  const BlendForwardArgs blend{s.binned.splats,
+                               s.binned.extents,
+                               s.binned.bins,
+                               s.grid,
+                               settings.background,
+                               out,
+                               s.transmittance.resize(n_pixels, context),
                                s.last_ids.resize(n_pixels, context)};
   kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.buckets, next_task}, context);
   s.n_gaussians = n;
@@ -116,29 +119,34 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
               " Gaussians after a forward of ", s.n_gaussians);
   B3DGS_CHECK(s.buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
   SplatGradSum* const splat_grads = s.splat_grads.resize(s.n_splats, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum),
-                                   context.stream));
-  const BlendBackwardArgs blend{s.binned.splats,
-                                s.binned.extents,
-                                s.binned.bins,
-                                s.grid,
-                                s.background,
-                                s.rendered,
-                                s.transmittance.data(),
-                                s.last_ids.data(),
-                                grad,
-                                nullptr};
+  B3DGS_CUDA_CHECK(
+      cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum), context.stream));
+  const BlendBackwardArgs blend{s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
+                                s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
   kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](
       {blend, s.buckets, s.binned.tile_of_bucket, s.binned.n_buckets_max, splat_grads}, context);
-  project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
-                    splat_grads, out},
-                   context);
+  project_backward(
+      {gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, splat_grads, out},
+      context);
 }
 
-const std::int32_t* Rasterizer::radii() const { return impl_->radii.data(); }
-const std::int32_t* Rasterizer::last_ids() const { return impl_->last_ids.data(); }
-BinnedSplats Rasterizer::bins() const { return impl_->binned.bins; }
-TileGrid Rasterizer::grid() const { return impl_->grid; }
-std::int64_t Rasterizer::n_splats() const { return impl_->n_splats; }
+const std::int32_t* Rasterizer::radii() const {
+  return impl_->radii.data();
+}
+const std::int32_t* Rasterizer::last_ids() const {
+  return impl_->last_ids.data();
+}
+const Splat* Rasterizer::splats() const {
+  return impl_->binned.splats;
+}
+BinnedSplats Rasterizer::bins() const {
+  return impl_->binned.bins;
+}
+TileGrid Rasterizer::grid() const {
+  return impl_->grid;
+}
+std::int64_t Rasterizer::n_splats() const {
+  return impl_->n_splats;
+}
 
 }  // namespace b3dgs::cuda

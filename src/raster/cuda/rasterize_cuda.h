@@ -21,13 +21,15 @@ class Rasterizer {
   void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                const ImageArrays& out, const LaunchContext& context);
 
-  /// Gradients of the last forward(). `gaussians` and the arrays it rendered into must be unchanged since. Does not wait.
+  /// Gradients of the last forward(). `gaussians` and the arrays it rendered into must be unchanged since. Does not
+  /// wait.
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
                 const LaunchContext& context);
 
   /// Device arrays of the last forward().
   const std::int32_t* radii() const;     // [N]
   const std::int32_t* last_ids() const;  // [H, W]
+  const Splat* splats() const;           // [M] nearest first: what bins().splat_ids index
   BinnedSplats bins() const;
   TileGrid grid() const;
   std::int64_t n_splats() const;

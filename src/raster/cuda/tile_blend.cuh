@@ -1,5 +1,5 @@
-// What the forward schedules share on the device: splats in registers and shared memory, pixels to the image, states for
-// the backward pass.
+// What the forward schedules share on the device: splats in registers and shared memory, pixels to the image, states
+// for the backward pass.
 #pragma once
 
 #include "raster/blend.h"
@@ -35,9 +35,9 @@ __device__ __forceinline__ SplatShape<float> make_splat_shape(const SplatPlace& 
 
 /// A pixel of the image and of its tile.
 struct TilePixel {
-  std::int32_t x, y;       // in the image, px
-  std::int32_t index;      // in the tile, row by row
-  bool inside;             // of the image
+  std::int32_t x, y;   // in the image, px
+  std::int32_t index;  // in the tile, row by row
+  bool inside;         // of the image
   __device__ float center_x() const { return static_cast<float>(x) + 0.5f; }
   __device__ float center_y() const { return static_cast<float>(y) + 0.5f; }
 };

@@ -6,7 +6,9 @@ namespace b3dgs::cuda {
 inline constexpr int kWarpSize = 32;
 inline constexpr unsigned kFullWarp = 0xffffffffu;
 
-__device__ __forceinline__ int lane_id() { return static_cast<int>(threadIdx.x & (kWarpSize - 1)); }
+__device__ __forceinline__ int lane_id() {
+  return static_cast<int>(threadIdx.x & (kWarpSize - 1));
+}
 
 __device__ __forceinline__ float warp_sum(float value) {
 #pragma unroll
@@ -14,7 +16,9 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
-__device__ __forceinline__ int warp_max(int value) { return __reduce_max_sync(kFullWarp, value); }
+__device__ __forceinline__ int warp_max(int value) {
+  return __reduce_max_sync(kFullWarp, value);
+}
 
 /// Product of the lanes up to and including each.
 __device__ __forceinline__ float warp_prefix_product(float value) {

@@ -1,0 +1,146 @@
+// b3dgs eval: measures a trained model on its photographs.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <iostream>
+
+#include "app/cli.h"
+#include "app/commands.h"
+#include "app/device.h"
+#include "app/model.h"
+#include "check.h"
+#include "scene/image_io.h"
+#include "train/evaluate.h"
+#include "train/gaussian_model.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr int kDifferenceGain = 4;  // errors of a good model are a few steps of 255: invisible as they are
+
+struct EvalOptions {
+  std::string split = "auto";
+  bool save_images = false;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
+        "views to measure; auto: the test views, or all if none were held out");
+  field(Option{"save_images"}, c.save_images, Any{},
+        "write gt/, renders/ and diff/ (4 x the absolute difference) below MODEL/test/ours_N, or MODEL/train/ours_N");
+}
+
+Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
+  Image8 result(a.width, a.height, 3);
+  for (std::size_t i = 0; i < result.pixels.size(); ++i) {
+    const bool is_valid = valid == nullptr || valid->pixels[i / 3] != 0;
+    const int amplified = kDifferenceGain * std::abs(int{a.pixels[i]} - int{b.pixels[i]});
+    result.pixels[i] = static_cast<std::uint8_t>(is_valid ? std::min(255, amplified) : 0);
+  }
+  return result;
+}
+
+std::string table_row(const std::string& name, int name_columns, const ImageQuality& quality) {
+  char row[64];
+  std::snprintf(row, sizeof row, "  %8.3f  %7.4f", quality.psnr, quality.ssim);
+  std::string cell = name;
+  cell.resize(static_cast<std::size_t>(name_columns), ' ');
+  return cell + row;
+}
+
+void print_table(const Evaluation& evaluation) {
+  std::size_t columns = 12;
+  for (const ViewQuality& view : evaluation.views) columns = std::max(columns, view.name.size());
+  const int name_columns = static_cast<int>(columns);
+  std::string heading = "view";
+  heading.resize(columns, ' ');
+  std::cout << heading << "   PSNR dB     SSIM\n";
+  for (const ViewQuality& view : evaluation.views) {
+    std::cout << table_row(view.name, name_columns, view.quality) << "\n";
+  }
+  std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), name_columns, evaluation.mean) << "\n";
+}
+
+class SplitEvaluator {
+ public:
+  SplitEvaluator(const LoadedModel& model, const torch::Device& device, bool save_images, StatusLine& status)
+      : model_(model),
+        gaussians_(to_tensors(model.splats, model.splats.sh_degree, device)),
+        settings_(evaluation_settings(model.config, model.splats.sh_degree)),
+        rasterizer_(device),
+        save_images_(save_images),
+        status_(status) {}
+
+  Evaluation run(const std::vector<View>& views, const std::string& split) {
+    const std::filesystem::path folder = image_folder(model_, split);
+    const ProgressFn progress = show_loading(status_);
+    const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
+                                 const ImageQuality&) {
+      if (save_images_) {
+        const Image8 image = to_image8(rendered.color);
+        write_image(folder / "gt" / image_name(index), *view.image);
+        write_image(folder / "renders" / image_name(index), image);
+        write_image(folder / "diff" / image_name(index), difference(*view.image, image, view.valid.get()));
+      }
+      progress("evaluating " + split + " views", index + 1, views.size());
+    };
+    Evaluation evaluation = evaluate_views(rasterizer_, gaussians_, views, settings_, on_rendered);
+    status_.clear();
+    std::cout << split << " views\n";
+    print_table(evaluation);
+    if (save_images_) std::cout << "images: " << folder.string() << "/{gt,renders,diff}\n";
+    return evaluation;
+  }
+
+ private:
+  const LoadedModel& model_;
+  GaussianTensors gaussians_;
+  RenderSettings settings_;
+  Rasterizer rasterizer_;
+  bool save_images_;
+  StatusLine& status_;
+};
+
+}  // namespace
+
+int run_eval(const std::vector<std::string>& words) {
+  CommandLine line("eval", "Measures a trained model on its photographs: PSNR and SSIM of each view and their means.");
+  ModelOptions model_options;
+  EvalOptions options;
+  line.add(model_options, "Model", {"model_path"});
+  line.add(options, "Evaluation");
+  if (!line.parse(words)) return 0;
+  line.apply(model_options);
+  line.apply(options);
+
+  StatusLine status = StatusLine::for_stderr(model_options.quiet);
+  const torch::Device device = choose_device(model_options.device);
+  const LoadedModel model = load_model(model_options, status);
+  const std::string usual_split = model.scene.test.empty() ? "train" : "test";
+  const std::string split = options.split == "auto" ? usual_split : options.split;
+  if (split == "test" && model.scene.test.empty()) {
+    input_error(
+        "command line: split test: no views were held out when this model was trained; train with --eval, or "
+        "measure --split train");
+  }
+  std::cout << model.folder.root().string() << ": iteration " << model.iteration << ", "
+            << format_count(model.splats.size()) << " Gaussians\n";
+  if (options.split == "auto" && usual_split == "train") {
+    std::cout << "no views were held out (--eval): these are the views it was trained on\n";
+  }
+
+  SplitEvaluator evaluator(model, device, options.save_images, status);
+  for (const std::string name : {"test", "train"}) {
+    const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
+    if (views.empty() || (split != "all" && split != name)) continue;
+    const Evaluation evaluation = evaluator.run(views, name);
+    // The results files have one entry for an iteration: that of the views a model is judged by.
+    if (name != usual_split) continue;
+    model.folder.write_results(model.iteration, evaluation);
+    std::cout << "written: results.json, per_view.json\n";
+  }
+  return 0;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,178 @@
+// b3dgs info: says what a scene folder, a model folder, a PLY or a checkpoint holds.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+
+#include "app/cli.h"
+#include "app/commands.h"
+#include "app/progress.h"
+#include "check.h"
+#include "scene/ply.h"
+#include "scene/scene.h"
+#include "train/checkpoint_file.h"
+#include "train/model_folder.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct InfoOptions {
+  std::string input;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, InfoOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"input"}, c.input, Any{}, "COLMAP scene, model folder, PLY of Gaussians or points, or checkpoint");
+}
+
+template <class... Args>
+void print_line(const char* name, const char* format, Args... args) {
+  char text[200];
+  std::snprintf(text, sizeof text, format, args...);
+  std::printf("%-18s%s\n", name, text);
+}
+
+/// Values at 1 %, 50 % and 99 %.
+std::array<double, 3> quantiles(std::vector<double> values) {
+  std::array<double, 3> result{};
+  if (values.empty()) return result;
+  std::sort(values.begin(), values.end());
+  const double last = static_cast<double>(values.size() - 1);
+  for (std::size_t i = 0; i < 3; ++i) {
+    constexpr double kShares[3] = {0.01, 0.5, 0.99};
+    result[i] = values[static_cast<std::size_t>(kShares[i] * last)];
+  }
+  return result;
+}
+
+void print_bounds(const std::vector<float>& positions) {
+  constexpr const char* kAxes[3] = {"x", "y", "z"};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (std::size_t i = axis; i < positions.size(); i += 3) values.push_back(positions[i]);
+    const std::array<double, 3> q = quantiles(std::move(values));
+    print_line(kAxes[axis], "%.4g  (%.4g to %.4g)", q[1], q[0], q[2]);
+  }
+}
+
+void describe_splats(const std::string& path) {
+  const SplatCloud cloud = read_splat_ply(path);
+  std::printf("%s: Gaussians; medians with 1st and 99th percentile\n", path.c_str());
+  print_line("Gaussians", "%s", format_count(cloud.size()).c_str());
+  print_line("SH degree", "%d", cloud.sh_degree);
+  if (cloud.size() == 0) return;
+  std::vector<double> opacities, scales, shapes;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(cloud.size()); ++i) {
+    opacities.push_back(1 / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[i]))));
+    const float* s = &cloud.log_scales[3 * i];
+    const auto [least, most] = std::minmax({s[0], s[1], s[2]});
+    scales.push_back(std::exp(static_cast<double>(most)));
+    shapes.push_back(std::exp(static_cast<double>(most) - least));
+  }
+  print_bounds(cloud.means);
+  const auto print = [](const char* name, std::vector<double> values) {
+    const std::array<double, 3> q = quantiles(std::move(values));
+    print_line(name, "%.3g  (%.3g to %.3g)", q[1], q[0], q[2]);
+  };
+  print("opacity", std::move(opacities));
+  print("longest scale", std::move(scales));
+  print("longest/shortest", std::move(shapes));
+}
+
+void describe_points(const std::string& path) {
+  const PointCloud points = read_point_ply(path);
+  std::printf("%s: points; medians with 1st and 99th percentile\n", path.c_str());
+  print_line("points", "%s", format_count(points.size()).c_str());
+  if (points.size() > 0) print_bounds(points.positions);
+}
+
+void print_options(const TrainConfig& config) {
+  std::printf("options other than the defaults:\n");
+  const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), effective = config_to_json(config);
+  for (const auto& [name, value] : effective.items()) {
+    if (value != defaults.at(name)) std::printf("  %-24s%s\n", name.c_str(), value.dump().c_str());
+  }
+}
+
+void describe_model(const std::string& path) {
+  const ModelFolder folder(path);
+  const TrainConfig config = folder.read_config();
+  std::printf("%s: model of %s\n", path.c_str(), config.source_path.c_str());
+  const auto list = [](const std::vector<int>& iterations) {
+    std::string text;
+    for (const int iteration : iterations) text += (text.empty() ? "" : ", ") + std::to_string(iteration);
+    return text.empty() ? std::string("none") : text;
+  };
+  const std::vector<int> saved = folder.ply_iterations();
+  print_line("iterations", "%d asked for", config.iterations);
+  print_line("saved", "%s", list(saved).c_str());
+  print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
+  print_line("test views", "%s", config.eval ? "every 8th held out" : "none held out");
+  print_options(config);
+  if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
+}
+
+void describe_scene(const std::string& path) {
+  SceneOptions options;
+  options.source_path = path;
+  options.load_images = false;
+  const Scene scene = load_scene(options);
+  for (const std::string& line : scene.summary) std::printf("%s\n", line.c_str());
+}
+
+void describe_checkpoint(const std::string& path) {
+  verify_checkpoint_file(path);
+  const nlohmann::ordered_json header = read_checkpoint_header(path);
+  std::printf("%s: checkpoint, undamaged\n", path.c_str());
+  print_line("size", "%.1f MB", static_cast<double>(fs::file_size(path)) / 1e6);
+  for (const char* key : {"iteration", "n_gaussians", "sh_degree", "loss_average"}) {
+    if (header.contains(key)) print_line(key, "%s", header[key].dump().c_str());
+  }
+  if (!header.contains("config")) return;
+  TrainConfig config;
+  config_from_json(config, header["config"], path);
+  print_options(config);
+}
+
+/// First bytes of a file, which tell its kind.
+std::string read_start(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) input_error(path, ": cannot be opened");
+  std::string start(8, '\0');
+  file.read(start.data(), static_cast<std::streamsize>(start.size()));
+  start.resize(static_cast<std::size_t>(file.gcount()));
+  return start;
+}
+
+}  // namespace
+
+int run_info(const std::vector<std::string>& words) {
+  CommandLine line("info", "Says what a file or folder holds: b3dgs info INPUT.");
+  InfoOptions options;
+  line.add(options, "Input", {"input"});
+  if (!line.parse(words)) return 0;
+  line.apply(options);
+  const std::string& path = options.input;
+  if (path.empty()) input_error("command line: of what? b3dgs info INPUT");
+
+  if (!fs::exists(path)) input_error(path, ": no such file or folder");
+  if (fs::is_directory(path)) {
+    fs::exists(fs::path(path) / "sparse") ? describe_scene(path) : describe_model(path);
+    return 0;
+  }
+  const std::string start = read_start(path);
+  if (start.compare(0, 3, "ply") == 0) {
+    is_splat_ply(path) ? describe_splats(path) : describe_points(path);
+    return 0;
+  }
+  if (start.compare(0, 8, "B3DGSCKP") != 0) input_error(path, ": neither a PLY nor a checkpoint of b3dgs");
+  describe_checkpoint(path);
+  return 0;
+}
+
+}  // namespace b3dgs

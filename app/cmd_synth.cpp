@@ -1,0 +1,49 @@
+// b3dgs synth: writes a synthetic COLMAP scene.
+#include <iostream>
+
+#include "app/cli.h"
+#include "app/commands.h"
+#include "app/progress.h"
+#include "check.h"
+#include "data_synth/synth_writer.h"
+
+namespace b3dgs {
+namespace {
+
+struct SynthCommandOptions {
+  bool quiet = false;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions>> visit_fields(Config& c,
+                                                                                                Visitor&& field) {
+  field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
+}
+
+}  // namespace
+
+int run_synth(const std::vector<std::string>& words) {
+  CommandLine line("synth", "Writes a synthetic scene as a COLMAP folder: b3dgs synth orbit OUTPUT.");
+  line.add(SynthConfig{}, "Scene", {"scene", "output"});
+  line.add(SynthCommandOptions{}, "Command");
+  if (!line.parse(words)) return 0;
+  SynthConfig config;
+  SynthCommandOptions options;
+  line.apply(config);
+  line.apply(options);
+  if (config.output.empty()) input_error("command line: where to? b3dgs synth ", config.scene, " OUTPUT");
+  config = with_scene_defaults(config);
+
+  StatusLine status = StatusLine::for_stderr(options.quiet);
+  const ProgressFn progress = show_loading(status);
+  const SynthScene scene = make_scene(config);
+  write_synth_scene(config, scene,
+                    [&](std::size_t done, std::size_t total) { progress("rendering images", done, total); });
+  status.clear();
+  std::cout << config.output << ": " << config.scene << ", " << config.views << " images of " << config.width << " x "
+            << config.height << " px, " << format_count(scene.points.size()) << " points of "
+            << format_count(scene.truth.size()) << " Gaussians (truth.ply), seed " << config.seed << "\n";
+  return 0;
+}
+
+}  // namespace b3dgs

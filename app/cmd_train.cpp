@@ -1,0 +1,226 @@
+// b3dgs train: trains a COLMAP scene, from the beginning or from a checkpoint.
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+
+#include "app/cli.h"
+#include "app/commands.h"
+#include "app/device.h"
+#include "app/model.h"
+#include "app/progress.h"
+#include "check.h"
+#include "parallel.h"
+#include "train/checkpoint_file.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TrainCommandOptions {
+  std::string config;
+  std::string resume;
+  bool overwrite = false;
+  bool quiet = false;
+  bool disable_viewer = false;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions>> visit_fields(Config& c,
+                                                                                                Visitor&& field) {
+  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; options given here win over it");
+  field(Option{"resume", '\0', {"start_checkpoint"}}, c.resume, Any{},
+        "continue from a checkpoint, with its options unless others are given; auto: the newest valid one of the model "
+        "folder, or the beginning if there is none");
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace the model that the model folder holds");
+  field(Option{"quiet"}, c.quiet, Any{}, "show no progress and no summary of the scene");
+  field(Option{"disable_viewer"}, c.disable_viewer, Any{},
+        "for command lines of the original: there is no viewer to disable");
+}
+
+std::atomic<int> stop_signal{0};
+
+/// The first signal asks for a checkpoint; the second finds the system's own action, which ends the program at once.
+extern "C" void ask_to_stop(int signal) {
+  stop_signal = signal;
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
+}
+
+/// What to train, from where, and where to.
+struct TrainPlan {
+  TrainConfig config;
+  TrainCommandOptions options;
+  fs::path checkpoint;  // to continue from, or empty
+};
+
+std::string default_model_path(const std::string& source_path) {
+  const fs::path scene = fs::absolute(source_path).lexically_normal();
+  return (fs::path("output") / (scene.has_filename() ? scene : scene.parent_path()).filename()).string();
+}
+
+/// Defaults, then the config file, then the command line.
+void apply_given(const CommandLine& line, const TrainCommandOptions& options, TrainConfig& config) {
+  if (!options.config.empty()) apply_config_file(config, options.config);
+  line.apply(config);
+}
+
+/// Paths that stay right when a later command runs in another folder.
+void make_absolute(std::string& path) {
+  if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
+}
+
+/// The newest valid checkpoint of the model folder, which is settled here; empty if there is none.
+fs::path find_checkpoint(TrainConfig& config, StatusLine& status) {
+  if (config.model_path.empty() && config.source_path.empty()) {
+    input_error("command line: --resume auto looks in the model folder; name it with -m, or the scene with -s");
+  }
+  if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
+  fs::path checkpoint = newest_valid_checkpoint(ModelFolder(config.model_path),
+                                                [&](const std::string& message) { status.print(message); });
+  if (checkpoint.empty()) status.print(config.model_path + ": no checkpoint to resume, starting from the beginning");
+  return checkpoint;
+}
+
+/// The config that a checkpoint was trained with, its model folder being the one in which it lies now.
+TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
+  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
+  TrainConfig config;
+  if (!header.contains("config"))
+    input_error(checkpoint.string(), ": holds no config; it is no checkpoint of a training");
+  config_from_json(config, header["config"], checkpoint.string());
+  config.device = TrainConfig{}.device;  // belongs to the machine, not to the training
+  const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
+  if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
+  return config;
+}
+
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options) {
+  TrainPlan plan;
+  plan.options = options;
+  TrainConfig& config = plan.config;
+  apply_given(line, options, config);
+  plan.checkpoint = options.resume == "auto" ? find_checkpoint(config, status) : fs::path(options.resume);
+  if (!plan.checkpoint.empty()) {
+    const std::string named_folder = config.model_path;
+    config = config_of_checkpoint(plan.checkpoint);
+    apply_given(line, options, config);
+    if (!named_folder.empty()) config.model_path = named_folder;
+  }
+  if (config.source_path.empty()) input_error("command line: which scene? Name its folder with -s");
+  if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
+  make_absolute(config.source_path);
+  make_absolute(config.init_ply);
+  return plan;
+}
+
+/// A model is hours of work: it is not replaced by accident.
+void guard_model(const ModelFolder& folder, const TrainPlan& plan) {
+  if (!plan.checkpoint.empty() || plan.options.overwrite) return;
+  if (folder.ply_iterations().empty() && folder.checkpoint_iterations().empty()) return;
+  input_error(folder.root().string(),
+              ": already holds a model; continue it with --resume auto, replace it with --overwrite, "
+              "or name another folder with -m");
+}
+
+/// Takes away what an earlier training left, so that none of it is taken for the new one's.
+void remove_model(const ModelFolder& folder) {
+  std::error_code error;
+  for (const int iteration : folder.ply_iterations()) fs::remove_all(folder.ply(iteration).parent_path(), error);
+  for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
+  for (const fs::path& file : {folder.log(), folder.root() / "results.json", folder.root() / "per_view.json"}) {
+    fs::remove(file, error);
+  }
+}
+
+/// Takes a folder that was made for the model away again if nothing came to be in it.
+class EmptyFolderGuard {
+ public:
+  explicit EmptyFolderGuard(const fs::path& folder) {
+    std::error_code error;
+    if (!fs::exists(folder, error)) folder_ = folder;
+  }
+  ~EmptyFolderGuard() {
+    std::error_code error;  // that it is not empty, usually
+    if (!folder_.empty()) fs::remove(folder_, error);
+  }
+  EmptyFolderGuard(const EmptyFolderGuard&) = delete;
+  EmptyFolderGuard& operator=(const EmptyFolderGuard&) = delete;
+
+ private:
+  fs::path folder_;
+};
+
+void report_quality(const TrainResult& result) {
+  for (const auto& [iteration, evaluation] : result.evaluations) {
+    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views\n", "quality", iteration,
+                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
+  }
+}
+
+void report(const TrainResult& result, const TrainConfig& config, double total_s) {
+  std::printf("%-12s%d iterations in %s (%s in all), %s Gaussians\n", "trained", result.iteration,
+              format_duration(result.train_s).c_str(), format_duration(total_s).c_str(),
+              format_count(result.n_gaussians).c_str());
+  report_quality(result);
+  if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
+  if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
+  std::printf("%-12s%s\n", "model", config.model_path.c_str());
+}
+
+}  // namespace
+
+int run_train(const std::vector<std::string>& words) {
+  CommandLine line("train", "Trains a COLMAP scene: b3dgs train -s SCENE [-m MODEL].");
+  TrainCommandOptions options;
+  line.add(options, "Command");
+  line.add(TrainConfig{}, "Training");
+  if (!line.parse(words)) return 0;
+  line.apply(options);
+
+  const double start_s = steady_seconds();
+  StatusLine status = StatusLine::for_stderr(options.quiet);
+  TrainPlan plan = make_plan(line, status, options);
+  const torch::Device device = choose_device(plan.config.device);
+  plan.config.device = device_name(device);
+  const TrainConfig& config = plan.config;
+  set_thread_count(config.threads);
+  const ModelFolder folder(config.model_path);
+  guard_model(folder, plan);
+  const EmptyFolderGuard guard(folder.root());
+  folder.create();  // before the images are read: an unwritable folder is known at once
+
+  const Scene scene = load_scene(scene_options(config), show_loading(status));
+  status.clear();
+  if (!options.quiet) {
+    for (const std::string& text : scene.summary) std::cout << text << "\n";
+    std::cout << describe_device(device) << std::endl;
+  }
+
+  TrainProgressView progress(status, config);
+  TrainHooks hooks;
+  hooks.on_progress = std::ref(progress);
+  hooks.on_message = [&](const std::string& message) { status.print(message); };
+  hooks.stop_signal = &stop_signal;
+  Trainer trainer(config, scene, folder, hooks);
+  if (!plan.checkpoint.empty()) {
+    const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
+    std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;
+    for (const std::string& change : changes) std::cout << "  " << change << std::endl;
+  } else if (options.overwrite) {
+    remove_model(folder);
+  }
+
+  std::signal(SIGINT, ask_to_stop);
+  std::signal(SIGTERM, ask_to_stop);
+  const TrainResult result = trainer.run();
+  status.clear();
+  report(result, config, steady_seconds() - start_s);
+  if (!result.interrupted) return 0;
+  std::cout << "stopped by a signal; continue with b3dgs train --resume " << result.checkpoint.string() << "\n";
+  return 128 + stop_signal;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,19 @@
+// The subcommands. Each reads its words (those after its name), builds objects, calls one library function and reports:
+// results to standard output, progress and warnings to standard error. Faults are thrown; main() turns them into a line
+// and an exit code.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace b3dgs {
+
+/// Exit code of a command that did what it was asked: 0, or 128 + signal for a training that was stopped.
+int run_train(const std::vector<std::string>& words);
+int run_eval(const std::vector<std::string>& words);
+int run_render(const std::vector<std::string>& words);
+int run_info(const std::vector<std::string>& words);
+int run_synth(const std::vector<std::string>& words);
+int run_bench(const std::vector<std::string>& words);
+
+}  // namespace b3dgs

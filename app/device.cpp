@@ -1,0 +1,40 @@
+#include "app/device.h"
+
+#include <ATen/Context.h>
+
+#include "check.h"
+#include "parallel.h"
+
+namespace b3dgs {
+namespace {
+
+/// Why no GPU can be used, or "" if one can.
+std::string why_no_gpu() {
+#if B3DGS_TORCH_CUDA
+  return at::hasCUDA() ? "" : "no GPU was found, or its driver does not answer";
+#else
+  return "this build has no CUDA (it takes nvcc and a LibTorch with CUDA)";
+#endif
+}
+
+}  // namespace
+
+torch::Device choose_device(const std::string& name) {
+  if (name == "cpu") return torch::kCPU;
+  const std::string reason = why_no_gpu();
+  if (reason.empty()) return torch::kCUDA;
+  if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
+  return torch::kCPU;
+}
+
+std::string device_name(const torch::Device& device) {
+  return device.is_cuda() ? "cuda" : "cpu";
+}
+
+std::string describe_device(const torch::Device& device) {
+  if (device.is_cuda()) return "device      GPU";
+  const int threads = thread_count();
+  return "device      CPU, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
+}
+
+}  // namespace b3dgs

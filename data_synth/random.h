@@ -1,0 +1,29 @@
+// Random numbers that are the same with every standard library: the library's engine is specified bit by bit, its
+// distributions are not.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <random>
+
+namespace b3dgs {
+
+class Random {
+ public:
+  explicit Random(std::int64_t seed) : engine_(static_cast<std::uint64_t>(seed)) {}
+
+  /// In [0, 1).
+  double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
+  double uniform(double low, double high) { return low + (high - low) * uniform(); }
+  /// Mean 0, standard deviation 1 (Box-Muller).
+  double normal() {
+    const double radius = std::sqrt(-2 * std::log(1 - uniform()));
+    return radius * std::cos(6.283185307179586 * uniform());
+  }
+  double exponential(double mean) { return -mean * std::log(1 - uniform()); }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+}  // namespace b3dgs

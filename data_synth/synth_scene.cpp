@@ -1,0 +1,80 @@
+#include "data_synth/synth_scene.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "raster/cpu/rasterize_cpu.h"
+#include "raster/sh.h"
+
+namespace b3dgs {
+namespace {
+
+PinholeView pinhole_view(const Camera& camera) {
+  PinholeView view{};
+  const Pose& pose = camera.cam_from_world;
+  for (int i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(pose.rotation[i]);
+  const auto to_vec = [](const std::array<double, 3>& v) {
+    return Vec3f{static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
+  };
+  view.translation = to_vec(pose.translation);
+  view.center = to_vec(camera.center());
+  view.fx = static_cast<float>(camera.fx);
+  view.fy = static_cast<float>(camera.fy);
+  view.cx = static_cast<float>(camera.cx);
+  view.cy = static_cast<float>(camera.cy);
+  view.width = camera.width;
+  view.height = camera.height;
+  return view;
+}
+
+}  // namespace
+
+SynthConfig with_scene_defaults(SynthConfig config) {
+  const bool is_street = config.scene == "street";
+  if (config.points == 0) config.points = is_street ? 200000 : 12000;
+  if (config.views == 0) config.views = is_street ? 24 : 40;
+  if (config.width == 0) config.width = is_street ? 960 : 320;
+  if (config.height == 0) config.height = is_street ? 540 : 240;
+  return config;
+}
+
+SynthScene make_scene(const SynthConfig& config) {
+  return config.scene == "street" ? make_street(config) : make_orbit(config);
+}
+
+Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
+  GaussianArrays gaussians;
+  gaussians.n_gaussians = truth.size();
+  gaussians.sh_degree_max = truth.sh_degree;
+  gaussians.means = truth.means.data();
+  gaussians.log_scales = truth.log_scales.data();
+  gaussians.quats = truth.quats.data();
+  gaussians.logit_opacities = truth.logit_opacities.data();
+  gaussians.sh0 = truth.sh0.data();
+  gaussians.shN = truth.shN.data();
+  RenderSettings settings;
+  settings.sh_degree = truth.sh_degree;
+
+  const std::size_t n_pixels = static_cast<std::size_t>(camera.width) * camera.height;
+  std::vector<float> color(3 * n_pixels), depth(n_pixels), alpha(n_pixels);
+  cpu::Rasterizer rasterizer;
+  rasterizer.forward(gaussians, pinhole_view(camera), settings, {color.data(), depth.data(), alpha.data()});
+
+  Image8 image(camera.width, camera.height, 3);
+  std::transform(color.begin(), color.end(), image.pixels.begin(), [](float value) {
+    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
+  });
+  return image;
+}
+
+float sh0_from_color(double color) {
+  return static_cast<float>((color - 0.5) / kSh0);
+}
+double color_from_sh0(float coefficient) {
+  return 0.5 + kSh0 * coefficient;
+}
+float logit(double probability) {
+  return static_cast<float>(std::log(probability / (1 - probability)));
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,91 @@
+#include "data_synth/synth_writer.h"
+
+#include <cstdio>
+#include <filesystem>
+#include <string>
+#include <system_error>
+
+#include "scene/atomic_file.h"
+#include "scene/colmap.h"
+#include "scene/image_io.h"
+#include "scene/ply.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as ours
+
+/// Makes room for a new scene.
+void prepare_folder(const fs::path& folder) {
+  std::error_code error;
+  const bool exists = fs::exists(folder, error);
+  if (exists && !fs::is_directory(folder, error))
+    input_error(folder.string(), ": is a file, expected a folder to write to");
+  if (!exists || fs::is_empty(folder, error)) return;
+  if (!fs::exists(folder / kOptionsFile, error)) {
+    input_error(folder.string(), ": holds files that are no synthetic scene (no ", kOptionsFile,
+                "), and is left alone; name an empty or new folder");
+  }
+  for (const char* part : {"images", "sparse", "truth.ply"}) {
+    fs::remove_all(folder / part, error);
+    if (error) io_error((folder / part).string(), ": cannot be removed: ", error.message());
+  }
+}
+
+std::string image_name(std::size_t index) {
+  char name[32];
+  std::snprintf(name, sizeof name, "%05zu.png", index);
+  return name;
+}
+
+ColmapModel colmap_model(const SynthScene& scene) {
+  ColmapModel model;
+  const Camera& shared = scene.cameras.front();  // all views have the same intrinsics
+  ColmapCamera camera;
+  camera.id = 1;
+  camera.model = CameraModel::kPinhole;
+  camera.width = static_cast<std::uint64_t>(shared.width);
+  camera.height = static_cast<std::uint64_t>(shared.height);
+  camera.params = {shared.fx, shared.fy, shared.cx, shared.cy};
+  model.cameras[camera.id] = camera;
+
+  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    ColmapImage image;
+    image.id = static_cast<std::uint32_t>(i + 1);
+    image.quat = quaternion_from_rotation(scene.cameras[i].cam_from_world.rotation);
+    image.translation = scene.cameras[i].cam_from_world.translation;
+    image.camera_id = camera.id;
+    image.name = image_name(i);
+    model.images.push_back(image);
+  }
+  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.points.size()); ++i) {
+    ColmapPoint point;
+    point.id = i + 1;
+    for (std::size_t c = 0; c < 3; ++c) {
+      point.position[c] = scene.points.positions[3 * i + c];
+      point.color[c] = scene.points.colors[3 * i + c];
+    }
+    model.points.push_back(point);
+  }
+  return model;
+}
+
+}  // namespace
+
+void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
+                       const std::function<void(std::size_t, std::size_t)>& on_image) {
+  const fs::path folder = config.output;
+  prepare_folder(folder);
+  write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
+  write_splat_ply(folder / "truth.ply", scene.truth);
+  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    write_image(folder / "images" / image_name(i), render_truth(scene.truth, scene.cameras[i]));
+    if (on_image) on_image(i + 1, scene.cameras.size());
+  }
+  const ColmapFormat format = config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;
+  write_colmap_model(folder / "sparse" / "0", colmap_model(scene), format);
+}
+
+}  // namespace b3dgs

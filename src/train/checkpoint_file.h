@@ -1,0 +1,40 @@
+// The container of a checkpoint: a JSON header and named tensors, each with a checksum.
+//
+//   8 bytes   "B3DGSCKP"
+//   uint32    version of the layout
+//   uint32    CRC-32 of the header
+//   uint64    bytes of the header
+//   header    JSON: what the caller gave, and under "tensors" name, dtype, shape, bytes and CRC-32 of each
+//   tensors   one after the other, in the header's order, row-major; nothing follows
+//
+// Numbers are little-endian, as on every machine that this program is built for.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <torch/types.h>
+
+namespace b3dgs {
+
+struct CheckpointFile {
+  nlohmann::ordered_json header = nlohmann::ordered_json::object();
+  std::vector<std::pair<std::string, torch::Tensor>> tensors;  // float32, int32 or int64; on the CPU when read
+};
+
+/// The file appears whole or not at all. @throws IoError
+void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content);
+
+/// Reads everything and believes nothing before it is checked. @throws InputError with the reason
+CheckpointFile read_checkpoint_file(const std::filesystem::path& path);
+
+/// The header alone, with its "tensors"; sizes are checked, tensors are not read. @throws InputError with the reason
+nlohmann::ordered_json read_checkpoint_header(const std::filesystem::path& path);
+
+/// Reads the whole file and keeps nothing. @throws InputError with the reason if any byte is not as it was written
+void verify_checkpoint_file(const std::filesystem::path& path);
+
+}  // namespace b3dgs

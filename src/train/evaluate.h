@@ -1,0 +1,38 @@
+// Renders views of a model and measures them.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "raster/rasterizer.h"
+#include "scene/scene.h"
+#include "train/metrics.h"
+#include "train/train_config.h"
+
+namespace b3dgs {
+
+/// The rasterizer's form of a camera.
+PinholeView to_pinhole_view(const Camera& camera);
+
+/// How views of a model are rendered where nothing is random. `sh_degree` is at most that of its Gaussians.
+RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
+
+struct ViewQuality {
+  std::string name;
+  ImageQuality quality;
+};
+
+struct Evaluation {
+  std::vector<ViewQuality> views;
+  ImageQuality mean;
+};
+
+/// Called after each view with what was rendered (valid until return).
+using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
+
+/// Renders each view with `settings` and compares it with its image. Views keep their order.
+Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
+                          const RenderSettings& settings, const RenderedFn& on_rendered = {});
+
+}  // namespace b3dgs

@@ -1,0 +1,51 @@
+// The loss of a rendered view against its photograph: (1 - lambda) L1 + lambda (1 - SSIM), value and gradient in one
+// go.
+//
+// SSIM has an 11 x 11 Gaussian window (sigma 1.5), C1 = 0.01^2, C2 = 0.03^2 and zero padding; it and L1 are means over
+// pixels and channels. The rendered image is not clamped: a colour above 1 has to feel the pull back.
+//
+// Pixels that are not valid count as 0 in both images where a window reaches them, and otherwise for nothing: both
+// means are over the valid pixels alone, and the gradient at the others is 0.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+
+#include "train/loss_args.h"
+
+namespace b3dgs {
+
+namespace cpu {
+
+/// Floats of workspace for an image.
+std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height);
+
+/// The same bits for any number of threads. With n_valid 0 all is 0.
+LossValue compute_loss(const LossArgs& args);
+
+}  // namespace cpu
+
+/// Pixels that are not 0 in a mask [H, W].
+std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels);
+
+/// The loss on tensors; keeps its buffers from step to step.
+class ImageLoss {
+ public:
+  /// @throws InputError if this build has no loss for the device.
+  explicit ImageLoss(torch::Device device);
+
+  /// `rendered` [H, W, 3] float, `truth` [H, W, 3] uint8, `valid` [H, W] uint8 or undefined, with n_valid pixels that
+  /// are not 0. grad() is valid until the next call.
+  LossValue compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
+                    std::int64_t n_valid, double lambda_dssim);
+
+  /// [H, W, 3] float, gradient of the last loss by the rendered image.
+  const torch::Tensor& grad() const { return grad_; }
+
+ private:
+  torch::Device device_;
+  torch::Tensor grad_, workspace_;
+};
+
+}  // namespace b3dgs

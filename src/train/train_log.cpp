@@ -1,0 +1,46 @@
+#include "train/train_log.h"
+
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "check.h"
+#include "scene/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Lines of iterations up to the given one. A line that a crash cut short is none.
+std::string lines_until(const std::filesystem::path& path, int iteration) {
+  std::ifstream file(path);
+  std::string kept;
+  for (std::string line; std::getline(file, line);) {
+    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+    if (!json.is_object() || !json.contains("iteration") || !json["iteration"].is_number_integer()) continue;
+    if (json["iteration"].get<std::int64_t>() <= iteration) kept += line + "\n";
+  }
+  return kept;
+}
+
+}  // namespace
+
+TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(path)) {
+  write_file(path_, lines_until(path_, iteration));
+  file_.open(path_, std::ios::app);
+  if (!file_) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
+}
+
+void TrainLog::write(const TrainLogLine& line) {
+  Json json = {{"iteration", line.iteration}, {"loss", line.loss}, {"ms", line.ms}, {"count", line.count}};
+  if (line.test_quality) {
+    json["test_psnr"] = line.test_quality->psnr;
+    json["test_ssim"] = line.test_quality->ssim;
+  }
+  file_ << json.dump() << std::endl;
+  if (!file_) io_error(path_.string(), ": cannot write: ", std::strerror(errno));
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,34 @@
+// train.jsonl: one JSON object a line, for whoever plots a training.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+
+#include "train/metrics.h"
+
+namespace b3dgs {
+
+struct TrainLogLine {
+  int iteration = 0;
+  double loss = 0;                           // running average
+  double ms = 0;                             // per step, mean since the line before
+  std::int64_t count = 0;                    // Gaussians
+  std::optional<ImageQuality> test_quality;  // mean over the test views, where they were evaluated
+};
+
+class TrainLog {
+ public:
+  /// Keeps the lines of `path` up to `iteration` (0 to begin anew) and appends to them. @throws IoError
+  TrainLog(std::filesystem::path path, int iteration);
+
+  /// The line is in the file when this returns. @throws IoError
+  void write(const TrainLogLine& line);
+
+ private:
+  std::filesystem::path path_;
+  std::ofstream file_;
+};
+
+}  // namespace b3dgs

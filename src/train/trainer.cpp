@@ -1,0 +1,273 @@
+// A step, in order: rates and SH degree, view, render, loss, gradients, Adam; then what is measured and saved; then
+// density control; then the checkpoint.
+//
+// The original differs in two places, neither of which changes a result that anyone could measure. It runs density
+// control before Adam, and since that replaces the parameters, the gradients of such a step are lost; here they are
+// used. And it leaves out Adam in the very last iteration; here every iteration is alike, so that a run that is resumed
+// to go further is the same as one that never stopped. What it measures and saves at an iteration is the model before
+// that iteration's density control, as here: an opacity reset would otherwise be seen in the figures.
+
+#include "train/trainer.h"
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "check.h"
+#include "parallel.h"
+#include "scene/ply.h"
+#include "train/checkpoint.h"
+#include "train/densifier.h"
+#include "train/gaussian_model.h"
+#include "train/loss.h"
+#include "train/lr_schedule.h"
+#include "train/output_plan.h"
+#include "train/random.h"
+#include "train/train_log.h"
+#include "train/train_state.h"
+#include "train/train_views.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// What training starts from. @throws InputError if there is nothing
+SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
+  PointCloud points;
+  std::string place = scene.source_path + ": the COLMAP model";
+  if (config.init_ply.empty()) {
+    points = scene.points;
+  } else if (is_splat_ply(config.init_ply)) {
+    SplatCloud cloud = read_splat_ply(config.init_ply);
+    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
+    return cloud;
+  } else {
+    points = read_point_ply(config.init_ply);
+    place = config.init_ply;
+  }
+  if (points.size() == 0) {
+    input_error(place,
+                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
+  }
+  return splats_from_points(points, 0);
+}
+
+}  // namespace
+
+struct Trainer::Impl {
+  Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
+      : config(config),
+        scene(scene),
+        folder(std::move(folder)),
+        hooks(std::move(hooks)),
+        device(config.device == "cuda" ? torch::kCUDA : torch::kCPU),
+        rasterizer(device),
+        loss(device),
+        views(upload_views(scene.train, device)) {
+    if (views.empty()) input_error(scene.source_path, ": has no view to train on");
+  }
+
+  void start();
+  void step();
+  void differentiate(const TrainView& view);
+  void control_density();
+  void write_outputs(const OutputPlan& plan);
+  void write_checkpoint();
+  void report(const char* activity) const;
+  void say(const std::string& message) const {
+    if (hooks.on_message) hooks.on_message(message);
+  }
+  RenderSettings step_settings() const;
+  bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
+
+  const TrainConfig config;
+  const Scene& scene;
+  const ModelFolder folder;
+  const TrainHooks hooks;
+  const torch::Device device;
+
+  Rasterizer rasterizer;
+  ImageLoss loss;
+  const std::vector<TrainView> views;
+  GaussianTensors grads;
+  TrainState state;
+  TrainResult result;
+  std::unique_ptr<TrainLog> log;
+  int logged_iteration = 0;  // of the last line
+  double logged_s = 0;       // result.train_s at the last line
+};
+
+void Trainer::Impl::start() {
+  const SplatCloud cloud = initial_splats(config, scene);
+  state.sh_degree = std::min(cloud.sh_degree, config.sh_degree);
+  state.gaussians = to_tensors(cloud, config.sh_degree, device);
+  state.adam = make_adam_state(state.gaussians);
+  state.statistics = make_density_statistics(state.gaussians.size(), device);
+  if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
+    say(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
+                       config.max_gaussians, ": none are added"));
+  }
+}
+
+RenderSettings Trainer::Impl::step_settings() const {
+  RenderSettings settings = evaluation_settings(config, state.sh_degree);
+  if (config.random_background) {
+    const auto color =
+        random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
+    settings.background = {color[0], color[1], color[2]};
+  }
+  return settings;
+}
+
+/// Loss and gradients of one view; statistics for density control.
+void Trainer::Impl::differentiate(const TrainView& view) {
+  const RenderedView rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
+  const LossValue value = loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
+  if (!std::isfinite(value.loss)) throw NumericError(detail::concat("the loss is ", value.loss));
+  state.loss_average = state.iteration == 1 ? value.loss : 0.4 * value.loss + 0.6 * state.loss_average;
+  const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
+  if (density_plan(config, state.iteration).add_statistics) {
+    add_view(statistics, view.camera.width, view.camera.height, state.statistics);
+  }
+}
+
+void Trainer::Impl::step() {
+  const int iteration = ++state.iteration;
+  if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
+  const TrainView& view =
+      views[static_cast<std::size_t>(state.view_order.next(config.seed, static_cast<std::int32_t>(views.size())))];
+  try {
+    differentiate(view);
+  } catch (const NumericError& error) {
+    const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
+    throw NumericError(
+        detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what(), "; last checkpoint: ", last));
+  }
+  adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
+}
+
+void Trainer::Impl::control_density() {
+  const DensityPlan plan = density_plan(config, state.iteration);
+  if (plan.densify) {
+    report("densifying");
+    const DensityRound round =
+        densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
+                state.iteration);
+    apply_row_edit(round.edit, state.gaussians, state.adam, state.statistics);
+    state.statistics = make_density_statistics(state.gaussians.size(), device);
+    if (state.gaussians.size() == 0) {
+      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
+                                        "lower --prune_opacity or the learning rates"));
+    }
+  }
+  if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
+}
+
+void Trainer::Impl::write_outputs(const OutputPlan& plan) {
+  TrainLogLine line;
+  if (plan.evaluate) {
+    report("evaluating");
+    result.evaluations.emplace_back(state.iteration, evaluate_views(rasterizer, state.gaussians, scene.test,
+                                                                    evaluation_settings(config, state.sh_degree)));
+    const Evaluation& evaluation = result.evaluations.back().second;
+    folder.write_results(state.iteration, evaluation);
+    line.test_quality = evaluation.mean;
+    char text[120];
+    std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", state.iteration,
+                  evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
+    say(text);
+  }
+  if (plan.log) {
+    line.iteration = state.iteration;
+    line.loss = state.loss_average;
+    line.ms = 1e3 * (result.train_s - logged_s) / std::max(1, state.iteration - logged_iteration);
+    line.count = state.gaussians.size();
+    log->write(line);
+    logged_iteration = state.iteration;
+    logged_s = result.train_s;
+  }
+  if (plan.save) {
+    report("saving");
+    result.ply = folder.ply(state.iteration);
+    write_splat_ply(result.ply, to_splat_cloud(state.gaussians));
+  }
+}
+
+void Trainer::Impl::write_checkpoint() {
+  report("checkpoint");
+  const fs::path path = folder.checkpoint(state.iteration);
+  b3dgs::write_checkpoint(path, config, state, scene);
+  result.checkpoint = path;
+  remove_superseded_checkpoints(folder, state.iteration, config.keep_checkpoints);
+}
+
+void Trainer::Impl::report(const char* activity) const {
+  if (!hooks.on_progress) return;
+  TrainProgress progress;
+  progress.iteration = state.iteration;
+  progress.iterations = config.iterations;
+  progress.loss = state.loss_average;
+  progress.n_gaussians = state.gaussians.size();
+  progress.elapsed_s = result.train_s;
+  progress.activity = activity;
+  hooks.on_progress(progress);
+}
+
+Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
+  set_thread_count(config.threads);
+  impl_ = std::make_unique<Impl>(config, scene, std::move(folder), std::move(hooks));
+}
+Trainer::~Trainer() = default;
+
+std::vector<std::string> Trainer::resume(const fs::path& checkpoint) {
+  Impl& own = *impl_;
+  Checkpoint read = read_checkpoint(checkpoint, own.scene, own.device);
+  if (read.config.sh_degree != own.config.sh_degree) {
+    input_error(checkpoint.string(), ": holds a model of SH degree ", read.config.sh_degree, ", --sh_degree is ",
+                own.config.sh_degree, "; resume with the same degree");
+  }
+  if (read.state.iteration > own.config.iterations) {
+    input_error(checkpoint.string(), ": is at iteration ", read.state.iteration, ", beyond --iterations ",
+                own.config.iterations, "; give a larger number");
+  }
+  own.state = std::move(read.state);
+  own.result.checkpoint = checkpoint;
+  return config_differences(read.config, own.config);
+}
+
+TrainResult Trainer::run() {
+  Impl& own = *impl_;
+  TrainResult& result = own.result;
+  if (own.state.gaussians.size() == 0) own.start();
+  own.folder.write_inputs(own.config, own.scene);
+  own.log = std::make_unique<TrainLog>(own.folder.log(), own.state.iteration);
+  own.logged_iteration = own.state.iteration;
+  if (own.state.iteration == own.config.iterations) {
+    own.say(detail::concat("all ", own.config.iterations, " iterations are done; more need a larger --iterations"));
+    result.ply = own.folder.ply(own.state.iteration);
+  }
+
+  while (own.state.iteration < own.config.iterations && !result.interrupted) {
+    auto start = std::chrono::steady_clock::now();
+    own.step();
+    result.train_s += seconds_since(start);
+    own.report("training");
+    const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
+    own.write_outputs(plan);
+    start = std::chrono::steady_clock::now();
+    own.control_density();
+    result.train_s += seconds_since(start);
+    result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
+    if (plan.checkpoint || result.interrupted) own.write_checkpoint();
+  }
+  result.iteration = own.state.iteration;
+  result.n_gaussians = own.state.gaussians.size();
+  return result;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,64 @@
+// The training loop: the order of operations in a step, and nothing else.
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "scene/scene.h"
+#include "train/evaluate.h"
+#include "train/model_folder.h"
+#include "train/train_config.h"
+
+namespace b3dgs {
+
+struct TrainProgress {
+  int iteration = 0, iterations = 0;
+  double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original prints it
+  std::int64_t n_gaussians = 0;
+  double elapsed_s = 0;  // of training this run, without evaluation and saving
+  std::string activity;  // "training", "densifying", "evaluating", "saving", "checkpoint"
+};
+
+struct TrainHooks {
+  std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
+  std::function<void(const std::string&)> on_message;     // one line for the user
+  const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
+};
+
+struct TrainResult {
+  int iteration = 0;         // last one done
+  bool interrupted = false;  // by stop_signal
+  std::int64_t n_gaussians = 0;
+  double train_s = 0;                                   // steps with densification, without reading, evaluation, saving
+  std::filesystem::path ply, checkpoint;                // last ones written
+  std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
+};
+
+class Trainer {
+ public:
+  /// `scene` must outlive the trainer.
+  Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
+  ~Trainer();
+
+  /// Continues from a checkpoint. Returns the options that differ from it, as "name: old -> new".
+  /// @throws InputError if the file is damaged or does not belong to this scene.
+  std::vector<std::string> resume(const std::filesystem::path& checkpoint);
+
+  /// Runs to config.iterations (or the stop signal), writing the folder's files on the way.
+  /// @throws NumericError with iteration, view and last checkpoint if the loss is not finite.
+  TrainResult run();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// The newest checkpoint of the folder that can be read, or nothing; damaged ones are reported to `on_message` with the
+/// reason.
+std::filesystem::path newest_valid_checkpoint(const ModelFolder& folder,
+                                              const std::function<void(const std::string&)>& on_message);
+
+}  // namespace b3dgs

@@ -1,0 +1,231 @@
+// The program from outside: a scene is made, trained, stopped, continued, measured and rendered.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <csignal>
+#include <nlohmann/json.hpp>
+
+#include "app/run_program.h"
+#include "scene/image_io.h"
+#include "scene/ply.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Outcome;
+using test::read_bytes;
+using test::run_b3dgs;
+using Words = std::vector<std::string>;
+
+class EndToEnd : public ::testing::Test {
+ protected:
+  EndToEnd() {
+    const Outcome made = run_b3dgs(
+        {"synth", "orbit", scene(), "--points", "1500", "--views", "12", "--width", "64", "--height", "48", "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+
+  std::string scene() const { return (folder_.path() / "scene").string(); }
+  std::string model(const std::string& name = "model") const { return (folder_.path() / name).string(); }
+  fs::path ply(const std::string& name, int iteration) const {
+    return fs::path(model(name)) / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
+  }
+
+  Outcome train(const Words& more, const test::RunOptions& options = {}) const {
+    Words words{"train", "-s", scene(), "-m", model()};
+    words.insert(words.end(), more.begin(), more.end());
+    return run_b3dgs(words, options);
+  }
+
+  /// A training that is stopped by a signal once it has written a checkpoint of its own.
+  Outcome train_and_signal(int signal) const {
+    test::RunOptions options;
+    options.signal = signal;
+    options.signal_when = [&] { return !checkpoints().empty(); };
+    return train({"--iterations", "1000000", "--checkpoint_interval", "5"}, options);
+  }
+
+  std::vector<fs::path> checkpoints(const std::string& name = "model") const {
+    std::vector<fs::path> files;
+    const fs::path folder = fs::path(model(name)) / "checkpoints";
+    if (!fs::exists(folder)) return files;
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+      if (entry.path().extension() == ".b3dgs") files.push_back(entry.path());
+    }
+    std::sort(files.begin(), files.end());
+    return files;
+  }
+
+  test::TempDir folder_;
+};
+
+TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
+  const Outcome trained = train({"--eval", "--iterations", "100", "--test_iterations", "100"});
+  ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  EXPECT_NE(trained.out.find("100 iterations"), std::string::npos) << trained.out;
+  EXPECT_NE(trained.out.find("PSNR"), std::string::npos) << trained.out;
+  EXPECT_NE(trained.out.find(ply("model", 100).string()), std::string::npos) << trained.out;
+  for (const char* file : {"input.ply", "cameras.json", "cfg_args", "config.json", "train.jsonl"}) {
+    EXPECT_TRUE(fs::exists(fs::path(model()) / file)) << file;
+  }
+
+  const Outcome measured = run_b3dgs({"eval", "-m", model(), "--save_images"});
+  ASSERT_EQ(measured.exit_code, 0) << measured.err;
+  EXPECT_NE(measured.out.find("mean of 2"), std::string::npos) << measured.out;  // views 0 and 8 of 12
+  const auto results = nlohmann::json::parse(read_bytes(fs::path(model()) / "results.json"));
+  EXPECT_GT(results["ours_100"]["PSNR"].get<double>(), 18) << results;
+  EXPECT_TRUE(fs::exists(fs::path(model()) / "per_view.json"));
+  for (const char* kind : {"gt", "renders", "diff"}) {
+    for (const char* name : {"00000.png", "00001.png"}) {
+      const Image8 image = read_image(fs::path(model()) / "test" / "ours_100" / kind / name, false);
+      EXPECT_EQ(image.width, 64);
+      EXPECT_EQ(image.height, 48);
+    }
+  }
+  EXPECT_EQ(read_image(fs::path(model()) / "test/ours_100/gt/00001.png", false).pixels,
+            read_image(fs::path(scene()) / "images/00008.png", false).pixels);
+
+  const Outcome rendered = run_b3dgs({"render", "-m", model(), "--path", "interpolated", "--frames", "3"});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
+  for (const char* kind : {"renders", "depth", "alpha"}) {
+    EXPECT_TRUE(fs::exists(fs::path(model()) / "interpolated" / "ours_100" / kind / "00002.png")) << kind;
+  }
+  EXPECT_FALSE(fs::exists(fs::path(model()) / "interpolated/ours_100/renders/00003.png"));
+
+  const Outcome described = run_b3dgs({"info", ply("model", 100).string()});
+  ASSERT_EQ(described.exit_code, 0) << described.err;
+  EXPECT_NE(described.out.find("SH degree         3"), std::string::npos) << described.out;
+  for (const std::string& input :
+       {scene(), model(), (fs::path(model()) / "input.ply").string(), checkpoints().at(0).string()}) {
+    const Outcome outcome = run_b3dgs({"info", input});
+    EXPECT_EQ(outcome.exit_code, 0) << input << ": " << outcome.err;
+    EXPECT_FALSE(outcome.out.empty()) << input;
+  }
+}
+
+TEST_F(EndToEnd, APlyIsRenderedWithTheCamerasOfAScene) {
+  const std::string truth = scene() + "/truth.ply";
+  const std::string output = model("frames");
+  const Outcome outcome =
+      run_b3dgs({"render", "--ply", truth, "-s", scene(), "--output", output, "--no-depth", "--no-alpha"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  // The scene's images are renders of this PLY.
+  EXPECT_EQ(read_image(output + "/renders/00003.png", false).pixels,
+            read_image(scene() + "/images/00003.png", false).pixels);
+  EXPECT_FALSE(fs::exists(output + "/depth"));
+}
+
+TEST_F(EndToEnd, ASignalLeavesACheckpointThatContinues) {
+  for (const auto& [signal, code] : {std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
+    fs::remove_all(model());
+    const Outcome stopped = train_and_signal(signal);
+    ASSERT_EQ(stopped.exit_code, code) << stopped.err;
+    EXPECT_NE(stopped.out.find("--resume"), std::string::npos) << stopped.out;
+    ASSERT_FALSE(checkpoints().empty());
+    const Outcome info = run_b3dgs({"info", checkpoints().back().string()});
+    EXPECT_EQ(info.exit_code, 0) << info.err;
+
+    int newest = 0;
+    for (const fs::path& file : checkpoints()) newest = std::max(newest, std::stoi(file.stem().string().substr(10)));
+    const std::string last = std::to_string(newest + 3);
+    const Outcome resumed = run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", last});
+    ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
+    EXPECT_NE(resumed.out.find("iterations: 1000000 -> " + last), std::string::npos) << resumed.out;
+    EXPECT_TRUE(fs::exists(ply("model", newest + 3)));
+  }
+}
+
+TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
+  // Density control at 4, 8, 12, 16 and an opacity reset at 12 lie on both sides of the interruption.
+  const Words schedule{"--densify_from_iter",      "2",  "--densification_interval", "4",
+                       "--opacity_reset_interval", "12", "--densify_grad_threshold", "0.00001",
+                       "--sh_increase_interval",   "7"};
+  const auto train_into = [&](const std::string& name, Words words) {
+    words.insert(words.begin(), {"train", "-s", scene(), "-m", model(name)});
+    words.insert(words.end(), schedule.begin(), schedule.end());
+    const Outcome outcome = run_b3dgs(words);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  };
+  train_into("whole", {"--iterations", "20"});
+  train_into("halves", {"--iterations", "10"});
+  train_into("halves", {"--iterations", "20", "--resume", "auto"});
+  const std::string whole = read_bytes(ply("whole", 20));
+  ASSERT_FALSE(whole.empty());
+  EXPECT_TRUE(whole == read_bytes(ply("halves", 20)));
+  EXPECT_FALSE(whole == read_bytes(ply("halves", 10)));
+}
+
+TEST_F(EndToEnd, AModelIsNotReplacedByAccident) {
+  ASSERT_EQ(train({"--iterations", "5"}).exit_code, 0);
+  const std::string before = read_bytes(ply("model", 5));
+  const Outcome again = train({"--iterations", "3"});
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_NE(again.err.find("already holds a model"), std::string::npos) << again.err;
+  EXPECT_EQ(read_bytes(ply("model", 5)), before);
+
+  const Outcome replaced = train({"--iterations", "3", "--overwrite"});
+  EXPECT_EQ(replaced.exit_code, 0) << replaced.err;
+  EXPECT_TRUE(fs::exists(ply("model", 3)));
+  EXPECT_FALSE(fs::exists(ply("model", 5)));  // nothing of the earlier one is left to be taken for this one's
+}
+
+TEST_F(EndToEnd, ResumeAutoWithoutACheckpointStartsFromTheBeginning) {
+  const Outcome outcome = train({"--iterations", "3", "--resume", "auto"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_NE(outcome.err.find("no checkpoint to resume, starting from the beginning"), std::string::npos) << outcome.err;
+  EXPECT_TRUE(fs::exists(ply("model", 3)));
+}
+
+TEST_F(EndToEnd, AFullDiskLosesNothing) {
+  ASSERT_EQ(train({"--iterations", "5"}).exit_code, 0);
+  const std::vector<fs::path> kept = checkpoints();
+  test::RunOptions full;
+  full.file_size_limit = 4096;
+  const Outcome outcome = run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", "10"}, full);
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_NE(outcome.err.find("b3dgs: error: "), std::string::npos) << outcome.err;
+  EXPECT_EQ(checkpoints(), kept);
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(model())) {
+    EXPECT_NE(entry.path().extension(), ".tmp") << entry.path();
+  }
+  const Outcome resumed = run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", "10"});
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+}
+
+TEST_F(EndToEnd, QuietPrintsResultsOnly) {
+  const Outcome outcome = train({"--iterations", "3", "--quiet"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_EQ(outcome.out.compare(0, 7, "trained"), 0) << outcome.out;
+}
+
+TEST_F(EndToEnd, TheModelFolderIsNamedAfterTheSceneWhereNoneIsGiven) {
+  test::RunOptions here;
+  here.folder = folder_.path();
+  const Outcome outcome = run_b3dgs({"train", "-s", "scene/", "--iterations", "2"}, here);
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(fs::exists(folder_.path() / "output" / "scene" / "point_cloud"));
+  // The scene was named relative to the folder of that run; the model knows where it is all the same.
+  EXPECT_EQ(run_b3dgs({"eval", "-m", (folder_.path() / "output" / "scene").string()}).exit_code, 0);
+}
+
+TEST(Program, SaysItsVersionAndHelp) {
+  const Outcome version = run_b3dgs({"--version"});
+  EXPECT_EQ(version.exit_code, 0);
+  EXPECT_EQ(version.out.compare(0, 6, "b3dgs "), 0);
+  const Outcome help = run_b3dgs({"--help"});
+  EXPECT_EQ(help.exit_code, 0);
+  for (const std::string command : {"train", "eval", "render", "info", "synth"}) {
+    EXPECT_NE(help.out.find(command), std::string::npos);
+    const Outcome of_command = run_b3dgs({command, "--help"});
+    EXPECT_EQ(of_command.exit_code, 0);
+    EXPECT_NE(of_command.out.find("Usage: b3dgs " + command), std::string::npos);
+  }
+  EXPECT_EQ(run_b3dgs({}).exit_code, 2);
+}
+
+}  // namespace
+}  // namespace b3dgs

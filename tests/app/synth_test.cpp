@@ -1,0 +1,265 @@
+// Synthetic scenes: their law, their files, and that others read them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "check.h"
+#include "data_synth/synth_writer.h"
+#include "scene/atomic_file.h"
+#include "scene/ply.h"
+#include "scene/scene.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::read_bytes;
+
+SynthConfig small(const std::string& scene, const fs::path& output) {
+  SynthConfig config;
+  config.scene = scene;
+  config.output = output.string();
+  config.points = 500;
+  config.views = 4;
+  config.width = 48;
+  config.height = 32;
+  return config;
+}
+
+void write(const SynthConfig& config) {
+  write_synth_scene(config, make_scene(config));
+}
+
+/// Relative path and content of every file, synth.json apart: it holds the output's name.
+std::vector<std::pair<std::string, std::string>> contents(const fs::path& folder) {
+  std::vector<std::pair<std::string, std::string>> files;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file() || entry.path().filename() == "synth.json") continue;
+    files.emplace_back(fs::relative(entry.path(), folder).string(), read_bytes(entry.path()));
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+std::vector<double> depths(const SynthScene& scene) {
+  std::vector<double> z;
+  for (std::size_t i = 2; i < scene.points.positions.size(); i += 3) z.push_back(scene.points.positions[i]);
+  return z;
+}
+
+/// Largest distance between the distribution of u in [0, 1] and the uniform one (Kolmogorov-Smirnov).
+double distance_from_uniform(std::vector<double> u) {
+  std::sort(u.begin(), u.end());
+  double largest = 0;
+  const double n = static_cast<double>(u.size());
+  for (std::size_t i = 0; i < u.size(); ++i) {
+    const double below = static_cast<double>(i) / n;
+    largest = std::max({largest, std::abs(u[i] - below), std::abs(u[i] - below - 1 / n)});
+  }
+  return largest;
+}
+
+class Synth : public ::testing::TestWithParam<const char*> {
+ protected:
+  test::TempDir folder_;
+};
+
+TEST_P(Synth, TheSameSeedGivesTheSameBytes) {
+  write(small(GetParam(), folder_.path() / "a"));
+  write(small(GetParam(), folder_.path() / "b"));
+  EXPECT_EQ(contents(folder_.path() / "a"), contents(folder_.path() / "b"));
+}
+
+TEST_P(Synth, AnotherSeedGivesAnotherScene) {
+  SynthConfig config = small(GetParam(), "");
+  const SynthScene a = make_scene(config);
+  config.seed = 1;
+  EXPECT_NE(a.truth.means, make_scene(config).truth.means);
+}
+
+TEST_P(Synth, LoadsAsAScene) {
+  for (const char* format : {"binary", "text"}) {
+    SynthConfig config = small(GetParam(), folder_.path() / format);
+    config.format = format;
+    const SynthScene made = make_scene(config);
+    write_synth_scene(config, made);
+    SceneOptions options;
+    options.source_path = config.output;
+    const Scene scene = load_scene(options);
+    ASSERT_EQ(scene.train.size(), made.cameras.size());
+    EXPECT_EQ(scene.points.positions, made.points.positions);
+    EXPECT_EQ(scene.points.colors, made.points.colors);
+    for (std::size_t i = 0; i < made.cameras.size(); ++i) {
+      const Camera &loaded = scene.train[i].camera, &known = made.cameras[i];
+      EXPECT_EQ(loaded.width, known.width);
+      EXPECT_NEAR(loaded.fx, known.fx, 1e-9);
+      for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(loaded.center()[k], known.center()[k], 1e-9);
+      EXPECT_EQ(scene.train[i].image->pixels, render_truth(made.truth, known).pixels);
+    }
+  }
+}
+
+TEST_P(Synth, TheTruthIsAPlyOfTheKnownGaussians) {
+  const SynthConfig config = small(GetParam(), folder_.path() / "scene");
+  const SynthScene made = make_scene(config);
+  write_synth_scene(config, made);
+  const SplatCloud read = read_splat_ply(fs::path(config.output) / "truth.ply");
+  EXPECT_EQ(read.means, made.truth.means);
+  EXPECT_EQ(read.shN, made.truth.shN);
+  EXPECT_EQ(read.size(), config.points);
+}
+
+TEST_P(Synth, ImagesAreMostlyCoveredAndHaveContrast) {
+  const SynthConfig config = small(GetParam(), "");
+  const SynthScene made = make_scene(config);
+  for (const Camera& camera : made.cameras) {
+    const Image8 image = render_truth(made.truth, camera);
+    const auto dark = std::count_if(image.pixels.begin(), image.pixels.end(), [](std::uint8_t v) { return v < 5; });
+    EXPECT_LT(static_cast<double>(dark), 0.6 * static_cast<double>(image.pixels.size()));
+    const auto [least, most] = std::minmax_element(image.pixels.begin(), image.pixels.end());
+    EXPECT_GT(*most - *least, 50);
+  }
+}
+
+TEST_P(Synth, ColmapAcceptsIt) {
+  if (std::system("command -v colmap > /dev/null 2>&1") != 0) GTEST_SKIP() << "colmap is not installed";
+  for (const char* format : {"binary", "text"}) {
+    SynthConfig config = small(GetParam(), folder_.path() / format);
+    config.format = format;
+    write(config);
+    const std::string log = (folder_.path() / "log").string();
+    const std::string command =
+        "QT_QPA_PLATFORM=offscreen colmap model_analyzer --path " + config.output + "/sparse/0 > " + log + " 2>&1";
+    EXPECT_EQ(std::system(command.c_str()), 0);
+    EXPECT_NE(read_bytes(log).find("Registered images: 4"), std::string::npos) << read_bytes(log);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, Synth, ::testing::Values("orbit", "street"),
+                         [](const auto& info) { return info.param; });
+
+TEST(SynthFolder, ASyntheticSceneIsReplaced) {
+  test::TempDir folder;
+  SynthConfig config = small("orbit", folder.path() / "scene");
+  write(config);
+  config.views = 2;
+  write(config);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path() / "scene" / "images"), fs::directory_iterator()), 2);
+}
+
+TEST(SynthFolder, AnythingElseIsLeftAlone) {
+  test::TempDir folder;
+  write_file(folder.path() / "sparse" / "0" / "cameras.bin", "precious");
+  EXPECT_THROW(write(small("orbit", folder.path())), InputError);
+  EXPECT_EQ(read_bytes(folder.path() / "sparse" / "0" / "cameras.bin"), "precious");
+}
+
+TEST(Street, DepthsAreLogUniform) {
+  SynthConfig config = small("street", "");
+  config.points = 20000;
+  std::vector<double> u;
+  for (const double z : depths(make_scene(config))) u.push_back(std::log(z / 3) / std::log(400.0 / 3));
+  EXPECT_LT(distance_from_uniform(u), 1.63 / std::sqrt(20000.0));  // exceeded once in a hundred seeds
+}
+
+TEST(Street, SkewMovesPointsTowardsTheHorizon) {
+  SynthConfig config = small("street", "");
+  config.points = 20000;
+  config.skew = 2;
+  std::vector<double> u;
+  for (const double z : depths(make_scene(config))) u.push_back(std::pow(std::log(z / 3) / std::log(400.0 / 3), 2));
+  EXPECT_LT(distance_from_uniform(u), 1.63 / std::sqrt(20000.0));
+}
+
+TEST(Street, AThirdIsRoadAndTheRestFacades) {
+  SynthConfig config = small("street", "");
+  config.points = 9000;
+  const SynthScene scene = make_scene(config);
+  int n_road = 0;
+  for (std::size_t i = 0; i < 9000; ++i) {
+    const double x = scene.points.positions[3 * i], y = scene.points.positions[3 * i + 1];
+    const bool is_road = std::abs(x) < 8 && std::abs(y - 1.6) < 0.15;
+    n_road += is_road;
+    if (is_road) continue;
+    EXPECT_GE(std::abs(x), 8);
+    EXPECT_LE(y, 1.6f);
+    EXPECT_GE(y, 1.6 - 9);
+  }
+  EXPECT_EQ(n_road, 3000);
+}
+
+TEST(Street, TheFirstCameraIsThatOfTheRecipeAndTheOthersDriveForward) {
+  SynthConfig config = with_scene_defaults([] {
+    SynthConfig c;
+    c.scene = "street";
+    return c;
+  }());
+  EXPECT_EQ(config.width, 960);
+  EXPECT_EQ(config.height, 540);
+  config.points = 100;
+  const SynthScene scene = make_scene(config);
+  EXPECT_EQ(scene.cameras[0].fx, 800);
+  EXPECT_EQ(scene.cameras[0].fy, 800);
+  EXPECT_EQ(scene.cameras[0].cx, 480);
+  EXPECT_EQ(scene.cameras[0].cy, 270);
+  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    EXPECT_NEAR(scene.cameras[i].center()[0], 0, 1e-12);
+    EXPECT_NEAR(scene.cameras[i].center()[1], 0, 1e-12);
+    EXPECT_NEAR(scene.cameras[i].center()[2], static_cast<double>(i), 1e-12);
+  }
+}
+
+TEST(Orbit, GaussiansLieFlatOnTheirSurfaces) {
+  const SynthScene scene = make_scene(small("orbit", ""));
+  int n_ground = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.truth.size()); ++i) {
+    if (std::abs(scene.truth.means[3 * i + 2]) > 1e-6) continue;  // the ground is at z = 0
+    ++n_ground;
+    // The third axis is the thin one and points up: the rotation leaves z where it is, up to sign.
+    const float* q = &scene.truth.quats[4 * i];
+    const double up = 1 - 2.0 * (q[1] * q[1] + q[2] * q[2]);
+    EXPECT_NEAR(up, 1, 1e-5);
+    EXPECT_LT(scene.truth.log_scales[3 * i + 2], scene.truth.log_scales[3 * i + 1]);
+  }
+  EXPECT_GT(n_ground, 100);
+}
+
+TEST(Orbit, PointsAreNearGaussiansAndHalfAsMany) {
+  SynthConfig config = small("orbit", "");
+  config.points = 2000;
+  const SynthScene scene = make_scene(config);
+  EXPECT_NEAR(static_cast<double>(scene.points.size()), 1000, 100);
+  for (std::int64_t p = 0; p < scene.points.size(); p += 50) {
+    double nearest = 1e9;
+    for (std::int64_t g = 0; g < scene.truth.size(); ++g) {
+      double squared = 0;
+      for (std::int64_t k = 0; k < 3; ++k) {
+        const double d = scene.points.positions[static_cast<std::size_t>(3 * p + k)] -
+                         scene.truth.means[static_cast<std::size_t>(3 * g + k)];
+        squared += d * d;
+      }
+      nearest = std::min(nearest, squared);
+    }
+    EXPECT_LT(std::sqrt(nearest), 0.06);  // noise of 0.01 a coordinate
+  }
+}
+
+TEST(Orbit, EveryCameraLooksAtTheMiddle) {
+  const SynthScene scene = make_scene(small("orbit", ""));
+  for (const Camera& camera : scene.cameras) {
+    const std::array<double, 9>& r = camera.cam_from_world.rotation;
+    const std::array<double, 3>& t = camera.cam_from_world.translation;
+    const double height = 0.35;  // of the target, on the z axis
+    EXPECT_NEAR(r[2] * height + t[0], 0, 1e-9);
+    EXPECT_NEAR(r[5] * height + t[1], 0, 1e-9);
+    EXPECT_GT(r[8] * height + t[2], 3);
+    EXPECT_LT(r[5], 0);  // the world's up is the image's up: -y
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,210 @@
+#include "train/checkpoint.h"
+
+#include <gtest/gtest.h>
+
+#include "check.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "train/checkpoint_file.h"
+#include "train/gaussian_model.h"
+#include "train/tiny_scene.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+Scene small_scene() {
+  test::TinySceneOptions options;
+  options.n_gaussians = 6;
+  options.n_views = 4;
+  options.width = 16;
+  options.height = 12;
+  return test::make_tiny_scene(options);
+}
+
+TrainState make_state(const Scene& scene) {
+  torch::manual_seed(5);
+  TrainState state;
+  state.iteration = 42;
+  state.sh_degree = 1;
+  state.gaussians = to_tensors(splats_from_points(scene.points, 1), 1, torch::kCPU);
+  state.adam = make_adam_state(state.gaussians);
+  for (GaussianTensors* moments : {&state.adam.m, &state.adam.v}) {
+    for (torch::Tensor* moment : moments->all()) *moment = torch::randn_like(*moment);
+  }
+  state.adam.steps = 41;
+  state.statistics = make_density_statistics(state.gaussians.size(), torch::kCPU);
+  state.statistics.view_count += 7;
+  state.view_order.n_refills = 3;
+  state.view_order.remaining = {2, 0};
+  state.loss_average = 0.1 + 0.2;  // not a short decimal
+  state.kernel_selection = {{"kernel", "dynamic"}};
+  return state;
+}
+
+TrainConfig make_config() {
+  TrainConfig config;
+  config.sh_degree = 1;
+  config.opacity_lr = 0.033;
+  return config;
+}
+
+class CheckpointFiles : public testing::Test {
+ protected:
+  void SetUp() override { write_checkpoint(path, make_config(), make_state(scene), scene); }
+
+  test::TempDir folder;
+  const fs::path path = folder / "a.b3dgs";
+  const Scene scene = small_scene();
+};
+
+TEST_F(CheckpointFiles, GiveBackEveryBit) {
+  const Checkpoint read = read_checkpoint(path, scene, torch::kCPU);
+  const TrainState expected = make_state(scene);
+  EXPECT_EQ(read.state.iteration, 42);
+  EXPECT_EQ(read.state.sh_degree, 1);
+  EXPECT_EQ(read.state.adam.steps, 41);
+  EXPECT_EQ(read.state.view_order.n_refills, 3u);
+  EXPECT_EQ(read.state.view_order.remaining, (std::vector<std::int32_t>{2, 0}));
+  EXPECT_EQ(read.state.loss_average, 0.1 + 0.2);
+  EXPECT_EQ(read.state.kernel_selection, expected.kernel_selection);
+  EXPECT_TRUE(config_differences(make_config(), read.config).empty());
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_TRUE(torch::equal(*read.state.gaussians.all()[i], *expected.gaussians.all()[i]));
+    EXPECT_TRUE(torch::equal(*read.state.adam.m.all()[i], *expected.adam.m.all()[i]));
+    EXPECT_TRUE(torch::equal(*read.state.adam.v.all()[i], *expected.adam.v.all()[i]));
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_TRUE(torch::equal(*read.state.statistics.all()[i], *expected.statistics.all()[i]));
+  }
+}
+
+TEST_F(CheckpointFiles, CutShortAnywhereAreRefused) {
+  const std::string whole = test::read_bytes(path);
+  const fs::path damaged = folder / "damaged.b3dgs";
+  for (std::size_t length = 0; length < whole.size(); length += length < 64 ? 1 : 97) {
+    test::write_bytes(damaged, whole.substr(0, length));
+    EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { verify_checkpoint_file(damaged); })) << length;
+    EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { read_checkpoint(damaged, scene, torch::kCPU); }))
+        << length;
+  }
+  test::write_bytes(damaged, whole + '\0');
+  EXPECT_TRUE(test::fails_with<InputError>({"bytes follow the header"}, [&] { verify_checkpoint_file(damaged); }));
+}
+
+TEST_F(CheckpointFiles, WithAnyByteFlippedAreRefused) {
+  const std::string whole = test::read_bytes(path);
+  const fs::path damaged = folder / "damaged.b3dgs";
+  for (std::size_t i = 0; i < whole.size(); i += i < 64 ? 1 : 61) {
+    for (const int bit : {0, 6}) {
+      std::string flipped = whole;
+      flipped[i] = static_cast<char>(flipped[i] ^ (1 << bit));
+      test::write_bytes(damaged, flipped);
+      EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { verify_checkpoint_file(damaged); })) << i;
+      EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { read_checkpoint_file(damaged); })) << i;
+    }
+  }
+}
+
+TEST_F(CheckpointFiles, SayWhyTheyAreRefused) {
+  const std::string whole = test::read_bytes(path);
+  const fs::path damaged = folder / "damaged.b3dgs";
+  const auto reason = [&](const std::string& bytes, const std::string& part) {
+    test::write_bytes(damaged, bytes);
+    return test::fails_with<InputError>({part}, [&] { read_checkpoint_file(damaged); });
+  };
+  EXPECT_TRUE(reason("ply\nformat ascii 1.0\n", "is no checkpoint"));
+  std::string newer = whole;
+  newer[8] = 9;
+  EXPECT_TRUE(reason(newer, "layout 9"));
+  std::string flipped = whole;
+  flipped.back() = static_cast<char>(flipped.back() ^ 1);
+  EXPECT_TRUE(reason(flipped, "statistics.max_radii"));
+  std::string enormous = whole;
+  enormous[16 + 7] = 0x7f;  // a header of 2^62 bytes
+  EXPECT_TRUE(reason(enormous, "truncated"));
+  EXPECT_TRUE(test::fails_with<InputError>({"missing.b3dgs", "No such file"},
+                                           [&] { read_checkpoint_file(folder / "missing.b3dgs"); }));
+}
+
+TEST_F(CheckpointFiles, OfAnotherSceneAreRefused) {
+  const auto refused = [&](const Scene& other, const std::string& part) {
+    return test::fails_with<InputError>({path.string(), part}, [&] { read_checkpoint(path, other, torch::kCPU); });
+  };
+  Scene other = scene;
+  other.train.pop_back();
+  EXPECT_TRUE(refused(other, "views"));
+  other = scene;
+  other.train[1].name = "other.png";
+  EXPECT_TRUE(refused(other, "other.png"));
+  other = scene;
+  other.train[0].camera.width *= 2;
+  EXPECT_TRUE(refused(other, "training view 0"));
+  other = scene;
+  other.extent *= 2;
+  EXPECT_TRUE(refused(other, "extent"));
+}
+
+TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
+  const auto refused = [&](const CheckpointFile& file, const std::string& part) {
+    const fs::path other = folder / "other.b3dgs";
+    write_checkpoint_file(other, file);
+    return test::fails_with<InputError>({other.string(), part}, [&] { read_checkpoint(other, scene, torch::kCPU); });
+  };
+  const CheckpointFile good = read_checkpoint_file(path);
+  CheckpointFile file = good;
+  file.tensors[2].second = torch::zeros({5, 4});
+  EXPECT_TRUE(refused(file, "gaussians.quats"));
+  file = good;
+  file.tensors.pop_back();
+  EXPECT_TRUE(refused(file, "statistics.max_radii is missing"));
+  file = good;
+  file.tensors.emplace_back("more", torch::zeros({1}));
+  EXPECT_TRUE(refused(file, "more"));
+  file = good;
+  file.header.erase("iteration");
+  EXPECT_TRUE(refused(file, "iteration"));
+  file = good;
+  file.header["view_order"]["remaining"] = {0, 99};
+  EXPECT_TRUE(refused(file, "view 99"));
+}
+
+TEST_F(CheckpointFiles, HaveAHeaderThatCanBeReadAlone) {
+  const auto header = read_checkpoint_header(path);
+  EXPECT_EQ(header["iteration"], 42);
+  EXPECT_EQ(header["n_gaussians"], 6);
+  EXPECT_EQ(header["config"]["opacity_lr"], 0.033);
+  EXPECT_EQ(header["tensors"].size(), 21u);
+}
+
+TEST(NewestCheckpoint, FallsBackToTheOneBeforeADamagedOne) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  const Scene scene = small_scene();
+  EXPECT_TRUE(newest_valid_checkpoint(folder, {}).empty());
+  for (const int iteration : {90, 100, 1000})
+    write_checkpoint(folder.checkpoint(iteration), make_config(), make_state(scene), scene);
+  EXPECT_EQ(newest_valid_checkpoint(folder, {}), folder.checkpoint(1000)) << "by number, not by name";
+  fs::resize_file(folder.checkpoint(1000), fs::file_size(folder.checkpoint(1000)) - 100);
+  std::vector<std::string> messages;
+  EXPECT_EQ(newest_valid_checkpoint(folder, [&](const std::string& m) { messages.push_back(m); }),
+            folder.checkpoint(100));
+  ASSERT_EQ(messages.size(), 1u);
+  EXPECT_NE(messages[0].find("iteration_1000.b3dgs: is truncated"), std::string::npos) << messages[0];
+}
+
+TEST(OldCheckpoints, AreRemovedButForTheNewest) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  for (const int iteration : {10, 20, 30, 40}) test::write_bytes(folder.checkpoint(iteration), "");
+  test::write_bytes(temp / "checkpoints/notes.txt", "");
+  remove_superseded_checkpoints(folder, 30, 2);  // 40 is of a course that was left at 30 or before
+  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{20, 30}));
+  EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
+}
+
+}  // namespace
+}  // namespace b3dgs

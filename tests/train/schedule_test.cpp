@@ -1,0 +1,153 @@
+// Learning rates, view order, random numbers, and what is written when.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+#include "train/lr_schedule.h"
+#include "train/output_plan.h"
+#include "train/random.h"
+#include "train/view_order.h"
+
+namespace b3dgs {
+namespace {
+
+TEST(LearningRate, FallsLogLinearly) {
+  EXPECT_NEAR(log_linear_rate(1e-2, 1e-4, 100, 0), 1e-2, 1e-15);
+  EXPECT_NEAR(log_linear_rate(1e-2, 1e-4, 100, 50), 1e-3, 1e-15);  // the geometric mean
+  EXPECT_NEAR(log_linear_rate(1e-2, 1e-4, 100, 100), 1e-4, 1e-15);
+  EXPECT_NEAR(log_linear_rate(1e-2, 1e-4, 100, 1000), 1e-4, 1e-15);
+}
+
+TEST(LearningRate, OfZeroAtOneEndIsFinite) {
+  EXPECT_EQ(log_linear_rate(0, 0, 100, 30), 0);
+  EXPECT_NEAR(log_linear_rate(1e-2, 0, 100, 25), 0.75e-2, 1e-15);
+}
+
+TEST(LearningRate, OfMeansGrowsWithTheExtent) {
+  const TrainConfig config;
+  const AdamRates rates = adam_rates(config, 5.0, 30000);
+  EXPECT_NEAR(rates[0], 5.0 * 1.6e-6, 1e-18);
+  EXPECT_EQ(rates[1], 0.005);   // scales
+  EXPECT_EQ(rates[2], 0.001);   // rotations
+  EXPECT_EQ(rates[3], 0.025);   // opacities
+  EXPECT_EQ(rates[4], 0.0025);  // SH degree 0
+  EXPECT_NEAR(rates[5], 0.000125, 1e-18);
+}
+
+TEST(ViewOrder, ShowsEveryViewOnceBeforeAnyTwice) {
+  ViewOrder order;
+  std::set<std::vector<std::int32_t>> rounds;
+  for (int round = 0; round < 5; ++round) {
+    std::vector<std::int32_t> seen;
+    for (int i = 0; i < 20; ++i) seen.push_back(order.next(7, 20));
+    rounds.insert(seen);
+    std::sort(seen.begin(), seen.end());
+    for (int i = 0; i < 20; ++i) EXPECT_EQ(seen[i], i);
+  }
+  EXPECT_EQ(rounds.size(), 5u) << "rounds have orders of their own";
+}
+
+TEST(ViewOrder, ContinuesFromItsState) {
+  ViewOrder order;
+  for (int i = 0; i < 13; ++i) order.next(3, 8);
+  ViewOrder copy{order.n_refills, order.remaining};
+  for (int i = 0; i < 30; ++i) EXPECT_EQ(copy.next(3, 8), order.next(3, 8));
+}
+
+TEST(ViewOrder, FollowsTheSeed) {
+  ViewOrder a, b;
+  std::vector<std::int32_t> order_a, order_b;
+  for (int i = 0; i < 30; ++i) {
+    order_a.push_back(a.next(0, 30));
+    order_b.push_back(b.next(1, 30));
+  }
+  EXPECT_NE(order_a, order_b);
+}
+
+TEST(ViewOrder, IsUniform) {
+  std::array<int, 3> first{};
+  for (int seed = 0; seed < 3000; ++seed) {
+    ViewOrder order;
+    ++first[order.next(seed, 3)];
+  }
+  for (const int count : first) EXPECT_NEAR(count, 1000, 130);  // 5 standard deviations
+}
+
+// Vectors of the authors' Random123 library (kat_vectors, philox4x32 10).
+TEST(Random, IsPhilox) {
+  using Words = std::array<std::uint32_t, 4>;
+  EXPECT_EQ(philox4x32({0, 0, 0, 0}, {0, 0}), (Words{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}));
+  const std::uint32_t ones = 0xffffffff;
+  EXPECT_EQ(philox4x32({ones, ones, ones, ones}, {ones, ones}),
+            (Words{0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd}));
+  EXPECT_EQ(philox4x32({0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344}, {0xa4093822, 0x299f31d0}),
+            (Words{0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}));
+}
+
+TEST(Random, EveryPartOfTheKeyCounts) {
+  const auto base = random_bits({1, RandomStream::kSplit, 2}, 3);
+  EXPECT_EQ(random_bits({1, RandomStream::kSplit, 2}, 3), base);
+  EXPECT_NE(random_bits({2, RandomStream::kSplit, 2}, 3), base);
+  EXPECT_NE(random_bits({1ll << 40, RandomStream::kSplit, 2}, 3), random_bits({0, RandomStream::kSplit, 2}, 3));
+  EXPECT_NE(random_bits({1, RandomStream::kBackground, 2}, 3), base);
+  EXPECT_NE(random_bits({1, RandomStream::kSplit, 3}, 3), base);
+  EXPECT_NE(random_bits({1, RandomStream::kSplit, 2}, 4), base);
+  EXPECT_NE(random_bits({1, RandomStream::kSplit, 2}, 3ull + (1ull << 32)), base);
+}
+
+TEST(Random, HasTheMomentsOfItsDistributions) {
+  const int n = 40000;
+  double uniform_sum = 0, normal_sum = 0, normal_squares = 0, normal_fourth = 0, neighbors = 0;
+  for (int row = 0; row < n; ++row) {
+    const RandomKey key{5, RandomStream::kSplit, 1};
+    const auto normal = random_normal(key, row);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const float u = random_uniform(key, row)[i];
+      ASSERT_GE(u, 0);
+      ASSERT_LT(u, 1);
+      uniform_sum += u;
+      normal_sum += normal[i];
+      normal_squares += normal[i] * normal[i];
+      normal_fourth += std::pow(normal[i], 4);
+    }
+    neighbors += normal[0] * normal[1] + normal[2] * normal[3];
+  }
+  // 5 standard deviations of each mean over 160 000 values
+  EXPECT_NEAR(uniform_sum / (4 * n), 0.5, 0.0036);
+  EXPECT_NEAR(normal_sum / (4 * n), 0, 0.0125);
+  EXPECT_NEAR(normal_squares / (4 * n), 1, 0.018);
+  EXPECT_NEAR(normal_fourth / (4 * n), 3, 0.125);
+  EXPECT_NEAR(neighbors / (2 * n), 0, 0.018);
+}
+
+TEST(OutputPlan, ActsAtTheEndWhateverTheListsSay) {
+  TrainConfig config;
+  config.iterations = 2003;
+  const OutputPlan last = output_plan(config, 2003, true);
+  EXPECT_TRUE(last.log && last.evaluate && last.save && last.checkpoint);
+  EXPECT_FALSE(output_plan(config, 2003, false).evaluate) << "without test views";
+  const OutputPlan before = output_plan(config, 2002, true);
+  EXPECT_FALSE(before.log || before.evaluate || before.save || before.checkpoint);
+}
+
+TEST(OutputPlan, FollowsListsAndIntervals) {
+  TrainConfig config;
+  config.checkpoint_iterations = {15};
+  config.checkpoint_interval = 500;
+  config.test_iterations = {15};
+  config.save_iterations = {30};
+  EXPECT_TRUE(output_plan(config, 15, true).checkpoint);
+  EXPECT_TRUE(output_plan(config, 15, true).evaluate);
+  EXPECT_TRUE(output_plan(config, 15, true).log) << "an evaluation has its line";
+  EXPECT_FALSE(output_plan(config, 15, true).save);
+  EXPECT_TRUE(output_plan(config, 30, true).save);
+  EXPECT_TRUE(output_plan(config, 1000, true).checkpoint);
+  EXPECT_TRUE(output_plan(config, 40, true).log);
+}
+
+}  // namespace
+}  // namespace b3dgs
