@@ -22,7 +22,7 @@ std::string why_no_gpu() {
 torch::Device choose_device(const std::string& name) {
   if (name == "cpu") return torch::kCPU;
   const std::string reason = why_no_gpu();
-  if (reason.empty()) return torch::kCUDA;
+  if (reason.empty()) return torch::Device(torch::kCUDA, 0);
   if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
   return torch::kCPU;
 }

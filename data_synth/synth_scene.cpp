@@ -5,29 +5,9 @@
 
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/sh.h"
+#include "train/pinhole_view.h"
 
 namespace b3dgs {
-namespace {
-
-PinholeView pinhole_view(const Camera& camera) {
-  PinholeView view{};
-  const Pose& pose = camera.cam_from_world;
-  for (int i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(pose.rotation[i]);
-  const auto to_vec = [](const std::array<double, 3>& v) {
-    return Vec3f{static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
-  };
-  view.translation = to_vec(pose.translation);
-  view.center = to_vec(camera.center());
-  view.fx = static_cast<float>(camera.fx);
-  view.fy = static_cast<float>(camera.fy);
-  view.cx = static_cast<float>(camera.cx);
-  view.cy = static_cast<float>(camera.cy);
-  view.width = camera.width;
-  view.height = camera.height;
-  return view;
-}
-
-}  // namespace
 
 SynthConfig with_scene_defaults(SynthConfig config) {
   const bool is_street = config.scene == "street";
@@ -58,7 +38,7 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
   const std::size_t n_pixels = static_cast<std::size_t>(camera.width) * camera.height;
   std::vector<float> color(3 * n_pixels), depth(n_pixels), alpha(n_pixels);
   cpu::Rasterizer rasterizer;
-  rasterizer.forward(gaussians, pinhole_view(camera), settings, {color.data(), depth.data(), alpha.data()});
+  rasterizer.forward(gaussians, to_pinhole_view(camera), settings, {color.data(), depth.data(), alpha.data()});
 
   Image8 image(camera.width, camera.height, 3);
   std::transform(color.begin(), color.end(), image.pixels.begin(), [](float value) {

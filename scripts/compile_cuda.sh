@@ -6,4 +6,4 @@ export PATH=$PATH:/usr/local/cuda/bin
 
 scripts/install_packages.sh
 cmake --preset cuda-compile -DB3DGS_TESTS=OFF
-cmake --build --preset cuda-compile --target b3dgs_raster_cuda
+cmake --build --preset cuda-compile --target b3dgs_raster_cuda b3dgs_train_cuda

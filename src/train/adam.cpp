@@ -8,6 +8,11 @@
 
 #include "check.h"
 
+#if B3DGS_TORCH_CUDA
+#include "raster/torch_launch.h"
+#include "train/cuda/adam_cuda.h"
+#endif
+
 namespace b3dgs {
 
 AdamState make_adam_state(const GaussianTensors& gaussians) {
@@ -42,6 +47,9 @@ void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTen
   }
   const torch::Device device = gaussians.means.device();
   if (!device.is_cpu()) {
+#if B3DGS_TORCH_CUDA
+    return cuda::adam_step(groups, torch_launch_context().stream);
+#endif
     input_error("this build has Adam for the CPU only, found device ", device.str(), "; use --device cpu");
   }
   for (const AdamArgs& args : groups) cpu::adam_step(args);

@@ -1,5 +1,10 @@
 #include "train/density_statistics.h"
 
+#if B3DGS_TORCH_CUDA
+#include "raster/torch_launch.h"
+#include "train/cuda/density_statistics_cuda.h"
+#endif
+
 namespace b3dgs {
 
 DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device) {
@@ -9,6 +14,20 @@ DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Devic
 }
 
 void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics) {
+#if B3DGS_TORCH_CUDA
+  if (view.radii.is_cuda()) {
+    cuda::AddViewArgs args;
+    args.n_gaussians = view.radii.numel();
+    args.means2d_grad = view.means2d_grad.data_ptr<float>();
+    args.radii = view.radii.data_ptr<std::int32_t>();
+    args.half_width = 0.5f * static_cast<float>(width);
+    args.half_height = 0.5f * static_cast<float>(height);
+    args.grad_norm_sum = statistics.grad_norm_sum.data_ptr<float>();
+    args.view_count = statistics.view_count.data_ptr<std::int32_t>();
+    args.max_radii = statistics.max_radii.data_ptr<std::int32_t>();
+    return cuda::add_view(args, torch_launch_context().stream);
+  }
+#endif
   const torch::Tensor dx = view.means2d_grad.select(1, 0) * (0.5 * width);
   const torch::Tensor dy = view.means2d_grad.select(1, 1) * (0.5 * height);
   // Gaussians that were not seen have no gradient: their sums do not change.

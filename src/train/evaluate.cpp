@@ -4,23 +4,6 @@
 
 namespace b3dgs {
 
-PinholeView to_pinhole_view(const Camera& camera) {
-  PinholeView view{};
-  for (std::size_t i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(camera.cam_from_world.rotation[i]);
-  const auto to_float = [](const std::array<double, 3>& v) {
-    return Vec3f{static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
-  };
-  view.translation = to_float(camera.cam_from_world.translation);
-  view.center = to_float(camera.center());
-  view.fx = static_cast<float>(camera.fx);
-  view.fy = static_cast<float>(camera.fy);
-  view.cx = static_cast<float>(camera.cx);
-  view.cy = static_cast<float>(camera.cy);
-  view.width = camera.width;
-  view.height = camera.height;
-  return view;
-}
-
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const std::optional<ForwardKernel> kernel = find_forward_kernel(config.kernel);
   B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", config.kernel);
@@ -36,11 +19,13 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
 
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered) {
+  RenderSettings forward_only = settings;
+  forward_only.keep_for_backward = false;
   Evaluation evaluation;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];
     B3DGS_CHECK(view.image, "view ", view.name, " has no image to compare with");
-    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), settings);
+    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
     const ImageQuality quality = image_quality(rendered.color, *view.image, view.valid.get());
     evaluation.views.push_back({view.name, quality});
     evaluation.mean.psnr += quality.psnr / static_cast<double>(views.size());

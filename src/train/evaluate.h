@@ -8,12 +8,10 @@
 #include "raster/rasterizer.h"
 #include "scene/scene.h"
 #include "train/metrics.h"
+#include "train/pinhole_view.h"
 #include "train/train_config.h"
 
 namespace b3dgs {
-
-/// The rasterizer's form of a camera.
-PinholeView to_pinhole_view(const Camera& camera);
 
 /// How views of a model are rendered where nothing is random. `sh_degree` is at most that of its Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);

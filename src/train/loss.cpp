@@ -5,6 +5,11 @@
 #include "check.h"
 #include "raster/tensor_check.h"
 
+#if B3DGS_TORCH_CUDA
+#include "raster/torch_launch.h"
+#include "train/cuda/loss_reader.h"
+#endif
+
 namespace b3dgs {
 
 std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
@@ -13,14 +18,34 @@ std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
   return count;
 }
 
+#if B3DGS_TORCH_CUDA
+struct ImageLoss::OnCuda {
+  cuda::LossReader reader;
+};
+#else
+struct ImageLoss::OnCuda {};
+#endif
+
 ImageLoss::ImageLoss(torch::Device device) : device_(device) {
-  if (!device.is_cpu()) {
-    input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
-  }
+  if (device.is_cpu()) return;
+#if B3DGS_TORCH_CUDA
+  cuda_ = std::make_unique<OnCuda>();
+#else
+  input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
+#endif
 }
 
-LossValue ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
-                             std::int64_t n_valid, double lambda_dssim) {
+ImageLoss::~ImageLoss() = default;
+
+LossValue ImageLoss::value() const {
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) return cuda_->reader.wait();
+#endif
+  return value_;
+}
+
+void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
+                        std::int64_t n_valid, double lambda_dssim) {
   TensorCheck(device_).dims("rendered", rendered, {"H", "W", 3});
   const auto check_bytes = [&](const char* name, const torch::Tensor& bytes, torch::IntArrayRef sizes) {
     B3DGS_CHECK(bytes.defined() && bytes.sizes() == sizes, name, " has other sizes than the rendered view, ",
@@ -34,7 +59,10 @@ LossValue ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor&
   LossArgs args;
   args.height = static_cast<std::int32_t>(rendered.size(0));
   args.width = static_cast<std::int32_t>(rendered.size(1));
-  const std::int64_t workspace_size = cpu::loss_workspace_size(args.width, args.height);
+  std::int64_t workspace_size = cpu::loss_workspace_size(args.width, args.height);
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) workspace_size = cuda::loss_workspace_size(args.width, args.height);
+#endif
   if (!grad_.defined() || grad_.sizes() != rendered.sizes()) grad_ = torch::empty_like(rendered);
   if (!workspace_.defined() || workspace_.numel() < workspace_size) {
     workspace_ = torch::empty({workspace_size}, rendered.options());
@@ -46,7 +74,10 @@ LossValue ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor&
   args.lambda_dssim = lambda_dssim;
   args.grad = grad_.data_ptr<float>();
   args.workspace = workspace_.data_ptr<float>();
-  return cpu::compute_loss(args);
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) return cuda_->reader.compute(args, torch_launch_context().stream);
+#endif
+  value_ = cpu::compute_loss(args);
 }
 
 }  // namespace b3dgs

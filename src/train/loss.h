@@ -11,6 +11,7 @@
 #include <torch/types.h>
 
 #include <cstdint>
+#include <memory>
 
 #include "train/loss_args.h"
 
@@ -34,18 +35,25 @@ class ImageLoss {
  public:
   /// @throws InputError if this build has no loss for the device.
   explicit ImageLoss(torch::Device device);
+  ~ImageLoss();
 
-  /// `rendered` [H, W, 3] float, `truth` [H, W, 3] uint8, `valid` [H, W] uint8 or undefined, with n_valid pixels that
-  /// are not 0. grad() is valid until the next call.
-  LossValue compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
-                    std::int64_t n_valid, double lambda_dssim);
+  /// Loss and gradient of `rendered` [H, W, 3] float against `truth` [H, W, 3] uint8, with `valid` [H, W] uint8 or
+  /// undefined, of which n_valid pixels are not 0. Does not wait for a GPU.
+  void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
+               std::int64_t n_valid, double lambda_dssim);
 
-  /// [H, W, 3] float, gradient of the last loss by the rendered image.
+  /// Of the last compute(). Waits until a GPU is done with that, so a training step asks one step later.
+  LossValue value() const;
+
+  /// [H, W, 3] float, gradient of the last loss by the rendered image; valid until the next compute().
   const torch::Tensor& grad() const { return grad_; }
 
  private:
+  struct OnCuda;
   torch::Device device_;
   torch::Tensor grad_, workspace_;
+  LossValue value_;
+  std::unique_ptr<OnCuda> cuda_;
 };
 
 }  // namespace b3dgs

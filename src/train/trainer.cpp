@@ -12,9 +12,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "check.h"
-#include "parallel.h"
 #include "scene/ply.h"
 #include "train/checkpoint.h"
 #include "train/densifier.h"
@@ -23,6 +23,7 @@
 #include "train/lr_schedule.h"
 #include "train/output_plan.h"
 #include "train/random.h"
+#include "train/threads.h"
 #include "train/train_log.h"
 #include "train/train_state.h"
 #include "train/train_views.h"
@@ -65,7 +66,7 @@ struct Trainer::Impl {
         scene(scene),
         folder(std::move(folder)),
         hooks(std::move(hooks)),
-        device(config.device == "cuda" ? torch::kCUDA : torch::kCPU),
+        device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
         loss(device),
         views(upload_views(scene.train, device)) {
@@ -74,6 +75,8 @@ struct Trainer::Impl {
 
   void start();
   void step();
+  void settle_loss();
+  [[noreturn]] void fail(int iteration, const TrainView& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
   void control_density();
   void write_outputs(const OutputPlan& plan);
@@ -97,6 +100,11 @@ struct Trainer::Impl {
   GaussianTensors grads;
   TrainState state;
   TrainResult result;
+  /// A step whose loss the host has not read yet.
+  struct Unsettled {
+    int iteration = 0;
+    const TrainView* view = nullptr;
+  } unsettled;
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
   double logged_s = 0;       // result.train_s at the last line
@@ -124,12 +132,32 @@ RenderSettings Trainer::Impl::step_settings() const {
   return settings;
 }
 
+void Trainer::Impl::settle_loss() {
+  if (unsettled.view == nullptr) return;
+  const auto [iteration, view] = std::exchange(unsettled, {});
+  const double value = loss.value().loss;
+  if (!std::isfinite(value)) fail(iteration, *view, detail::concat("the loss is ", value));
+  state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+}
+
+void Trainer::Impl::fail(int iteration, const TrainView& view, const std::string& reason) const {
+  const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
+  throw NumericError(
+      detail::concat("iteration ", iteration, ", view ", view.name, ": ", reason, "; last checkpoint: ", last));
+}
+
 /// Loss and gradients of one view; statistics for density control.
 void Trainer::Impl::differentiate(const TrainView& view) {
-  const RenderedView rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
-  const LossValue value = loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
-  if (!std::isfinite(value.loss)) throw NumericError(detail::concat("the loss is ", value.loss));
-  state.loss_average = state.iteration == 1 ? value.loss : 0.4 * value.loss + 0.6 * state.loss_average;
+  RenderedView rendered;
+  try {
+    rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
+  } catch (const NumericError& error) {
+    fail(state.iteration, view, error.what());
+  }
+  settle_loss();  // of the step before: the device has finished it by now
+  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
+  unsettled = {state.iteration, &view};
+  if (device.is_cpu()) settle_loss();
   const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
   if (density_plan(config, state.iteration).add_statistics) {
     add_view(statistics, view.camera.width, view.camera.height, state.statistics);
@@ -141,13 +169,7 @@ void Trainer::Impl::step() {
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   const TrainView& view =
       views[static_cast<std::size_t>(state.view_order.next(config.seed, static_cast<std::int32_t>(views.size())))];
-  try {
-    differentiate(view);
-  } catch (const NumericError& error) {
-    const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
-    throw NumericError(
-        detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what(), "; last checkpoint: ", last));
-  }
+  differentiate(view);
   adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
 }
 
@@ -200,6 +222,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 
 void Trainer::Impl::write_checkpoint() {
   report("checkpoint");
+  settle_loss();
   const fs::path path = folder.checkpoint(state.iteration);
   b3dgs::write_checkpoint(path, config, state, scene);
   result.checkpoint = path;
@@ -219,7 +242,7 @@ void Trainer::Impl::report(const char* activity) const {
 }
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
-  set_thread_count(config.threads);
+  set_compute_threads(config.threads);
   impl_ = std::make_unique<Impl>(config, scene, std::move(folder), std::move(hooks));
 }
 Trainer::~Trainer() = default;
@@ -258,6 +281,7 @@ TrainResult Trainer::run() {
     result.train_s += seconds_since(start);
     own.report("training");
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
+    if (plan.log || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped()) own.settle_loss();
     own.write_outputs(plan);
     start = std::chrono::steady_clock::now();
     own.control_density();

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "check.h"
+#include "parallel.h"
 #include "scene/ply.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -13,6 +14,7 @@
 #include "train/checkpoint.h"
 #include "train/checkpoint_file.h"
 #include "train/densifier.h"
+#include "train/threads.h"
 #include "train/tiny_scene.h"
 
 namespace b3dgs {
@@ -101,6 +103,18 @@ TEST(Trainer, StopsOnASignalWithACheckpointToContinueFrom) {
   EXPECT_TRUE(stopped.ply.empty());
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_TRUE(train(config, scene, temp / "stopped", stopped.checkpoint).ply == whole.ply);
+}
+
+TEST(Trainer, ComputesOnAsManyThreadsAsAskedFor) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = eventful_config();
+  for (const int threads : {3, 1, 2}) {
+    config.threads = threads;
+    train(config, scene, temp.path());
+    EXPECT_EQ(thread_count(), threads) << "LibTorch has taken over";
+  }
+  set_compute_threads(0);
 }
 
 /// PSNR on held-out views before and after 800 iterations.
