@@ -10,8 +10,8 @@
 #include "app/model.h"
 #include "app/progress.h"
 #include "check.h"
-#include "parallel.h"
 #include "train/checkpoint_file.h"
+#include "train/threads.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -186,7 +186,7 @@ int run_train(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(plan.config.device);
   plan.config.device = device_name(device);
   const TrainConfig& config = plan.config;
-  set_thread_count(config.threads);
+  set_compute_threads(config.threads);
   const ModelFolder folder(config.model_path);
   guard_model(folder, plan);
   const EmptyFolderGuard guard(folder.root());

@@ -4,8 +4,8 @@
 #include <cstdio>
 
 #include "check.h"
-#include "parallel.h"
 #include "scene/ply.h"
+#include "train/threads.h"
 
 namespace b3dgs {
 namespace {
@@ -28,7 +28,7 @@ int choose_iteration(const ModelFolder& folder, int wanted) {
 void load_scene_of(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
   if (!options.source_path.empty()) model.config.source_path = options.source_path;
   if (options.resolution != 0) model.config.resolution = options.resolution;
-  set_thread_count(options.threads);
+  set_compute_threads(options.threads);
   model.scene = load_scene(scene_options(model.config), show_loading(status));
   status.clear();
 }

@@ -22,6 +22,6 @@ cat <<DONE
 Done.
   Gaussians   $out/model/point_cloud/iteration_1500/point_cloud.ply   (opens in any 3DGS viewer)
   pictures    $out/model/test/ours_1500/{renders,gt,diff}/*.png
-  flight      $out/model/interpolated/ours_1500/color/*.png
+  flight      $out/model/interpolated/ours_1500/renders/*.png
   measures    $out/model/results.json, per_view.json, train.jsonl
 DONE

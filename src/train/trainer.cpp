@@ -1,10 +1,10 @@
 // A step, in order: rates and SH degree, view, render, loss, gradients, Adam; then what is measured and saved; then
 // density control; then the checkpoint.
 //
-// The original differs in two places, neither of which changes a result that anyone could measure. It runs density
-// control before Adam, and since that replaces the parameters, the gradients of such a step are lost; here they are
-// used. And it leaves out Adam in the very last iteration; here every iteration is alike, so that a run that is resumed
-// to go further is the same as one that never stopped. What it measures and saves at an iteration is the model before
+// The original differs in two places. It runs density control before Adam, and since that replaces the parameters, the
+// gradients of such a step are lost; here they are used. And it leaves out Adam in the very last iteration; here every
+// iteration is alike, so that a run that is resumed to go further is the same as one that never stopped. Either is one
+// step in a hundred or fewer. What it measures and saves at an iteration is the model before
 // that iteration's density control, as here: an opacity reset would otherwise be seen in the figures.
 
 #include "train/trainer.h"

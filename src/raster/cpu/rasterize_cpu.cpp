@@ -46,6 +46,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
               kMaxTileSide);
   B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree ",
               settings.sh_degree, " of at most ", gaussians.sh_degree_max);
+  B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
   s.n_gaussians = -1;  // until this pass has succeeded

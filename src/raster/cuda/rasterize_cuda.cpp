@@ -64,6 +64,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
               settings.sh_degree, " of at most ", gaussians.sh_degree_max);
   B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "splats carry 32-bit indices; n_gaussians is ",
               gaussians.n_gaussians);
+  B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
   s.n_gaussians = -1;  // until this pass has succeeded
