@@ -9,6 +9,8 @@
 
 #include "train/trainer.h"
 
+#include <torch/cuda.h>
+
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -74,7 +76,9 @@ struct Trainer::Impl {
   }
 
   void start();
+  void begin();
   void step();
+  void wait_for_device() const;
   void settle_loss();
   [[noreturn]] void fail(int iteration, const TrainView& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
@@ -120,6 +124,23 @@ void Trainer::Impl::start() {
     say(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
                        config.max_gaussians, ": none are added"));
   }
+}
+
+/// What has to be there before the first step of this session; nothing when called again.
+void Trainer::Impl::begin() {
+  if (log) return;
+  if (state.gaussians.size() == 0) start();
+  folder.write_inputs(config, scene);
+  log = std::make_unique<TrainLog>(folder.log(), state.iteration);
+  logged_iteration = state.iteration;
+  if (state.iteration == config.iterations) {
+    say(detail::concat("all ", config.iterations, " iterations are done; more need a larger --iterations"));
+    result.ply = folder.ply(state.iteration);
+  }
+}
+
+void Trainer::Impl::wait_for_device() const {
+  if (device.is_cuda()) torch::cuda::synchronize();
 }
 
 RenderSettings Trainer::Impl::step_settings() const {
@@ -264,34 +285,55 @@ std::vector<std::string> Trainer::resume(const fs::path& checkpoint) {
 }
 
 TrainResult Trainer::run() {
+  return run_until(impl_->config.iterations);
+}
+
+TrainResult Trainer::run_until(int iteration) {
   Impl& own = *impl_;
   TrainResult& result = own.result;
-  if (own.state.gaussians.size() == 0) own.start();
-  own.folder.write_inputs(own.config, own.scene);
-  own.log = std::make_unique<TrainLog>(own.folder.log(), own.state.iteration);
-  own.logged_iteration = own.state.iteration;
-  if (own.state.iteration == own.config.iterations) {
-    own.say(detail::concat("all ", own.config.iterations, " iterations are done; more need a larger --iterations"));
-    result.ply = own.folder.ply(own.state.iteration);
-  }
-
-  while (own.state.iteration < own.config.iterations && !result.interrupted) {
+  B3DGS_CHECK(iteration <= own.config.iterations, "iteration ", iteration, " of ", own.config.iterations);
+  own.begin();
+  while (own.state.iteration < iteration && !result.interrupted) {
     auto start = std::chrono::steady_clock::now();
     own.step();
     result.train_s += seconds_since(start);
     own.report("training");
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
     if (plan.log || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped()) own.settle_loss();
+    start = std::chrono::steady_clock::now();
     own.write_outputs(plan);
+    result.output_s += seconds_since(start);
     start = std::chrono::steady_clock::now();
     own.control_density();
     result.train_s += seconds_since(start);
+    start = std::chrono::steady_clock::now();
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
     if (plan.checkpoint || result.interrupted) own.write_checkpoint();
+    result.output_s += seconds_since(start);
   }
+  const auto start = std::chrono::steady_clock::now();
+  own.wait_for_device();
+  result.train_s += seconds_since(start);
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;
+}
+
+int Trainer::iteration() const {
+  return impl_->state.iteration;
+}
+
+Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
+  Impl& own = *impl_;
+  B3DGS_CHECK(own.log, "the training has not begun");
+  return evaluate_views(own.rasterizer, own.state.gaussians, views,
+                        evaluation_settings(own.config, own.state.sh_degree), on_rendered);
+}
+
+fs::path Trainer::write_checkpoint() {
+  B3DGS_CHECK(impl_->log, "the training has not begun");
+  impl_->write_checkpoint();
+  return impl_->result.checkpoint;
 }
 
 }  // namespace b3dgs

@@ -33,6 +33,7 @@ struct TrainResult {
   bool interrupted = false;  // by stop_signal
   std::int64_t n_gaussians = 0;
   double train_s = 0;                                   // steps with densification, without reading, evaluation, saving
+  double output_s = 0;                                  // evaluation, saving, checkpoints
   std::filesystem::path ply, checkpoint;                // last ones written
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
 };
@@ -50,6 +51,20 @@ class Trainer {
   /// Runs to config.iterations (or the stop signal), writing the folder's files on the way.
   /// @throws NumericError with iteration, view and last checkpoint if the loss is not finite.
   TrainResult run();
+
+  /// As run(), but returns after `iteration`, at most config.iterations; call again to go on. The course and the files
+  /// are those of one run(), whatever the pieces. The device has finished when this returns, so that trainers can take
+  /// turns and each pays for its own time.
+  TrainResult run_until(int iteration);
+
+  /// Last iteration done.
+  int iteration() const;
+
+  /// Renders `views` with the model as it stands and measures them; the training must have begun.
+  Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
+
+  /// Writes a checkpoint of the training as it stands, which must have begun. @throws IoError
+  std::filesystem::path write_checkpoint();
 
  private:
   struct Impl;

@@ -74,6 +74,51 @@ TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   }
 }
 
+TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = eventful_config();
+  config.save_iterations = config.checkpoint_iterations = config.test_iterations = {8};
+  const Trained whole = train(config, scene, temp / "whole");
+  // Two trainers that take turns, as a comparison has them.
+  const ModelFolder folders[] = {ModelFolder(temp / "a"), ModelFolder(temp / "b")};
+  Trainer a(config, scene, folders[0], {}), b(config, scene, folders[1], {});
+  for (const int until : {0, 1, 8, 8, 10, 17, 20}) {
+    for (Trainer* trainer : {&a, &b}) {
+      const TrainResult result = trainer->run_until(until);
+      EXPECT_EQ(result.iteration, until);
+      EXPECT_EQ(trainer->iteration(), until);
+    }
+  }
+  for (const ModelFolder& folder : folders) {
+    EXPECT_TRUE(test::read_bytes(folder.ply(20)) == whole.ply);
+    EXPECT_TRUE(test::read_bytes(folder.checkpoint(20)) == whole.checkpoint);
+    EXPECT_EQ(folder.ply_iterations(), (std::vector<int>{8, 20}));
+    EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{8, 20}));
+  }
+  const TrainResult result = a.run_until(20);
+  ASSERT_EQ(result.evaluations.size(), 2u);
+  EXPECT_EQ(a.evaluate(scene.test).mean.psnr, result.evaluations.back().second.mean.psnr);
+  EXPECT_EQ(config.iterations, 20);
+  EXPECT_THROW(a.run_until(21), LogicError);
+}
+
+TEST(Trainer, APausedRunContinuesFromTheCheckpointItIsToldToWrite) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const TrainConfig config = eventful_config();
+  const ModelFolder folder(temp / "paused");
+  fs::path checkpoint;
+  {
+    Trainer trainer(config, scene, folder, {});
+    EXPECT_THROW(trainer.write_checkpoint(), LogicError) << "there is nothing yet";
+    trainer.run_until(11);
+    checkpoint = trainer.write_checkpoint();
+  }
+  EXPECT_EQ(checkpoint, folder.checkpoint(11));
+  EXPECT_TRUE(train(config, scene, folder.root(), checkpoint).ply == train(config, scene, temp / "whole").ply);
+}
+
 TEST(Trainer, TwoRunsGiveTheSameBytesOnAnyNumberOfThreads) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
