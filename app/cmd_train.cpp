@@ -1,5 +1,4 @@
 // b3dgs train: trains a COLMAP scene, from the beginning or from a checkpoint.
-#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -7,8 +6,12 @@
 #include "app/cli.h"
 #include "app/commands.h"
 #include "app/device.h"
+#include "app/machine.h"
 #include "app/model.h"
 #include "app/progress.h"
+#include "app/run_record.h"
+#include "app/train_report.h"
+#include "app/train_setup.h"
 #include "check.h"
 #include "train/checkpoint_file.h"
 #include "train/threads.h"
@@ -40,15 +43,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
         "for command lines of the original: there is no viewer to disable");
 }
 
-std::atomic<int> stop_signal{0};
-
-/// The first signal asks for a checkpoint; the second finds the system's own action, which ends the program at once.
-extern "C" void ask_to_stop(int signal) {
-  stop_signal = signal;
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
-}
-
 /// What to train, from where, and where to.
 struct TrainPlan {
   TrainConfig config;
@@ -57,19 +51,13 @@ struct TrainPlan {
 };
 
 std::string default_model_path(const std::string& source_path) {
-  const fs::path scene = fs::absolute(source_path).lexically_normal();
-  return (fs::path("output") / (scene.has_filename() ? scene : scene.parent_path()).filename()).string();
+  return (fs::path("output") / scene_name(source_path)).string();
 }
 
 /// Defaults, then the config file, then the command line.
 void apply_given(const CommandLine& line, const TrainCommandOptions& options, TrainConfig& config) {
   if (!options.config.empty()) apply_config_file(config, options.config);
   line.apply(config);
-}
-
-/// Paths that stay right when a later command runs in another folder.
-void make_absolute(std::string& path) {
-  if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }
 
 /// The newest valid checkpoint of the model folder, which is settled here; empty if there is none.
@@ -119,39 +107,11 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
 /// A model is hours of work: it is not replaced by accident.
 void guard_model(const ModelFolder& folder, const TrainPlan& plan) {
   if (!plan.checkpoint.empty() || plan.options.overwrite) return;
-  if (folder.ply_iterations().empty() && folder.checkpoint_iterations().empty()) return;
+  if (!holds_model(folder)) return;
   input_error(folder.root().string(),
               ": already holds a model; continue it with --resume auto, replace it with --overwrite, "
               "or name another folder with -m");
 }
-
-/// Takes away what an earlier training left, so that none of it is taken for the new one's.
-void remove_model(const ModelFolder& folder) {
-  std::error_code error;
-  for (const int iteration : folder.ply_iterations()) fs::remove_all(folder.ply(iteration).parent_path(), error);
-  for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
-  for (const fs::path& file : {folder.log(), folder.root() / "results.json", folder.root() / "per_view.json"}) {
-    fs::remove(file, error);
-  }
-}
-
-/// Takes a folder that was made for the model away again if nothing came to be in it.
-class EmptyFolderGuard {
- public:
-  explicit EmptyFolderGuard(const fs::path& folder) {
-    std::error_code error;
-    if (!fs::exists(folder, error)) folder_ = folder;
-  }
-  ~EmptyFolderGuard() {
-    std::error_code error;  // that it is not empty, usually
-    if (!folder_.empty()) fs::remove(folder_, error);
-  }
-  EmptyFolderGuard(const EmptyFolderGuard&) = delete;
-  EmptyFolderGuard& operator=(const EmptyFolderGuard&) = delete;
-
- private:
-  fs::path folder_;
-};
 
 void report_quality(const TrainResult& result) {
   for (const auto& [iteration, evaluation] : result.evaluations) {
@@ -168,6 +128,17 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
   if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
   std::printf("%-12s%s\n", "model", config.model_path.c_str());
+}
+
+/// report.html and what it is made of; adds to the times of earlier sessions.
+void write_report(Trainer& trainer, const TrainResult& result, const Scene& scene, const ModelFolder& folder,
+                  const torch::Device& device, double reading_s) {
+  RunRecord record = read_run_record(folder);
+  record.machine = describe_machine(device);
+  record.reading_s += reading_s;
+  record.output_s += result.output_s;
+  write_run_record(record, trainer, scene, folder);
+  std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
 }
 
 }  // namespace
@@ -192,7 +163,9 @@ int run_train(const std::vector<std::string>& words) {
   const EmptyFolderGuard guard(folder.root());
   folder.create();  // before the images are read: an unwritable folder is known at once
 
+  const double reading_start_s = steady_seconds();
   const Scene scene = load_scene(scene_options(config), show_loading(status));
+  const double reading_s = steady_seconds() - reading_start_s;
   status.clear();
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
@@ -203,7 +176,7 @@ int run_train(const std::vector<std::string>& words) {
   TrainHooks hooks;
   hooks.on_progress = std::ref(progress);
   hooks.on_message = [&](const std::string& message) { status.print(message); };
-  hooks.stop_signal = &stop_signal;
+  hooks.stop_signal = &stop_signal();
   Trainer trainer(config, scene, folder, hooks);
   if (!plan.checkpoint.empty()) {
     const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
@@ -213,14 +186,14 @@ int run_train(const std::vector<std::string>& words) {
     remove_model(folder);
   }
 
-  std::signal(SIGINT, ask_to_stop);
-  std::signal(SIGTERM, ask_to_stop);
+  catch_stop_signals();
   const TrainResult result = trainer.run();
   status.clear();
   report(result, config, steady_seconds() - start_s);
+  write_report(trainer, result, scene, folder, device, reading_s);
   if (!result.interrupted) return 0;
   std::cout << "stopped by a signal; continue with b3dgs train --resume " << result.checkpoint.string() << "\n";
-  return 128 + stop_signal;
+  return 128 + stop_signal();
 }
 
 }  // namespace b3dgs

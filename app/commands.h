@@ -8,12 +8,14 @@
 
 namespace b3dgs {
 
-/// Exit code of a command that did what it was asked: 0, or 128 + signal for a training that was stopped.
+/// Exit code of a command that did what it was asked: 0, or 128 + signal for a training or comparison that was stopped.
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
+int run_compare(const std::vector<std::string>& words);
+int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
 
 }  // namespace b3dgs

@@ -26,6 +26,8 @@ constexpr Command kCommands[] = {
     {"render", run_render, "render colour, depth and alpha images of a model"},
     {"info", run_info, "say what a scene folder, a PLY or a checkpoint holds"},
     {"synth", run_synth, "write a synthetic COLMAP scene"},
+    {"compare", run_compare, "train a scene with several configurations and compare time and quality"},
+    {"report", run_report, "write report.html of a training or a comparison again"},
     {"bench", run_bench, "time the rasterizer's kernels and passes"},
 };
 

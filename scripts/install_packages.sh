@@ -8,6 +8,8 @@ packages=(
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # of OpenCV only what is linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
   libgtest-dev
+  libexpat1-dev  # the tests parse what reports are made of
+  chromium       # the tests look at a report in a browser (120 MB to fetch, 410 MB installed)
   colmap  # the tests let COLMAP's own model_analyzer read what we write
 )
 

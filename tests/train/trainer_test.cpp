@@ -79,6 +79,7 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   const test::TempDir temp;
   TrainConfig config = eventful_config();
   config.save_iterations = config.checkpoint_iterations = config.test_iterations = {8};
+  config.densify_until_iter = config.iterations;  // the last evaluation is of the model as it stays
   const Trained whole = train(config, scene, temp / "whole");
   // Two trainers that take turns, as a comparison has them.
   const ModelFolder folders[] = {ModelFolder(temp / "a"), ModelFolder(temp / "b")};
@@ -99,7 +100,6 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   const TrainResult result = a.run_until(20);
   ASSERT_EQ(result.evaluations.size(), 2u);
   EXPECT_EQ(a.evaluate(scene.test).mean.psnr, result.evaluations.back().second.mean.psnr);
-  EXPECT_EQ(config.iterations, 20);
   EXPECT_THROW(a.run_until(21), LogicError);
 }
 

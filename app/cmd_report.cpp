@@ -1,0 +1,46 @@
+// b3dgs report: writes report.html of a training or a comparison again, from what its folder holds.
+#include <filesystem>
+#include <iostream>
+
+#include "app/cli.h"
+#include "app/commands.h"
+#include "app/comparison.h"
+#include "app/train_report.h"
+#include "check.h"
+
+namespace b3dgs {
+namespace {
+
+struct ReportOptions {
+  std::string folder;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReportOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"folder", 'm', {"model_path"}}, c.folder, Any{}, "folder of a trained model or of a comparison");
+}
+
+}  // namespace
+
+int run_report(const std::vector<std::string>& words) {
+  CommandLine line("report", "Writes report.html of a training or a comparison again: b3dgs report FOLDER.");
+  ReportOptions options;
+  line.add(options, "Report", {"folder"});
+  if (!line.parse(words)) return 0;
+  line.apply(options);
+  if (options.folder.empty()) input_error("command line: of what? b3dgs report FOLDER");
+
+  const std::filesystem::path folder = options.folder;
+  if (!std::filesystem::is_directory(folder)) input_error(folder.string(), ": no such folder");
+  if (holds_comparison(folder)) {
+    const Comparison comparison = load_comparison(read_plan(folder));
+    write_comparison(comparison);
+    print_comparison(comparison);
+    std::cout << "written: " << (folder / "report.html").string() << "\n";
+  } else {
+    std::cout << "written: " << write_train_report(ModelFolder(folder)).string() << "\n";
+  }
+  return 0;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,248 @@
+#include "app/compare_summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "check.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Measure {
+  const char* name;
+  double one_seed_tolerance;  // where the runs say nothing of their own spread
+  bool is_relative;           // to the baseline
+  std::optional<double> (*last)(const TrainHistory& history);
+};
+
+template <class Value>
+std::optional<double> last_of(const TrainHistory& history, std::optional<Value> LogPoint::*field) {
+  for (auto point = history.points.rbegin(); point != history.points.rend(); ++point) {
+    if (const auto& value = (*point).*field) return static_cast<double>(*value);
+  }
+  return std::nullopt;
+}
+
+constexpr Measure kMeasures[] = {
+    {"PSNR, dB", 0.1, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_psnr); }},
+    {"SSIM", 0.003, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_ssim); }},
+    {"Gaussians", 0.02, true, [](const TrainHistory& h) { return last_of(h, &LogPoint::count); }},
+};
+
+std::optional<Spread> last_values(const ConfigurationHistory& configuration, const Measure& measure) {
+  std::vector<double> values;
+  for (const TrainHistory& history : configuration.by_seed) {
+    if (const auto value = measure.last(history)) values.push_back(*value);
+  }
+  return spread_of(values);
+}
+
+std::vector<QualityDifference> compare_quality(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+  std::vector<QualityDifference> differences;
+  for (const Measure& measure : kMeasures) {
+    const auto a = last_values(baseline, measure), b = last_values(ours, measure);
+    if (!a || !b) continue;
+    QualityDifference difference{measure.name, *a, *b};
+    difference.tolerance = std::min(a->n, b->n) > 1 ? std::max(a->range(), b->range())
+                                                    : measure.one_seed_tolerance * (measure.is_relative ? a->mean : 1);
+    differences.push_back(difference);
+  }
+  return differences;
+}
+
+ComparedConfiguration compare(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+  ComparedConfiguration compared;
+  compared.name = ours.name;
+  std::vector<double> overall, before, after, inflection;
+  for (std::size_t i = 0; i < std::min(baseline.by_seed.size(), ours.by_seed.size()); ++i) {
+    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[i], ours.by_seed[i]);
+    if (!saved) continue;
+    compared.by_seed.push_back(*saved);
+    overall.push_back(saved->overall);
+    if (saved->before) before.push_back(*saved->before);
+    if (saved->after) after.push_back(*saved->after);
+    if (saved->inflection) inflection.push_back(*saved->inflection);
+  }
+  compared.overall = spread_of(overall);
+  compared.before = spread_of(before);
+  compared.after = spread_of(after);
+  compared.inflection = spread_of(inflection);
+  compared.quality = compare_quality(baseline, ours);
+  return compared;
+}
+
+std::string seconds_text(const ComparedConfiguration& compared, bool of_ours) {
+  double sum = 0;
+  for (const SavedTime& saved : compared.by_seed) sum += of_ours ? saved.ours_s : saved.baseline_s;
+  char text[32];
+  const double mean = sum / static_cast<double>(compared.by_seed.size());
+  std::snprintf(text, sizeof text, mean < 10 ? "%.2f s" : "%.1f s", mean);
+  return text;
+}
+
+Json to_json(const std::optional<Spread>& spread) {
+  if (!spread) return nullptr;
+  return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
+}
+
+}  // namespace
+
+std::optional<Spread> spread_of(const std::vector<double>& values) {
+  if (values.empty()) return std::nullopt;
+  Spread spread{0, values[0], values[0], static_cast<int>(values.size())};
+  for (const double value : values) {
+    spread.mean += value / spread.n;
+    spread.min = std::min(spread.min, value);
+    spread.max = std::max(spread.max, value);
+  }
+  return spread;
+}
+
+double elapsed_at(const TrainHistory& history, double iteration) {
+  double from_iteration = 0, from_s = 0;
+  for (const LogPoint& point : history.points) {
+    if (point.iteration >= iteration) {
+      const double share = (iteration - from_iteration) / (point.iteration - from_iteration);
+      return from_s + share * (point.elapsed_s - from_s);
+    }
+    from_iteration = point.iteration;
+    from_s = point.elapsed_s;
+  }
+  return from_s;
+}
+
+std::optional<int> inflection_point(const TrainHistory& history) {
+  for (const KernelCheck& check : history.checks) {
+    if (check.pass == "forward" && !check.after.empty() && check.before != check.after) return check.iteration;
+  }
+  return std::nullopt;
+}
+
+std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours) {
+  const auto share = [](double baseline_s, double ours_s) { return (baseline_s - ours_s) / baseline_s; };
+  SavedTime saved;
+  saved.until = std::min(baseline.last_iteration(), ours.last_iteration());
+  saved.baseline_s = elapsed_at(baseline, saved.until);
+  saved.ours_s = elapsed_at(ours, saved.until);
+  if (saved.until == 0 || saved.baseline_s <= 0) return std::nullopt;
+  saved.overall = share(saved.baseline_s, saved.ours_s);
+  saved.inflection = inflection_point(ours);
+  if (saved.inflection && *saved.inflection < saved.until) {
+    const double baseline_s = elapsed_at(baseline, *saved.inflection), ours_s = elapsed_at(ours, *saved.inflection);
+    if (baseline_s > 0) saved.before = share(baseline_s, ours_s);
+    if (saved.baseline_s > baseline_s) saved.after = share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
+  }
+  return saved;
+}
+
+bool QualityDifference::is_equal() const {
+  return std::fabs(ours.mean - baseline.mean) <= tolerance;
+}
+
+const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
+  const auto it = std::find_if(compared.begin(), compared.end(), [&](const auto& own) { return own.name == name; });
+  return it == compared.end() ? nullptr : &*it;
+}
+
+ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations) {
+  B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
+  const ConfigurationHistory& baseline = configurations[0];
+  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.kernel == "adaptive"; };
+  const auto adaptive = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
+  const ConfigurationHistory& ours = adaptive != configurations.end() ? *adaptive : configurations[1];
+
+  ComparisonSummary summary;
+  summary.baseline = baseline.name;
+  summary.ours = ours.name;
+  summary.is_balancing = baseline.kernel == "naive" && (ours.kernel == "adaptive" || ours.kernel == "combined");
+  summary.iterations = summary.done = iterations;
+  for (const ConfigurationHistory& configuration : configurations) {
+    for (const TrainHistory& history : configuration.by_seed) {
+      summary.done = std::min(summary.done, history.last_iteration());
+    }
+  }
+  for (std::size_t i = 1; i < configurations.size(); ++i) {
+    summary.compared.push_back(compare(baseline, configurations[i]));
+  }
+  return summary;
+}
+
+std::string quality_criterion(const ComparedConfiguration& compared) {
+  const bool has_range =
+      !compared.quality.empty() && std::min(compared.quality[0].baseline.n, compared.quality[0].ours.n) > 1;
+  if (has_range) {
+    return "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+  }
+  return "One seed says nothing of the spread between runs (--seeds would); called equal within 0.1 dB, 0.003 SSIM and "
+         "2 % of the Gaussians.";
+}
+
+std::string format_percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
+  return text == std::string("-0.0 %") ? "0.0 %" : text;
+}
+
+std::string verdict(const ComparisonSummary& summary) {
+  const ComparedConfiguration* ours = summary.find(summary.ours);
+  if (ours == nullptr || !ours->overall) return "Nothing can be said yet: not every configuration has been trained.";
+  const double saved = ours->overall->mean;
+  const std::string times = " (" + ours->name + " " + seconds_text(*ours, true) + ", " + summary.baseline + " " +
+                            seconds_text(*ours, false) + ")";
+  std::string text;
+  if (std::fabs(saved) < kNoDifference) {
+    text = summary.is_balancing ? "Balancing did not pay on this scene: it made no difference beyond 1 %"
+                                : ours->name + " and " + summary.baseline + " take the same time within 1 %";
+    text += times;
+  } else if (saved > 0) {
+    text = summary.is_balancing
+               ? "Balancing saved " + format_percent(saved) + " of the training time on this scene"
+               : ours->name + " saved " + format_percent(saved) + " of the training time of " + summary.baseline;
+    text += times;
+  } else {
+    text = summary.is_balancing ? "Balancing did not pay on this scene: it took " + format_percent(-saved) + " longer"
+                                : ours->name + " took " + format_percent(-saved) + " longer than " + summary.baseline;
+    text += times;
+  }
+  if (ours->overall->min < 0 && ours->overall->max > 0 && ours->overall->range() >= kNoDifference) {
+    text += "; the seeds disagree, from " + format_percent(ours->overall->min) + " to " +
+            format_percent(ours->overall->max);
+  }
+  text += ".";
+  if (summary.done < summary.iterations) {
+    text = "Not finished: " + std::to_string(summary.done) + " of " + std::to_string(summary.iterations) +
+           " iterations. So far: " + text;
+  }
+  return text;
+}
+
+Json to_json(const ComparisonSummary& summary) {
+  Json compared = Json::array();
+  for (const ComparedConfiguration& own : summary.compared) {
+    Json quality = Json::array(), by_seed = Json::array();
+    for (const SavedTime& saved : own.by_seed) {
+      by_seed.push_back({{"until", saved.until}, {"baseline_s", saved.baseline_s}, {"ours_s", saved.ours_s}});
+    }
+    for (const QualityDifference& difference : own.quality) {
+      quality.push_back({{"measure", difference.measure},
+                         {"baseline", to_json(std::optional(difference.baseline))},
+                         {"ours", to_json(std::optional(difference.ours))},
+                         {"tolerance", difference.tolerance},
+                         {"equal", difference.is_equal()}});
+    }
+    compared.push_back({{"name", own.name},
+                        {"saved_overall", to_json(own.overall)},
+                        {"saved_before_inflection", to_json(own.before)},
+                        {"saved_after_inflection", to_json(own.after)},
+                        {"inflection", to_json(own.inflection)},
+                        {"by_seed", by_seed},
+                        {"quality", quality}});
+  }
+  return {{"verdict", verdict(summary)},      {"baseline", summary.baseline}, {"ours", summary.ours},
+          {"iterations", summary.iterations}, {"done", summary.done},         {"compared", compared}};
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,93 @@
+// What a comparison found, from the histories of its runs: numbers and sentences, no files.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "app/train_log_reader.h"
+
+namespace b3dgs {
+
+/// All runs of one configuration.
+struct ConfigurationHistory {
+  std::string name, kernel;
+  std::vector<TrainHistory> by_seed;
+};
+
+/// Mean and range over seeds.
+struct Spread {
+  double mean = 0, min = 0, max = 0;
+  int n = 0;
+  double range() const { return max - min; }
+};
+
+/// Nothing if `values` is empty.
+std::optional<Spread> spread_of(const std::vector<double>& values);
+
+/// Training seconds up to `iteration`, between two lines interpolated.
+double elapsed_at(const TrainHistory& history, double iteration);
+
+/// Iteration of the first check after which another forward kernel was in use: the paper's inflection point.
+std::optional<int> inflection_point(const TrainHistory& history);
+
+/// Shares of the baseline's time that were saved, (baseline - ours) / baseline, over the iterations that both have
+/// done.
+struct SavedTime {
+  int until = 0;  // iteration
+  double baseline_s = 0, ours_s = 0;
+  std::optional<int> inflection;
+  std::optional<double> before, after;  // the inflection point; missing without one
+  double overall = 0;
+};
+
+/// Nothing if one of them has not begun.
+std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours);
+
+/// One figure of quality at the end, of baseline and ours.
+struct QualityDifference {
+  std::string measure;  // "PSNR, dB"
+  Spread baseline, ours;
+  double tolerance = 0;  // the two are called equal up to this difference of their means
+  bool is_equal() const;
+};
+
+/// One configuration against the first.
+struct ComparedConfiguration {
+  std::string name;
+  std::vector<SavedTime> by_seed;
+  std::optional<Spread> overall, before, after, inflection;
+  std::vector<QualityDifference> quality;
+};
+
+struct ComparisonSummary {
+  std::string baseline, ours;  // names; "ours" is what the verdict is about: the adaptive one, or else the second
+  bool is_balancing = false;   // a balanced kernel, or the choice between them, against naive
+  int iterations = 0;          // wanted
+  int done = 0;                // by all runs
+  std::vector<ComparedConfiguration> compared;
+
+  const ComparedConfiguration* find(const std::string& name) const;
+};
+
+/// The first configuration is the baseline; there are at least two.
+ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
+
+/// Less than this share saved or lost is called no difference.
+inline constexpr double kNoDifference = 0.01;
+
+/// How differences of quality are judged, in a sentence.
+std::string quality_criterion(const ComparedConfiguration& compared);
+
+/// One sentence: did it pay?
+std::string verdict(const ComparisonSummary& summary);
+
+nlohmann::ordered_json to_json(const ComparisonSummary& summary);
+
+/// "18.3 %"
+std::string format_percent(double share);
+
+}  // namespace b3dgs

@@ -1,0 +1,58 @@
+// A comparison on disk: OUTPUT/compare.json, OUTPUT/report.html, and a model folder for each run,
+// OUTPUT/CONFIGURATION/seed_N. All figures come from the runs' own files.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "app/compare_config.h"
+#include "app/compare_summary.h"
+#include "app/run_record.h"
+
+namespace b3dgs {
+
+/// What to compare: enough to go on with it.
+struct ComparisonPlan {
+  TrainConfig base;  // model_path is the comparison's folder
+  std::string configs;
+  std::vector<int> seeds;
+  int chunk = 0;         // iterations of a turn
+  double reading_s = 0;  // of the scene, all sessions so far
+
+  std::filesystem::path root() const { return base.model_path; }
+  std::vector<Configuration> configurations() const { return parse_configurations(configs, base); }
+  ModelFolder folder(const Configuration& configuration, int seed) const;
+};
+
+/// The plan alone; the figures follow with write_comparison(). @throws IoError
+void write_plan(const ComparisonPlan& plan);
+
+/// @throws InputError if the folder holds no comparison or its file is damaged
+ComparisonPlan read_plan(const std::filesystem::path& root);
+
+bool holds_comparison(const std::filesystem::path& root);
+
+struct ComparedRun {
+  int seed = 0;
+  TrainHistory history;
+  RunRecord record;
+};
+
+struct Comparison {
+  ComparisonPlan plan;
+  std::vector<Configuration> configurations;
+  std::vector<std::vector<ComparedRun>> runs;  // [configuration][seed]
+  ComparisonSummary summary;
+};
+
+/// Reads what the runs have written so far.
+Comparison load_comparison(const ComparisonPlan& plan);
+
+/// Writes compare.json and report.html. @throws IoError
+void write_comparison(const Comparison& comparison);
+
+void print_comparison(const Comparison& comparison);
+
+}  // namespace b3dgs

@@ -1,0 +1,140 @@
+#include "app/interleaved_training.h"
+
+#include <algorithm>
+
+#include "app/train_report.h"
+#include "app/train_setup.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+TrainConfig run_config(const Configuration& configuration, const ModelFolder& folder, int seed) {
+  TrainConfig config = configuration.config;
+  config.seed = seed;
+  config.model_path = folder.root().string();
+  return config;
+}
+
+class TemporaryFolder {
+ public:
+  explicit TemporaryFolder(fs::path path) : path_(std::move(path)) {}
+  ~TemporaryFolder() {
+    std::error_code error;
+    fs::remove_all(path_, error);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+}  // namespace
+
+InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, int seed, const Scene& scene, StatusLine& status)
+    : scene_(scene),
+      status_(status),
+      iterations_(plan.base.iterations),
+      chunk_(plan.chunk),
+      label_("seed " + std::to_string(seed)) {
+  for (const Configuration& configuration : plan.configurations()) add(plan, configuration, seed, scene);
+}
+
+void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, int seed,
+                              const Scene& scene) {
+  const ModelFolder folder = plan.folder(configuration, seed);
+  const TrainConfig config = run_config(configuration, folder, seed);
+  folder.create();
+  const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
+  turns_.push_back(std::make_unique<Turn>(Turn{configuration, folder, nullptr, {}, EtaHistory(eta)}));
+  Turn& turn = *turns_.back();
+  TrainHooks hooks;
+  hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
+  hooks.on_message = [this, &turn](const std::string& message) {
+    status_.print(turn.configuration.name + ", " + label_ + ": " + message);
+  };
+  hooks.stop_signal = &stop_signal();
+  turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
+  const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_message);
+  if (!checkpoint.empty()) turn.trainer->resume(checkpoint);
+}
+
+bool InterleavedTraining::take_turns() {
+  int start = iterations_;
+  for (const auto& turn : turns_) start = std::min(start, turn->trainer->iteration());
+  std::size_t first = static_cast<std::size_t>(start / chunk_);  // a resumed comparison keeps the order
+  for (int until = start - start % chunk_; until < iterations_; ++first) {
+    until = std::min(until + chunk_, iterations_);
+    for (std::size_t i = 0; i < turns_.size(); ++i) {
+      Turn& turn = *turns_[(first + i) % turns_.size()];
+      turn.result = turn.trainer->run_until(until);
+      if (stop_signal() != 0) return false;
+    }
+  }
+  return true;
+}
+
+void InterleavedTraining::write_checkpoints() {
+  for (const auto& turn : turns_) {
+    const bool has_begun = turn->result.iteration > 0;
+    if (has_begun && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
+      turn->trainer->write_checkpoint();
+    }
+  }
+}
+
+bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& machine) {
+  const bool is_complete = take_turns();
+  status_.clear();
+  if (!is_complete) write_checkpoints();
+  for (const auto& turn : turns_) {
+    if (turn->result.iteration == 0) continue;  // stopped before its first turn
+    RunRecord record = read_run_record(turn->folder);
+    record.machine = machine;
+    record.reading_s += reading_s;
+    record.output_s += turn->result.output_s;
+    write_run_record(record, *turn->trainer, scene_, turn->folder);
+    write_train_report(turn->folder);
+  }
+  return is_complete;
+}
+
+void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
+  turn.eta.add({progress.iteration, progress.elapsed_s, progress.n_gaussians});
+  std::optional<Eta> all = Eta{};
+  for (const auto& own : turns_) {
+    const std::optional<Eta> eta = own->eta.estimate();
+    if (!eta || !all) {
+      all.reset();
+      break;
+    }
+    all->seconds += eta->seconds;
+    all->is_lower_bound = all->is_lower_bound || eta->is_lower_bound;
+  }
+  status_.show(turn.configuration.name + ", " + label_ + ": " +
+               format_train_progress(progress, turn.eta.iterations_per_second(), all));
+}
+
+void warm_up(const ComparisonPlan& plan, const Scene& scene) {
+  constexpr std::int64_t kPoints = 10000;
+  Scene part = scene;
+  const auto n = static_cast<std::size_t>(std::min(kPoints, part.points.size()));
+  part.points.positions.resize(3 * n);
+  part.points.colors.resize(3 * n);
+  part.train.resize(std::min<std::size_t>(1, part.train.size()));
+  part.test.clear();
+  const TemporaryFolder folder(plan.root() / ".warm_up");
+  for (const Configuration& configuration : plan.configurations()) {
+    TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
+    config.init_ply.clear();
+    config.iterations = 5;
+    config.densify_from_iter = 0;
+    config.densification_interval = 2;
+    Trainer(config, part, ModelFolder(folder.path()), {}).run();
+  }
+}
+
+}  // namespace b3dgs

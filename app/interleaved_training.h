@@ -1,0 +1,48 @@
+// Trainers that take turns, so that whatever slows the machine down slows all of them.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "app/comparison.h"
+#include "app/progress.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+
+/// All configurations of one seed, in one process: the device holds their models and views at the same time.
+class InterleavedTraining {
+ public:
+  /// Each continues from its newest checkpoint, if it has one. `scene`, `status` must outlive this.
+  InterleavedTraining(const ComparisonPlan& plan, int seed, const Scene& scene, StatusLine& status);
+
+  /// Trains all to the end or to the stop signal, which leaves a checkpoint of each. True if it ran to the end.
+  bool run(double reading_s, const nlohmann::ordered_json& machine);
+
+ private:
+  struct Turn {
+    Configuration configuration;
+    ModelFolder folder;
+    std::unique_ptr<Trainer> trainer;
+    TrainResult result;
+    EtaHistory eta;
+  };
+
+  void add(const ComparisonPlan& plan, const Configuration& configuration, int seed, const Scene& scene);
+  bool take_turns();
+  void write_checkpoints();
+  void show(Turn& turn, const TrainProgress& progress);
+
+  const Scene& scene_;
+  StatusLine& status_;
+  const int iterations_, chunk_;
+  std::string label_;                         // "seed 0"
+  std::vector<std::unique_ptr<Turn>> turns_;  // trainers report to their own turn: its place must not change
+};
+
+/// A few steps of each configuration on a part of the scene, thrown away: whoever comes first in a process would
+/// otherwise pay for the loading of kernels and libraries.
+void warm_up(const ComparisonPlan& plan, const Scene& scene);
+
+}  // namespace b3dgs

@@ -1,0 +1,45 @@
+#include "app/machine.h"
+
+#include <torch/version.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <fstream>
+#include <string>
+#include <thread>
+
+#include "app/device.h"
+
+namespace b3dgs {
+namespace {
+
+/// The value of the first "model name : VALUE" of /proc/cpuinfo.
+std::string cpu_name() {
+  std::ifstream file("/proc/cpuinfo");
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "";
+}
+
+}  // namespace
+
+nlohmann::ordered_json describe_machine(const torch::Device& device) {
+  nlohmann::ordered_json machine;
+  machine["program"] = "b3dgs " B3DGS_VERSION;
+  if (const std::string name = cpu_name(); !name.empty()) machine["cpu"] = name;
+  machine["cores"] = std::thread::hardware_concurrency();
+  const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
+  if (pages > 0 && page_bytes > 0) {
+    machine["memory_gb"] = std::round(static_cast<double>(pages) * static_cast<double>(page_bytes) / 1e9);
+  }
+  machine["libtorch"] = TORCH_VERSION;
+  machine["device"] = device_name(device);
+#if B3DGS_HAS_CUDA
+  if (device.is_cuda()) describe_gpu(machine);
+#endif
+  return machine;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,285 @@
+#include "app/report_sections.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <map>
+
+#include "app/compare_summary.h"
+#include "app/html_report.h"
+#include "check.h"
+#include "scene/image_io.h"
+
+namespace b3dgs {
+namespace {
+
+/// In the order of a step; others follow.
+constexpr const char* kStages[] = {"upload",         "project",          "bin",       "blend_forward", "loss",
+                                   "blend_backward", "project_backward", "optimizer", "densify",       "host"};
+
+std::string readable(std::string name) {
+  std::replace(name.begin(), name.end(), '_', ' ');
+  return name;
+}
+
+std::optional<double> find(const NamedTimes& times, const std::string& name) {
+  for (const auto& [own, ms] : times) {
+    if (own == name) return ms;
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
+  std::vector<std::string> names;
+  const auto add = [&](const std::string& name) {
+    const auto has = [&](const NamedTimes& times) { return find(times, name).has_value(); };
+    const bool is_new = std::find(names.begin(), names.end(), name) == names.end();
+    if (is_new && std::any_of(all.begin(), all.end(), has)) names.push_back(name);
+  };
+  for (const char* name : kStages) add(name);
+  for (const NamedTimes& times : all) {
+    for (const auto& [name, ms] : times) add(name);
+  }
+  return names;
+}
+
+std::string candidate_figure(const TrainHistory& history, const std::string& pass) {
+  std::vector<ChartSeries> series;
+  std::vector<ChartEvent> events;
+  for (const KernelCheck& check : history.checks) {
+    if (check.pass != pass) continue;
+    for (const auto& [name, ms] : check.times_ms) {
+      auto own = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
+      if (own == series.end()) {
+        series.push_back({name, {}, static_cast<int>(series.size()), true});
+        own = series.end() - 1;
+      }
+      own->points.push_back({static_cast<double>(check.iteration), ms});
+    }
+    if (!check.after.empty() && check.before != check.after) {
+      events.push_back({static_cast<double>(check.iteration), "to " + check.after});
+    }
+  }
+  if (series.empty()) return "";
+  const LineChart chart{"Time of the " + pass + " candidates over the training",
+                        "iteration",
+                        "ms per " + pass + " pass of the kernel",
+                        ScaleKind::kLinear,
+                        true,
+                        {},
+                        series,
+                        events};
+  return html::figure(
+      draw(chart),
+      "Kernel time of the " + pass + " candidates, each timed on the same views at every check. The paper's figure 7.");
+}
+
+std::string decisions(const TrainHistory& history) {
+  std::vector<html::Row> rows;
+  double cost_ms = 0;
+  bool has_cost = false;
+  for (const KernelCheck& check : history.checks) {
+    has_cost = has_cost || check.cost_ms;
+    cost_ms += check.cost_ms.value_or(0);
+    if (check.after.empty() || check.before == check.after) continue;
+    rows.push_back({std::to_string(check.iteration), check.pass, check.before, check.after, check.reason});
+  }
+  std::string body = rows.empty() ? html::paragraph("The kernel was never changed.")
+                                  : html::table({"iteration", "pass", "from", "to", "reason"}, rows);
+  const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
+  if (has_cost && elapsed_s > 0) {
+    body += html::paragraph(
+        detail::concat("The ", history.checks.size(), " checks took ", format_figure(cost_ms), " ms in all, ",
+                       format_figure(0.1 * cost_ms / elapsed_s), " % of the training time, which they are part of."),
+        "soft");
+  }
+  return body;
+}
+
+using LoadField = std::optional<LoadSummary> LoadStatistics::*;
+
+std::string load_figure(const TrainHistory& history, LoadField field, const std::string& title,
+                        const std::string& y_label, const std::string& caption) {
+  std::vector<ChartPoint> min, median, p90, p99, max;
+  const LoadSummary *first = nullptr, *last = nullptr;
+  for (const LoadStatistics& statistics : history.loads) {
+    if (!(statistics.*field)) continue;
+    const LoadSummary& load = *(statistics.*field);
+    const double x = statistics.iteration;
+    min.push_back({x, load.min});
+    median.push_back({x, load.median});
+    p90.push_back({x, load.p90});
+    p99.push_back({x, load.p99});
+    max.push_back({x, load.max});
+    first = first == nullptr ? &load : first;
+    last = &load;
+  }
+  if (first == nullptr) return "";
+  LineChart chart{title, "iteration", y_label, ScaleKind::kLog};
+  chart.bands = {{"99 % to maximum", p99, max, 0, 0.15},
+                 {"90 % to 99 %", p90, p99, 0, 0.35},
+                 {"median to 90 %", median, p90, 0, 0.6},
+                 {"minimum to median", min, median, 8, 0.3}};
+  chart.series = {{"median", median, 0, median.size() <= 40}};
+  const std::string gini = detail::concat(" Gini coefficient ", format_figure(first->gini), " at first, ",
+                                          format_figure(last->gini), " at last (0: all alike).");
+  return html::figure(draw(chart), caption + gini);
+}
+
+std::string load_histograms(const TrainHistory& history, LoadField field, const std::string& title,
+                            const std::string& x_label, const std::string& caption) {
+  std::vector<const LoadStatistics*> filled;
+  for (const LoadStatistics& statistics : history.loads) {
+    if (statistics.*field && !(statistics.*field)->log2_bins.empty()) filled.push_back(&statistics);
+  }
+  if (filled.empty()) return "";
+  constexpr std::size_t kMostPanels = 4;
+  const std::size_t n = std::min(kMostPanels, filled.size());
+  HistogramRow chart{title, x_label, {}};
+  for (std::size_t i = 0; i < n; ++i) {
+    const LoadStatistics& own = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
+    chart.panels.push_back({"iteration " + format_tick(own.iteration, 1), (own.*field)->log2_bins});
+  }
+  return html::figure(draw(chart), caption);
+}
+
+}  // namespace
+
+std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optional<double> LogPoint::*field) {
+  std::vector<ChartSeries> series;
+  for (const ReportedRun& run : runs) {
+    ChartSeries own{run.name, {}, run.color};
+    for (const LogPoint& point : run.history.points) {
+      if (point.*field) own.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
+    }
+    own.has_markers = own.points.size() <= 20;
+    if (!own.points.empty()) series.push_back(std::move(own));
+  }
+  return series;
+}
+
+std::vector<ChartSeries> count_curves(const std::vector<ReportedRun>& runs) {
+  std::vector<ChartSeries> series;
+  for (const ReportedRun& run : runs) {
+    ChartSeries own{run.name, {}, run.color};
+    for (const LogPoint& point : run.history.points) {
+      if (point.count) own.points.push_back({static_cast<double>(point.iteration), static_cast<double>(*point.count)});
+    }
+    if (!own.points.empty()) series.push_back(std::move(own));
+  }
+  return series;
+}
+
+NamedTimes mean_stages(const TrainHistory& history) {
+  NamedTimes sums;
+  double n = 0;
+  for (const LogPoint& point : history.points) {
+    if (point.stages_ms.empty()) continue;
+    ++n;
+    for (const auto& [name, ms] : point.stages_ms) {
+      auto own = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
+      if (own == sums.end()) {
+        sums.emplace_back(name, 0);
+        own = sums.end() - 1;
+      }
+      own->second += ms;
+    }
+  }
+  for (auto& [name, ms] : sums) ms /= n;
+  return sums;
+}
+
+std::string stage_section(const std::vector<ReportedRun>& runs) {
+  std::vector<NamedTimes> stages;
+  for (const ReportedRun& run : runs) stages.push_back(mean_stages(run.history));
+  const std::vector<std::string> names = stage_names(stages);
+  if (names.empty()) return html::paragraph("Times by stage were not sampled in this training.", "soft");
+  StackedBars chart{"Mean time of a step by stage", "ms", {}, {}};
+  html::Row head{"stage, ms per step"};
+  for (const ReportedRun& run : runs) head.push_back(run.name);
+  for (const std::string& name : names) chart.part_names.push_back(readable(name));
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    if (stages[i].empty()) continue;
+    chart.rows.push_back({runs[i].name, {}});
+    for (const std::string& name : names) chart.rows.back().parts.push_back(find(stages[i], name).value_or(0));
+  }
+  std::vector<html::Row> rows;
+  for (const std::string& name : names) {
+    rows.push_back({readable(name)});
+    for (const NamedTimes& own : stages) {
+      const std::optional<double> ms = find(own, name);
+      rows.back().push_back(ms ? format_figure(*ms) : "");
+    }
+  }
+  return html::figure(draw(chart), "Mean time of a step over all samples; host is what no stage accounts for.") +
+         html::table(head, rows);
+}
+
+std::string kernel_section(const TrainHistory& history) {
+  if (history.checks.empty()) return html::paragraph("No kernels were timed: this training used a fixed one.", "soft");
+  return candidate_figure(history, "forward") + candidate_figure(history, "backward") + decisions(history);
+}
+
+std::string load_section(const TrainHistory& history) {
+  const std::string body =
+      load_figure(history, &LoadStatistics::tile_lists, "Gaussians per tile over the training", "Gaussians per tile",
+                  "How many Gaussians the tiles' lists hold, as bands between quantiles over all tiles.") +
+      load_figure(history, &LoadStatistics::pixel_processed, "Gaussians per pixel over the training",
+                  "Gaussians processed per pixel",
+                  "How many Gaussians a pixel goes through until it is done, as bands between quantiles over all "
+                  "pixels.") +
+      load_histograms(history, &LoadStatistics::tile_lists, "Distribution of Gaussians per tile at several iterations",
+                      "Gaussians per tile, bins that double",
+                      "Share of tiles by length of their list. The paper's figure 5, per block.") +
+      load_histograms(history, &LoadStatistics::pixel_processed,
+                      "Distribution of Gaussians per pixel at several iterations",
+                      "Gaussians processed per pixel, bins that double",
+                      "Share of pixels by Gaussians processed. The paper's figure 5, per thread.");
+  return body.empty() ? html::paragraph("Load statistics were not taken in this training.", "soft") : body;
+}
+
+std::string preview_section(const std::vector<ReportedRun>& runs) {
+  if (runs.empty() || runs[0].record.previews.empty()) return html::paragraph("No views were rendered.", "soft");
+  std::vector<html::Picture> pictures;
+  const auto add = [&](const std::filesystem::path& file, const std::string& caption, const std::string& alt) {
+    if (!std::filesystem::exists(file)) return;  // lost since: the rest of the report is still worth having
+    pictures.push_back({caption, alt, html::data_uri(read_image(file, false))});
+  };
+  for (std::size_t i = 0; i < runs[0].record.previews.size(); ++i) {
+    const Preview& first = runs[0].record.previews[i];
+    add(first.truth, "photograph " + first.view, "photograph " + first.view);
+    for (const ReportedRun& run : runs) {
+      if (i >= run.record.previews.size()) continue;
+      const Preview& own = run.record.previews[i];
+      add(own.render, run.name + ", " + format_figure(own.psnr) + " dB", run.name + " renders " + own.view);
+    }
+  }
+  return html::paragraph(runs[0].record.held_out ? "Views held out from training."
+                                                 : "No views were held out (--eval): these were trained on.",
+                         "soft") +
+         html::picture_grid(pictures, runs.size() + 1);
+}
+
+std::string machine_section(const nlohmann::ordered_json& machine, const std::vector<html::Row>& more) {
+  static const std::map<std::string, std::string> kNames{{"program", "program"},
+                                                         {"cpu", "CPU"},
+                                                         {"cores", "logical cores"},
+                                                         {"memory_gb", "memory, GB"},
+                                                         {"device", "trained on"},
+                                                         {"gpu", "GPU"},
+                                                         {"gpu_memory_gb", "GPU memory, GB"},
+                                                         {"driver", "driver"},
+                                                         {"cuda", "CUDA"},
+                                                         {"libtorch", "LibTorch"}};
+  std::vector<html::Row> rows;
+  for (const auto& [key, value] : machine.items()) {
+    const auto name = kNames.find(key);
+    const std::string text = value.is_string()   ? value.get<std::string>()
+                             : value.is_number() ? format_figure(value.get<double>())
+                                                 : value.dump();
+    rows.push_back({name == kNames.end() ? readable(key) : name->second, text});
+  }
+  rows.insert(rows.end(), more.begin(), more.end());
+  return html::table({}, rows);
+}
+
+}  // namespace b3dgs

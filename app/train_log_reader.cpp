@@ -1,0 +1,106 @@
+#include "app/train_log_reader.h"
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::optional<double> number(const Json& json, const char* key) {
+  const auto it = json.find(key);
+  return it != json.end() && it->is_number() ? std::optional(it->get<double>()) : std::nullopt;
+}
+
+std::string text(const Json& json, const char* key) {
+  const auto it = json.find(key);
+  return it != json.end() && it->is_string() ? it->get<std::string>() : "";
+}
+
+NamedTimes named_times(const Json& json, const char* key) {
+  NamedTimes times;
+  const auto it = json.find(key);
+  if (it == json.end() || !it->is_object()) return times;
+  for (const auto& [name, value] : it->items()) {
+    if (value.is_number()) times.emplace_back(name, value.get<double>());
+  }
+  return times;
+}
+
+/// `elapsed_s` continues from `before` with the line's own mean where the line does not say.
+LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
+  LogPoint point;
+  point.iteration = iteration;
+  point.loss = number(json, "loss");
+  point.ms = number(json, "ms");
+  point.test_psnr = number(json, "test_psnr");
+  point.test_ssim = number(json, "test_ssim");
+  if (const auto count = number(json, "count")) point.count = static_cast<std::int64_t>(*count);
+  point.kernel = text(json, "kernel");
+  point.backward_kernel = text(json, "backward_kernel");
+  point.stages_ms = named_times(json, "stages_ms");
+  const double summed_s = before.elapsed_s + 1e-3 * point.ms.value_or(0) * (iteration - before.iteration);
+  point.elapsed_s = number(json, "elapsed_s").value_or(summed_s);
+  return point;
+}
+
+KernelCheck parse_check(const Json& json, int iteration) {
+  KernelCheck check;
+  check.iteration = iteration;
+  check.pass = text(json, "pass");
+  check.times_ms = named_times(json, "times_ms");
+  check.before = text(json, "before");
+  check.after = text(json, "after");
+  check.reason = text(json, "reason");
+  check.cost_ms = number(json, "cost_ms");
+  return check;
+}
+
+std::optional<LoadSummary> parse_load(const Json& json, const char* key) {
+  const auto it = json.find(key);
+  if (it == json.end() || !it->is_object()) return std::nullopt;
+  LoadSummary load;
+  const auto take = [&](const char* name, double& value) { value = number(*it, name).value_or(0); };
+  take("min", load.min);
+  take("median", load.median);
+  take("p90", load.p90);
+  take("p99", load.p99);
+  take("max", load.max);
+  take("mean", load.mean);
+  take("gini", load.gini);
+  if (const auto bins = it->find("log2_bins"); bins != it->end() && bins->is_array()) {
+    for (const Json& count : *bins) load.log2_bins.push_back(count.is_number() ? count.get<double>() : 0);
+  }
+  return load;
+}
+
+}  // namespace
+
+TrainHistory parse_train_log(std::istream& lines) {
+  TrainHistory history;
+  for (std::string line; std::getline(lines, line);) {
+    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+    if (!json.is_object() || !json.contains("iteration") || !json["iteration"].is_number_integer()) continue;
+    const int iteration = json["iteration"].get<int>();
+    const std::string event = text(json, "event");
+    if (event == "kernel_check") {
+      history.checks.push_back(parse_check(json, iteration));
+    } else if (event == "load_statistics") {
+      history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
+                               parse_load(json, "pixel_contributing")});
+    } else if (!json.contains("event") && iteration > history.last_iteration()) {
+      const LogPoint before = history.points.empty() ? LogPoint{} : history.points.back();
+      history.points.push_back(parse_point(json, iteration, before));
+    }
+  }
+  return history;
+}
+
+TrainHistory read_train_log(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  return parse_train_log(file);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,61 @@
+// train.jsonl as curves. Whatever a line lacks is missing in the result, and a damaged line is no line: a report is
+// better with a hole than not at all.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <iosfwd>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace b3dgs {
+
+/// Milliseconds by name, in the order of the file.
+using NamedTimes = std::vector<std::pair<std::string, double>>;
+
+/// A plain line.
+struct LogPoint {
+  int iteration = 0;
+  double elapsed_s = 0;  // of training since iteration 0; summed up from `ms` where the file does not say
+  std::optional<double> loss, ms, test_psnr, test_ssim;
+  std::optional<std::int64_t> count;
+  std::string kernel, backward_kernel;  // "" if not said
+  NamedTimes stages_ms;                 // mean per step, empty if not sampled
+};
+
+/// Candidates timed on the data of the moment, and what was decided.
+struct KernelCheck {
+  int iteration = 0;
+  std::string pass;  // "forward" or "backward"
+  NamedTimes times_ms;
+  std::string before, after, reason;
+  std::optional<double> cost_ms;
+};
+
+/// How unevenly work is spread.
+struct LoadSummary {
+  double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
+  std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)
+};
+
+struct LoadStatistics {
+  int iteration = 0;
+  std::optional<LoadSummary> tile_lists, pixel_processed, pixel_contributing;
+};
+
+struct TrainHistory {
+  std::vector<LogPoint> points;  // by iteration, as all of these
+  std::vector<KernelCheck> checks;
+  std::vector<LoadStatistics> loads;
+
+  int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
+};
+
+TrainHistory parse_train_log(std::istream& lines);
+
+/// Empty if there is no such file.
+TrainHistory read_train_log(const std::filesystem::path& path);
+
+}  // namespace b3dgs

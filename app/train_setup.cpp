@@ -1,0 +1,65 @@
+#include "app/train_setup.h"
+
+#include <csignal>
+
+#include "app/run_record.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::atomic<int> asked_to_stop{0};
+
+extern "C" void ask_to_stop(int signal) {
+  asked_to_stop = signal;
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
+}
+
+}  // namespace
+
+const std::atomic<int>& stop_signal() {
+  return asked_to_stop;
+}
+
+void catch_stop_signals() {
+  std::signal(SIGINT, ask_to_stop);
+  std::signal(SIGTERM, ask_to_stop);
+}
+
+std::string scene_name(const std::string& source_path) {
+  const fs::path scene = fs::absolute(source_path).lexically_normal();
+  return (scene.has_filename() ? scene : scene.parent_path()).filename().string();
+}
+
+void make_absolute(std::string& path) {
+  if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
+}
+
+bool holds_model(const ModelFolder& folder) {
+  return !folder.ply_iterations().empty() || !folder.checkpoint_iterations().empty();
+}
+
+void remove_model(const ModelFolder& folder) {
+  std::error_code error;
+  for (const int iteration : folder.ply_iterations()) fs::remove_all(folder.ply(iteration).parent_path(), error);
+  for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
+  for (const fs::path& file :
+       {folder.log(), folder.root() / "results.json", folder.root() / "per_view.json", folder.root() / "report.html"}) {
+    fs::remove(file, error);
+  }
+  remove_run_record(folder);
+}
+
+EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error)) folder_ = folder;
+}
+
+EmptyFolderGuard::~EmptyFolderGuard() {
+  std::error_code error;  // that it is not empty, usually
+  if (!folder_.empty()) fs::remove(folder_, error);
+}
+
+}  // namespace b3dgs

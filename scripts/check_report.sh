@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# Loads a report in a real browser (Debian's chromium, headless, without network) and takes a picture of it. Fails if the
+# page names anything outside itself, writes to the console, or stays blank; exits with 77 where there is no chromium.
+# Usage: scripts/check_report.sh REPORT.html [SCREENSHOT.png] [light|dark]
+set -euo pipefail
+
+report=$(realpath "${1:?REPORT.html is missing}")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+screenshot=${2:-$work/screenshot.png}
+browser=$(command -v chromium || command -v chromium-browser || true)
+if [[ -z $browser ]]; then
+  echo "check_report.sh: skipped, chromium is not installed (scripts/install_packages.sh)"
+  exit 77
+fi
+
+if grep -Eo '(src|href|url)(="|\()[^")]{0,40}' "$report" | grep -Ev '="data:'; then
+  echo "check_report.sh: $report names something outside itself" >&2
+  exit 1
+fi
+
+flags=(--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --hide-scrollbars --user-data-dir="$work/profile"
+  --host-resolver-rules='MAP * ~NOTFOUND' --enable-logging=stderr --virtual-time-budget=5000 --window-size=1000,5000)
+if [[ ${3:-light} == dark ]]; then flags+=(--blink-settings=preferredColorScheme=0); fi
+if ! HOME=$work timeout 100 "$browser" "${flags[@]}" --screenshot="$screenshot" "file://$report" >"$work/log" 2>&1; then
+  cat "$work/log" >&2
+  echo "check_report.sh: chromium failed" >&2
+  exit 1
+fi
+if grep 'CONSOLE' "$work/log" >&2; then
+  echo "check_report.sh: $report wrote to the browser's console" >&2
+  exit 1
+fi
+# A blank page of this size takes 20 kB as PNG.
+if (($(stat -c %s "$screenshot") < 30000)); then
+  echo "check_report.sh: the picture of $report is blank" >&2
+  exit 1
+fi
+echo "check_report.sh: $report is fine"

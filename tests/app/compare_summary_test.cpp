@@ -1,0 +1,188 @@
+// What a comparison says, over invented curves.
+#include "app/compare_summary.h"
+
+#include <gtest/gtest.h>
+
+#include "app/compare_config.h"
+#include "support/expect_error.h"
+
+namespace b3dgs {
+namespace {
+
+/// Lines every 10 iterations: `early_ms` a step up to iteration 2000, `late_ms` after it.
+TrainHistory history(double early_ms, double late_ms, int until = 4000) {
+  TrainHistory history;
+  double elapsed_s = 0;
+  for (int iteration = 10; iteration <= until; iteration += 10) {
+    elapsed_s += 0.01 * (iteration <= 2000 ? early_ms : late_ms);
+    LogPoint point;
+    point.iteration = iteration;
+    point.elapsed_s = elapsed_s;
+    history.points.push_back(point);
+  }
+  return history;
+}
+
+TrainHistory with_inflection(TrainHistory history, int iteration) {
+  KernelCheck kept, changed;
+  kept.iteration = iteration - 1000;
+  kept.pass = changed.pass = "forward";
+  kept.before = kept.after = changed.before = "combined";
+  changed.iteration = iteration;
+  changed.after = "shared-memory";
+  history.checks = {kept, changed};
+  return history;
+}
+
+TrainHistory with_quality(TrainHistory history, double psnr, std::int64_t count) {
+  history.points.back().test_psnr = psnr;
+  history.points.back().test_ssim = 0.9;
+  history.points.back().count = count;
+  return history;
+}
+
+ComparisonSummary summarize_pair(std::vector<TrainHistory> naive, std::vector<TrainHistory> adaptive,
+                                 const std::string& kernel = "adaptive") {
+  return summarize_comparison({{"naive", "naive", std::move(naive)}, {"ours", kernel, std::move(adaptive)}}, 4000);
+}
+
+TEST(CompareSummary, InterpolatesElapsedTime) {
+  const TrainHistory curve = history(10, 20);
+  EXPECT_DOUBLE_EQ(elapsed_at(curve, 0), 0);
+  EXPECT_NEAR(elapsed_at(curve, 5), 0.05, 1e-12);
+  EXPECT_NEAR(elapsed_at(curve, 2000), 20, 1e-9);
+  EXPECT_NEAR(elapsed_at(curve, 2005), 20.1, 1e-9);
+  EXPECT_NEAR(elapsed_at(curve, 9999), 60, 1e-9) << "beyond the end it stays";
+  EXPECT_EQ(elapsed_at(TrainHistory{}, 100), 0);
+}
+
+TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
+  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2000));
+  ASSERT_TRUE(saved);
+  EXPECT_EQ(saved->inflection, 2000);
+  EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
+  EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
+  EXPECT_NEAR(saved->overall, 0.125, 1e-9);
+  EXPECT_NEAR(saved->baseline_s, 40, 1e-9);
+  EXPECT_NEAR(saved->ours_s, 35, 1e-9);
+}
+
+TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
+  const auto saved = saved_time(history(10, 10), history(8, 8));
+  ASSERT_TRUE(saved);
+  EXPECT_FALSE(saved->inflection);
+  EXPECT_FALSE(saved->before);
+  EXPECT_FALSE(saved->after);
+  EXPECT_NEAR(saved->overall, 0.2, 1e-9);
+  EXPECT_FALSE(saved_time(history(10, 10), TrainHistory{}));
+
+  TrainHistory backward = with_inflection(history(8, 8), 2000);
+  for (KernelCheck& check : backward.checks) check.pass = "backward";
+  EXPECT_FALSE(inflection_point(backward));
+  EXPECT_FALSE(inflection_point(TrainHistory{}));
+}
+
+TEST(CompareSummary, UnequalLengthsAreComparedAsFarAsBothGo) {
+  const auto saved = saved_time(history(10, 10, 3000), history(8, 8, 1000));
+  ASSERT_TRUE(saved);
+  EXPECT_EQ(saved->until, 1000);
+  EXPECT_NEAR(saved->baseline_s, 10, 1e-9);
+  const ComparisonSummary summary = summarize_pair({history(10, 10, 3000)}, {history(8, 8, 1000)});
+  EXPECT_EQ(summary.done, 1000);
+  EXPECT_EQ(verdict(summary),
+            "Not finished: 1000 of 4000 iterations. So far: Balancing saved 20.0 % of the training time on this scene "
+            "(ours 8.00 s, naive 10.0 s).");
+}
+
+TEST(CompareSummary, TheVerdictSaysWhetherItPaid) {
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2000)})),
+            "Balancing saved 12.5 % of the training time on this scene (ours 35.0 s, naive 40.0 s).");
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(11, 11)})),
+            "Balancing did not pay on this scene: it took 10.0 % longer (ours 44.0 s, naive 40.0 s).");
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(9.95, 9.95)})),
+            "Balancing did not pay on this scene: it made no difference beyond 1 % (ours 39.8 s, naive 40.0 s).");
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(8, 8)}, "shared-memory")),
+            "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s).");
+  EXPECT_NE(verdict(summarize_pair({history(10, 10), history(10, 10)}, {history(7, 7), history(11, 11)}))
+                .find("the seeds disagree, from -10.0 % to 30.0 %"),
+            std::string::npos);
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {TrainHistory{}})),
+            "Nothing can be said yet: not every configuration has been trained.");
+}
+
+TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
+  const ComparisonSummary summary = summarize_comparison({{"naive", "naive", {history(10, 10)}},
+                                                          {"shared-memory", "shared-memory", {history(9, 9)}},
+                                                          {"adaptive", "adaptive", {history(8, 8)}}},
+                                                         4000);
+  EXPECT_EQ(summary.baseline, "naive");
+  EXPECT_EQ(summary.ours, "adaptive");
+  EXPECT_EQ(summary.compared.size(), 2u);
+  EXPECT_NEAR(summary.find("shared-memory")->overall->mean, 0.1, 1e-9);
+  EXPECT_EQ(summary.find("nobody"), nullptr);
+}
+
+TEST(CompareSummary, QualityIsEqualWithinTheSpreadOfTheSeeds) {
+  const auto quality = [](std::vector<double> naive, std::vector<double> ours) {
+    std::vector<TrainHistory> a, b;
+    for (const double psnr : naive) a.push_back(with_quality(history(10, 10), psnr, 1000));
+    for (const double psnr : ours) b.push_back(with_quality(history(8, 8), psnr, 1100));
+    return summarize_pair(a, b).compared[0].quality;
+  };
+  const std::vector<QualityDifference> one = quality({25}, {25.05});
+  ASSERT_EQ(one.size(), 3u);
+  EXPECT_TRUE(one[0].is_equal());
+  EXPECT_TRUE(one[1].is_equal());
+  EXPECT_FALSE(one[2].is_equal()) << "a tenth more Gaussians";
+  EXPECT_FALSE(quality({25}, {24.8})[0].is_equal());
+  EXPECT_TRUE(quality({25.0, 25.5}, {25.3, 25.9})[0].is_equal()) << "0.35 dB apart, ranges of 0.5 and 0.6";
+  EXPECT_FALSE(quality({25.0, 25.1}, {25.3, 25.4})[0].is_equal());
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)}).compared[0].quality.empty()) << "nothing measured";
+}
+
+TEST(CompareSummary, IsWrittenAsJson) {
+  const auto json = to_json(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2000)}));
+  EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2000);
+  EXPECT_NEAR(json["compared"][0]["saved_before_inflection"]["mean"].get<double>(), 0.2, 1e-9);
+  EXPECT_EQ(json["compared"][0]["saved_overall"]["n"], 1);
+  EXPECT_TRUE(to_json(summarize_pair({history(10, 10)}, {history(8, 8)}))["compared"][0]["inflection"].is_null());
+}
+
+TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
+  TrainConfig base;
+  base.iterations = 123;
+  const auto entries =
+      parse_configurations("naive,shared-memory+culling=square,mine:opacity-lr=0.5+random_background=true", base);
+  ASSERT_EQ(entries.size(), 3u);
+  EXPECT_EQ(entries[0].name, "naive");
+  EXPECT_EQ(entries[0].config.kernel, "naive");
+  EXPECT_EQ(entries[0].config.iterations, 123);
+  EXPECT_EQ(entries[1].name, "shared-memory+culling=square");
+  EXPECT_EQ(entries[1].config.kernel, "shared-memory");
+  EXPECT_EQ(entries[1].config.culling, "square");
+  EXPECT_EQ(entries[2].name, "mine");
+  EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
+  EXPECT_TRUE(entries[2].config.random_background);
+  EXPECT_EQ(entries[2].config.kernel, base.kernel);
+  EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u) << "one against itself measures the noise";
+}
+
+TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
+  const auto expect_refused = [](const std::string& text, const std::string& reason) {
+    EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
+  };
+  expect_refused("naive,naiv", "kernel must be one of naive");
+  expect_refused("naive", "takes at least two");
+  expect_refused("naive,naive", "occurs twice");
+  expect_refused("naive,", "an empty part");
+  expect_refused("naive,combined+", "an empty part");
+  expect_refused("naive,combined+culing=square", "did you mean culling?");
+  expect_refused("naive,combined+culling=round", "culling must be one of");
+  expect_refused("naive,combined+seed=3", "has to be the same for all");
+  expect_refused("naive,combined+max_steps=3", "has to be the same for all");
+  expect_refused("naive,init_ply=/tmp/x.ply", "cannot name a folder");
+  expect_refused("naive,../x:combined", "cannot name a folder");
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,249 @@
+// b3dgs compare and the reports, from outside.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "app/run_program.h"
+#include "scene/image_io.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "support/xml.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::Outcome;
+using test::read_bytes;
+using test::run_b3dgs;
+using Words = std::vector<std::string>;
+
+class Compare : public ::testing::Test {
+ protected:
+  Compare() {
+    const Outcome made = run_b3dgs(
+        {"synth", "orbit", scene(), "--points", "600", "--views", "10", "--width", "64", "--height", "48", "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+
+  std::string scene() const { return (folder_.path() / "scene").string(); }
+  fs::path output(const std::string& name = "out") const { return folder_.path() / name; }
+
+  Outcome compare(const Words& more, const std::string& name = "out", const test::RunOptions& options = {}) const {
+    Words words{"compare", scene(), "-m", output(name).string(), "--configs", "naive,shared-memory", "--device", "cpu"};
+    words.insert(words.end(), more.begin(), more.end());
+    return run_b3dgs(words, options);
+  }
+
+  json result(const std::string& name = "out") const { return json::parse(read_bytes(output(name) / "compare.json")); }
+  std::string page(const std::string& name = "out") const { return read_bytes(output(name) / "report.html"); }
+
+  test::TempDir folder_;
+};
+
+TEST_F(Compare, TrainsAllInTurnsAndReports) {
+  const Outcome outcome = compare({"--iterations", "60", "--chunk", "25", "--test_iterations", "20", "40"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("configuration"), std::string::npos) << outcome.out;
+  const json result = this->result();
+  EXPECT_EQ(result["plan"]["configs"], "naive,shared-memory");
+  EXPECT_EQ(result["summary"]["done"], 60);
+  EXPECT_FALSE(result["machine"]["program"].get<std::string>().empty());
+  ASSERT_EQ(result["runs"].size(), 2u);
+  for (const json& run : result["runs"]) {
+    EXPECT_EQ(run["curves"]["iteration"], (std::vector<int>{10, 20, 30, 40, 50, 60}));
+    EXPECT_GT(run["curves"]["elapsed_s"].back().get<double>(), 0);
+    EXPECT_GT(run["curves"]["test_psnr"].back().get<double>(), 8);
+    EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "point_cloud/iteration_60/point_cloud.ply"));
+    EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "report.html"));
+  }
+  // Kernels compute the same, so both learn the same.
+  const auto loss = [&](int run) { return result["runs"][run]["curves"]["loss"].back().get<double>(); };
+  EXPECT_NEAR(loss(0), loss(1), 0.02 * loss(0));
+  EXPECT_FALSE(fs::exists(output() / ".warm_up"));
+
+  const std::string html = page();
+  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_NE(html.find("<h1>" + result["summary"]["verdict"].get<std::string>() + "</h1>"), std::string::npos);
+  EXPECT_NE(html.find("data:image/jpeg"), std::string::npos);
+  for (const char* missing : {"No kernels were timed", "Load statistics were not taken"}) {
+    EXPECT_NE(html.find(missing), std::string::npos) << missing;
+  }
+}
+
+TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
+  const Words length{"--iterations", "60", "--chunk", "7", "--checkpoint_interval", "10", "--quiet"};
+  ASSERT_EQ(compare(length, "whole").exit_code, 0);
+  test::RunOptions options;
+  options.signal = SIGTERM;
+  options.signal_when = [&] { return fs::exists(output() / "naive/seed_0/checkpoints/iteration_20.b3dgs"); };
+  const Outcome stopped = compare(length, "out", options);
+  ASSERT_EQ(stopped.exit_code, 143) << stopped.out << stopped.err;
+  EXPECT_NE(stopped.out.find("--resume"), std::string::npos);
+  EXPECT_EQ(page().compare(0, 9, "<!DOCTYPE"), 0);
+  EXPECT_NE(page().find("<h1>Not finished"), std::string::npos);
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
+  ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
+
+  const json whole = result("whole"), parts = result();
+  for (const int run : {0, 1}) {
+    for (const char* figure : {"iteration", "loss", "count", "test_psnr", "test_ssim"}) {
+      EXPECT_EQ(whole["runs"][run]["curves"][figure], parts["runs"][run]["curves"][figure]) << run << " " << figure;
+    }
+  }
+  const fs::path ply = "shared-memory/seed_0/point_cloud/iteration_60/point_cloud.ply";
+  EXPECT_TRUE(read_bytes(output("whole") / ply) == read_bytes(output() / ply));
+
+  const Outcome again = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
+  EXPECT_EQ(again.exit_code, 0) << "all is done: only the report is written again; " << again.err;
+  EXPECT_EQ(result()["runs"], parts["runs"]);
+}
+
+TEST_F(Compare, SeveralSeedsGiveARange) {
+  const Outcome outcome = compare({"--iterations", "20", "--seeds", "3", "5", "--quiet"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = this->result();
+  ASSERT_EQ(result["runs"].size(), 4u);
+  EXPECT_EQ(result["summary"]["compared"][0]["saved_overall"]["n"], 2);
+  EXPECT_TRUE(fs::exists(output() / "naive/seed_5/train.jsonl"));
+  EXPECT_EQ(test::xml_fault(page()), "");
+}
+
+TEST_F(Compare, BadRequestsAreRefusedBeforeAnythingIsWritten) {
+  const auto refused = [&](const Words& words, const std::string& reason) {
+    const Outcome outcome = compare(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
+    EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
+    EXPECT_FALSE(fs::exists(output()));
+  };
+  refused({"--configs", "naive,fastest"}, "kernel must be one of");
+  refused({"--configs", "naive,naive"}, "occurs twice");
+  refused({"--configs", "naive"}, "at least two");
+  refused({"--seeds", "1", "1"}, "occurs twice");
+  refused({"--chunk", "0"}, "chunk must be at least 1");
+  refused({"--resume"}, "holds no comparison");
+  EXPECT_EQ(run_b3dgs({"compare"}).exit_code, 2);
+}
+
+TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const Outcome again = compare({"--iterations", "5"});
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_NE(again.err.find("already holds a comparison"), std::string::npos) << again.err;
+  EXPECT_EQ(compare({"--iterations", "6", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_EQ(result()["summary"]["done"], 6);
+  const Outcome other = run_b3dgs({"compare", "--resume", "-m", output().string(), "--configs", "naive,combined"});
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
+}
+
+TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
+  ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
+  const std::string before = page();
+  fs::remove(output() / "report.html");
+  const Outcome outcome = run_b3dgs({"report", output().string()});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(page() == before);
+
+  const fs::path model = output() / "naive/seed_0";
+  const std::string of_model = read_bytes(model / "report.html");
+  EXPECT_EQ(test::xml_fault(of_model), "");
+  fs::remove(model / "report.html");
+  EXPECT_EQ(run_b3dgs({"report", model.string()}).exit_code, 0);
+  EXPECT_TRUE(read_bytes(model / "report.html") == of_model);
+  EXPECT_EQ(run_b3dgs({"report", scene()}).exit_code, 2);
+  EXPECT_EQ(run_b3dgs({"report", "/nonexistent"}).exit_code, 2);
+}
+
+/// Lines as a training on a GPU writes them, with everything that a report can show.
+void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
+  std::ofstream file(path);
+  double elapsed_s = 0;
+  for (int iteration = 10; iteration <= 60; iteration += 10) {
+    const double ms = iteration <= 30 ? early_ms : late_ms;
+    elapsed_s += 0.01 * ms;
+    file << json{{"iteration", iteration},
+                 {"loss", 1.0 / iteration},
+                 {"ms", ms},
+                 {"count", 1000 + iteration},
+                 {"elapsed_s", elapsed_s},
+                 {"kernel", iteration <= 30 ? "combined" : "shared-memory"},
+                 {"stages_ms", {{"project", 1}, {"blend_forward", 0.5 * ms}, {"of a later version", 1}}},
+                 {"test_psnr", 20 + 0.1 * iteration},
+                 {"test_ssim", 0.8}}
+         << "\n";
+    file << json{{"iteration", iteration},
+                 {"event", "kernel_check"},
+                 {"pass", "forward"},
+                 {"times_ms", {{"combined", 1 + 0.01 * iteration}, {"shared-memory", 1.3}}},
+                 {"before", iteration <= 30 ? "combined" : "shared-memory"},
+                 {"after", iteration < 30 ? "combined" : "shared-memory"},
+                 {"reason", "slower by 3 % <b>"},
+                 {"cost_ms", 5}}
+         << "\n";
+    const json load{{"min", 0},    {"median", 30}, {"p90", 400},   {"p99", 2000},
+                    {"max", 9000}, {"mean", 90},   {"gini", 0.75}, {"log2_bins", {1, 2, 5, 9, 20, 30, 12, 5, 1}}};
+    file << json{{"iteration", iteration},
+                 {"event", "load_statistics"},
+                 {"tile_lists", load},
+                 {"pixel_processed", load}}
+         << "\n";
+  }
+}
+
+/// Share of pixels that are not of the most frequent colour, and how many colours there are.
+struct PictureContent {
+  double drawn_share = 0;
+  std::size_t n_colors = 0;
+};
+PictureContent content_of(const Image8& image) {
+  std::map<int, std::size_t> counts;
+  for (std::size_t i = 0; i < image.pixels.size(); i += 3) {
+    ++counts[image.pixels[i] << 16 | image.pixels[i + 1] << 8 | image.pixels[i + 2]];
+  }
+  std::size_t most = 0;
+  for (const auto& [color, n] : counts) most = std::max(most, n);
+  return {1 - 3.0 * static_cast<double>(most) / static_cast<double>(image.pixels.size()), counts.size()};
+}
+
+TEST_F(Compare, AFullReportShowsInABrowser) {
+  ASSERT_EQ(compare({"--iterations", "60", "--quiet"}).exit_code, 0);
+  write_eventful_log(output() / "naive/seed_0/train.jsonl", 40, 22);
+  write_eventful_log(output() / "shared-memory/seed_0/train.jsonl", 30, 20);
+  ASSERT_EQ(run_b3dgs({"report", output().string()}).exit_code, 0);
+  ASSERT_EQ(run_b3dgs({"report", (output() / "naive/seed_0").string()}).exit_code, 0);
+  const std::string html = page();
+  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_EQ(html.find("<b>"), std::string::npos);
+  for (const char* part : {"inflection, 30", "to shared-memory", "25.0 %", "9.1 %", "19.6 %", "99 % to maximum",
+                           "of a later version", "iteration 60", "equal"}) {
+    EXPECT_NE(html.find(part), std::string::npos) << part;
+  }
+  EXPECT_EQ(html.find("were not"), std::string::npos) << "nothing is missing";
+
+  for (const std::string folder : {"", "naive/seed_0"}) {
+    for (const std::string scheme : {"light", "dark"}) {
+      const fs::path report = output() / folder / "report.html", screenshot = output() / (scheme + ".png");
+      const std::string command = std::string(B3DGS_SCRIPTS) + "/check_report.sh " + report.string() + " " +
+                                  screenshot.string() + " " + scheme + " 2>&1";
+      const int status = std::system(command.c_str());
+      if (WEXITSTATUS(status) == 77) GTEST_SKIP() << "chromium is not installed";
+      ASSERT_EQ(WEXITSTATUS(status), 0) << command;
+      const Image8 image = read_image(screenshot, false);
+      const PictureContent content = content_of(image);
+      EXPECT_GT(content.drawn_share, 0.02);
+      EXPECT_GT(content.n_colors, 50u);
+      EXPECT_EQ(image.pixels[0] > 128, scheme == "light") << "the paper is white or black as asked for";
+    }
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,94 @@
+#include "app/train_log_reader.h"
+
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+namespace b3dgs {
+namespace {
+
+TrainHistory parse(const std::string& lines) {
+  std::istringstream stream(lines);
+  return parse_train_log(stream);
+}
+
+TEST(TrainLogReader, ReadsAllThatALineSays) {
+  const TrainHistory history = parse(
+      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"kernel":"combined","backward_kernel":"x",)"
+      R"("stages_ms":{"bin":1.5,"loss":2},"test_psnr":21.5,"test_ssim":0.7})"
+      "\n");
+  ASSERT_EQ(history.points.size(), 1u);
+  const LogPoint& point = history.points[0];
+  EXPECT_EQ(point.iteration, 10);
+  EXPECT_EQ(point.loss, 0.5);
+  EXPECT_EQ(point.ms, 20);
+  EXPECT_EQ(point.count, 100);
+  EXPECT_EQ(point.elapsed_s, 0.25);
+  EXPECT_EQ(point.kernel, "combined");
+  EXPECT_EQ(point.backward_kernel, "x");
+  EXPECT_EQ(point.stages_ms, (NamedTimes{{"bin", 1.5}, {"loss", 2}}));
+  EXPECT_EQ(point.test_psnr, 21.5);
+  EXPECT_EQ(point.test_ssim, 0.7);
+}
+
+TEST(TrainLogReader, SumsUpElapsedTimeWhereItIsNotSaid) {
+  const TrainHistory history = parse(R"({"iteration":10,"ms":100}
+{"iteration":30,"ms":50}
+{"iteration":40,"elapsed_s":7}
+{"iteration":50,"ms":100})");
+  ASSERT_EQ(history.points.size(), 4u);
+  EXPECT_DOUBLE_EQ(history.points[0].elapsed_s, 1);
+  EXPECT_DOUBLE_EQ(history.points[1].elapsed_s, 2);
+  EXPECT_DOUBLE_EQ(history.points[2].elapsed_s, 7);
+  EXPECT_DOUBLE_EQ(history.points[3].elapsed_s, 8);
+}
+
+TEST(TrainLogReader, KeepsEventsApartFromPoints) {
+  const TrainHistory history = parse(
+      R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"
+      R"("spread_ms":{"combined":0.1},"views":5,"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
+      "\n"
+      R"({"iteration":1000,"event":"load_statistics","tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
+      R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
+      "\n"
+      R"({"iteration":1000,"event":"of a later version"})"
+      "\n");
+  EXPECT_TRUE(history.points.empty());
+  ASSERT_EQ(history.checks.size(), 1u);
+  EXPECT_EQ(history.checks[0].pass, "forward");
+  EXPECT_EQ(history.checks[0].times_ms, (NamedTimes{{"combined", 2}, {"shared-memory", 1.5}}));
+  EXPECT_EQ(history.checks[0].before, "combined");
+  EXPECT_EQ(history.checks[0].after, "shared-memory");
+  EXPECT_EQ(history.checks[0].cost_ms, 12.5);
+  ASSERT_EQ(history.loads.size(), 1u);
+  ASSERT_TRUE(history.loads[0].tile_lists);
+  EXPECT_EQ(history.loads[0].tile_lists->p99, 9);
+  EXPECT_EQ(history.loads[0].tile_lists->gini, 0.25);
+  EXPECT_EQ(history.loads[0].tile_lists->log2_bins, (std::vector<double>{0, 1, 2}));
+  EXPECT_FALSE(history.loads[0].pixel_processed);
+}
+
+TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
+  const TrainHistory history = parse(R"(no json
+{"loss":1}
+{"iteration":"ten"}
+[1,2]
+{"iteration":10,"loss":null,"count":"many","stages_ms":[1],"kernel":7}
+{"iteration":5,"loss":1}
+{"iteration":20,"event":"kernel_check"}
+{"iteration":20,"event":"load_statistics","tile_lists":3}
+{"iteration":20,"lo)");
+  ASSERT_EQ(history.points.size(), 1u) << "an iteration that goes back belongs to another course";
+  EXPECT_FALSE(history.points[0].loss);
+  EXPECT_FALSE(history.points[0].count);
+  EXPECT_TRUE(history.points[0].stages_ms.empty());
+  EXPECT_EQ(history.points[0].kernel, "");
+  EXPECT_EQ(history.points[0].elapsed_s, 0);
+  EXPECT_EQ(history.checks.size(), 1u);
+  ASSERT_EQ(history.loads.size(), 1u);
+  EXPECT_FALSE(history.loads[0].tile_lists);
+  EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
+}
+
+}  // namespace
+}  // namespace b3dgs
