@@ -67,11 +67,12 @@ std::string what_was_measured(const Comparison& comparison) {
              plan.seeds.size(), plan.seeds.size() == 1 ? " seed" : " seeds",
              ", the same views in the same order. The configurations took turns of ", plan.chunk,
              " iterations in a rotating order, so that drift of the machine hits all alike.")) +
-         html::paragraph(detail::concat("Times are end to end: rendering and its gradients, loss, optimizer, "
-                                        "densification, uploads and kernel checks. Not in them are reading the scene (",
-                                        format_figure(plan.reading_s), " s, once for all) and evaluation, saving and ",
-                                        "checkpoints (", format_figure(output_s), " s in all)."),
-                         "soft");
+         html::paragraph(
+             detail::concat("Times are end to end: rendering and its gradients, loss, optimizer, "
+                            "densification, uploads and kernel checks. Not in them are reading the scene (",
+                            format_seconds(plan.reading_s, 0), ", once for all) and evaluation, saving and ",
+                            "checkpoints (", format_seconds(output_s, 0), " in all)."),
+             "soft");
 }
 
 /// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)".
@@ -106,7 +107,7 @@ std::string saved_section(const Comparison& comparison) {
   }
   return html::table({"share of " + summary.baseline + "'s time saved by", "before inflection", "after it", "overall",
                       "inflection, iteration"},
-                     rows, marked) +
+                     rows, html::Columns::kFigures, marked) +
          html::paragraph(note, "soft");
 }
 
@@ -179,17 +180,25 @@ std::string quality_section(const Comparison& comparison) {
   return body + html::figure(draw(chart), "PSNR, mean over the test views.");
 }
 
+/// "kernel combined, tile_width 8": what sets a configuration apart.
+std::string own_options(const TrainConfig& base, const TrainConfig& own) {
+  const nlohmann::ordered_json before = config_to_json(base), after = config_to_json(own);
+  std::string text;
+  for (const auto& [name, value] : after.items()) {
+    if (value == before.at(name)) continue;
+    text += (text.empty() ? "" : ", ") + name + " " + (value.is_string() ? value.get<std::string>() : value.dump());
+  }
+  return text.empty() ? "nothing of its own" : text;
+}
+
 std::string settings_section(const Comparison& comparison) {
   nlohmann::ordered_json machine = nlohmann::ordered_json::object();
   std::vector<html::Row> rows;
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     const ComparedRun& run = comparison.runs[i].front();
     if (!run.record.machine.empty()) machine = run.record.machine;
-    std::string text;
-    for (const std::string& line : config_differences(comparison.plan.base, comparison.configurations[i].config)) {
-      text += (text.empty() ? "" : ", ") + line.substr(0, line.find(':')) + line.substr(line.find("->") + 2);
-    }
-    rows.push_back({"configuration " + comparison.configurations[i].name, text.empty() ? "defaults" : text});
+    rows.push_back({"configuration " + comparison.configurations[i].name,
+                    own_options(comparison.plan.base, comparison.configurations[i].config)});
   }
   std::string seeds;
   for (const int seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);

@@ -156,7 +156,8 @@ ComparisonPlan read_plan(const fs::path& root) {
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": is no comparison of b3dgs compare: ", error.what());
   }
-  plan.base.model_path = root.string();  // where it lies now
+  plan.base.model_path = root.string();     // where it lies now
+  plan.base.device = TrainConfig{}.device;  // belongs to the machine, not to the comparison
   return plan;
 }
 
@@ -205,6 +206,12 @@ void print_comparison(const Comparison& comparison) {
                 quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
+  double output_s = 0;
+  for (const std::vector<ComparedRun>& runs : comparison.runs) {
+    for (const ComparedRun& run : runs) output_s += run.record.output_s;
+  }
+  std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
+              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(output_s, 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());
 }
 

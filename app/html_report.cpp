@@ -32,9 +32,11 @@ figure { margin: 18px 0 24px; } figcaption { margin-top: 6px; }
 table { border-collapse: collapse; margin: 14px 0; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 5px 18px 5px 0; text-align: right; border-bottom: 1px solid var(--grid); vertical-align: top; }
 th:first-child, td:first-child { text-align: left; } th { color: var(--soft); font-weight: 500; }
-table.facts td { text-align: left; } tr.marked td { background: var(--mark); }
+table.words th, table.words td { text-align: left; } tr.marked td { background: var(--mark); font-weight: 600; }
 svg.chart { display: block; width: 100%; height: auto; overflow: visible; font: 12px system-ui, "DejaVu Sans", sans-serif; }
-.tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); } .inside { fill: var(--paper); }
+.tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); }
+.note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 { paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
+ .inside { fill: var(--paper); }
 .grid { stroke: var(--grid); } .base { stroke: var(--base); } .event { stroke: var(--soft); stroke-dasharray: 3 3; }
 polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round; }
 .s0 { stroke: var(--c0); } .f0, .t0 { fill: var(--c0); } .s1 { stroke: var(--c1); } .f1, .t1 { fill: var(--c1); }
@@ -130,10 +132,10 @@ std::string figure(const std::string& content_html, const std::string& caption) 
   return "<figure>\n" + content_html + "<figcaption>" + escape(caption) + "</figcaption>\n</figure>\n";
 }
 
-std::string table(const Row& head, const std::vector<Row>& rows, int marked) {
-  std::string html = head.empty()
-                         ? "<div class=\"scroll\"><table class=\"facts\">\n"
-                         : "<div class=\"scroll\"><table>\n<thead>" + row_html("th", head, false) + "</thead>\n";
+std::string table(const Row& head, const std::vector<Row>& rows, Columns columns, int marked) {
+  std::string html = "<div class=\"scroll\"><table class=\"";
+  html += columns == Columns::kWords ? "words\">\n" : "figures\">\n";
+  if (!head.empty()) html += "<thead>" + row_html("th", head, false) + "</thead>\n";
   html += "<tbody>\n";
   for (std::size_t i = 0; i < rows.size(); ++i) html += row_html("td", rows[i], static_cast<int>(i) == marked);
   return html + "</tbody></table></div>\n";

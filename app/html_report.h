@@ -17,8 +17,10 @@ std::string section(const std::string& heading, const std::string& body_html);
 std::string figure(const std::string& content_html, const std::string& caption);
 
 using Row = std::vector<std::string>;
-/// The first column is of names, the others of figures. `marked` is a row to be set apart, -1 for none.
-std::string table(const Row& head, const std::vector<Row>& rows, int marked = -1);
+/// What stands in the columns after the first one: figures are aligned at the right, words at the left.
+enum class Columns { kFigures, kWords };
+/// `head` may be empty; `marked` is a row to be set apart, -1 for none.
+std::string table(const Row& head, const std::vector<Row>& rows, Columns columns = Columns::kFigures, int marked = -1);
 
 /// Pictures in a grid, `columns` wide, each with its caption.
 struct Picture {

@@ -59,7 +59,8 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   hooks.stop_signal = &stop_signal();
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
   const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_message);
-  if (!checkpoint.empty()) turn.trainer->resume(checkpoint);
+  if (checkpoint.empty()) return;
+  for (const std::string& change : turn.trainer->resume(checkpoint)) hooks.on_message("changed option " + change);
 }
 
 bool InterleavedTraining::take_turns() {

@@ -28,6 +28,13 @@ std::optional<double> find(const NamedTimes& times, const std::string& name) {
   return std::nullopt;
 }
 
+/// Figures of one column have their points below each other.
+std::string print_ms(double ms) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3f", ms);
+  return text;
+}
+
 std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
   std::vector<std::string> names;
   const auto add = [&](const std::string& name) {
@@ -81,10 +88,11 @@ std::string decisions(const TrainHistory& history) {
     has_cost = has_cost || check.cost_ms;
     cost_ms += check.cost_ms.value_or(0);
     if (check.after.empty() || check.before == check.after) continue;
-    rows.push_back({std::to_string(check.iteration), check.pass, check.before, check.after, check.reason});
+    rows.push_back({format_tick(check.iteration, 1), check.pass, check.before, check.after, check.reason});
   }
-  std::string body = rows.empty() ? html::paragraph("The kernel was never changed.")
-                                  : html::table({"iteration", "pass", "from", "to", "reason"}, rows);
+  std::string body = rows.empty()
+                         ? html::paragraph("The kernel was never changed.")
+                         : html::table({"iteration", "pass", "from", "to", "reason"}, rows, html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   if (has_cost && elapsed_s > 0) {
     body += html::paragraph(
@@ -115,7 +123,7 @@ std::string load_figure(const TrainHistory& history, LoadField field, const std:
   }
   if (first == nullptr) return "";
   LineChart chart{title, "iteration", y_label, ScaleKind::kLog};
-  chart.bands = {{"99 % to maximum", p99, max, 0, 0.15},
+  chart.bands = {{"99 % to maximum", p99, max, 0, 0.2},
                  {"90 % to 99 %", p90, p99, 0, 0.35},
                  {"median to 90 %", median, p90, 0, 0.6},
                  {"minimum to median", min, median, 8, 0.3}};
@@ -207,7 +215,7 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
     rows.push_back({readable(name)});
     for (const NamedTimes& own : stages) {
       const std::optional<double> ms = find(own, name);
-      rows.back().push_back(ms ? format_figure(*ms) : "");
+      rows.back().push_back(ms ? print_ms(*ms) : "");
     }
   }
   return html::figure(draw(chart), "Mean time of a step over all samples; host is what no stage accounts for.") +
@@ -279,7 +287,7 @@ std::string machine_section(const nlohmann::ordered_json& machine, const std::ve
     rows.push_back({name == kNames.end() ? readable(key) : name->second, text});
   }
   rows.insert(rows.end(), more.begin(), more.end());
-  return html::table({}, rows);
+  return html::table({}, rows, html::Columns::kWords);
 }
 
 }  // namespace b3dgs

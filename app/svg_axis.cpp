@@ -25,7 +25,7 @@ std::vector<double> linear_ticks(double low, double high, int n) {
   const double power = std::pow(10.0, std::floor(std::log10(rough)));
   double step = 10 * power;
   for (const double factor : {5.0, 2.0, 1.0}) {
-    if (factor * power >= rough * 0.999) step = factor * power;
+    if (factor * power >= 0.7 * rough) step = factor * power;
   }
   std::vector<double> ticks;
   for (double i = std::ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; ++i) ticks.push_back(i * step);
@@ -70,9 +70,15 @@ void pad_range(ScaleKind kind, bool from_zero, double& low, double& high) {
 
 std::string format_tick(double value, double step) {
   if (value == 0) return "0";
-  if (std::fabs(value) >= 1e6) return with_decimals(value / 1e6, std::min(3, decimals_of_step(step / 1e6))) + " M";
+  if (std::fabs(value) >= 1e5 && step >= 1e5) {
+    return with_decimals(value / 1e6, std::min(3, decimals_of_step(step / 1e6))) + " M";
+  }
   if (std::fabs(value) >= 1000 && step >= 1) return format_count(std::llround(value));
   return with_decimals(value, decimals_of_step(step));
+}
+
+std::string format_seconds(double value, double smallest) {
+  return with_decimals(value, smallest < 10 ? 2 : 1) + " s";
 }
 
 std::string format_figure(double value) {

@@ -27,6 +27,9 @@ void pad_range(ScaleKind kind, bool from_zero, double& low, double& high);
 /// "1,200", "0.035", "1.5 M": as many digits as tell two numbers `step` apart.
 std::string format_tick(double value, double step);
 
+/// "12.3 s", or "3.21 s" where `smallest` of the times beside it is below 10.
+std::string format_seconds(double value, double smallest);
+
 /// A figure by itself, in three significant digits.
 std::string format_figure(double value);
 

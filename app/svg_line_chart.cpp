@@ -51,7 +51,8 @@ class LineChartPainter {
     top_ += 26;
     bottom_ = top_ + chart_.height - kBottom;
     set_scales();
-    const std::string body = head + paint_axes() + paint_events() + paint_bands() + paint_series() + paint_labels();
+    const std::string body =
+        head + paint_axes() + paint_bands() + paint_events() + paint_series() + paint_event_labels() + paint_labels();
     return svg::picture(kWidth, static_cast<int>(bottom_ + kBottom), chart_.title, hover_data(), body);
   }
 
@@ -92,7 +93,7 @@ class LineChartPainter {
       y_low = std::min(y_low, point.y), y_high = std::max(y_high, point.y);
     });
     if (x_low > x_high) x_low = y_low = 0, x_high = y_high = 1;
-    if (x_low > 0 && x_low < 0.1 * x_high) x_low = 0;  // iterations count from 0
+    if (x_low > 0 && x_low < 0.5 * x_high) x_low = 0;  // iterations count from 0
     if (x_high <= x_low) x_high = x_low + 1;
     pad_range(chart_.y_scale, chart_.from_zero, y_low, y_high);
     x_ = {ScaleKind::kLinear, x_low, x_high, kLeft, right_};
@@ -128,14 +129,24 @@ class LineChartPainter {
     return body + svg::text(right_, bottom_ + 33, "class=\"axis\" text-anchor=\"end\"", chart_.x_label);
   }
 
+  bool is_inside(const ChartEvent& event) const { return x_(event.x) > kLeft - 1 && x_(event.x) < right_ + 1; }
+
   std::string paint_events() const {
     std::string body;
     for (const ChartEvent& event : chart_.events) {
+      if (is_inside(event)) body += svg::line(x_(event.x), top_, x_(event.x), bottom_, "class=\"event\"");
+    }
+    return body;
+  }
+
+  /// At the foot, where curves from zero are seldom.
+  std::string paint_event_labels() const {
+    std::string body;
+    for (const ChartEvent& event : chart_.events) {
+      if (!is_inside(event)) continue;
       const double at = x_(event.x);
-      if (at < kLeft - 1 || at > right_ + 1) continue;
       const bool fits_right = at + 6 + svg::text_width(event.label) < right_;
-      body += svg::line(at, top_, at, bottom_, "class=\"event\"");
-      body += svg::text(at + (fits_right ? 5 : -5), top_ + 10,
+      body += svg::text(at + (fits_right ? 5 : -5), bottom_ - 8,
                         fits_right ? "class=\"note\"" : "class=\"note\" text-anchor=\"end\"", event.label);
     }
     return body;

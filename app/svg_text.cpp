@@ -50,7 +50,7 @@ std::string px(double value) {
 }
 
 double text_width(const std::string& text) {
-  constexpr double kPxPerCharacter = 6.4;  // of 12 px sans serif
+  constexpr double kPxPerCharacter = 7;  // of 12 px sans serif
   double characters = 0;
   for (const char c : text) characters += (static_cast<unsigned char>(c) & 0xC0) != 0x80;  // not of continuation bytes
   return kPxPerCharacter * characters;
@@ -98,7 +98,7 @@ std::string legend(const std::vector<LegendEntry>& entries, double x, double rig
     body += text(at + kSwatch + 5, y, "class=\"label\"", entry.name);
     at += width + kGap;
   }
-  y += 6;
+  y += 10;
   return body;
 }
 

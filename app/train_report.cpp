@@ -46,10 +46,10 @@ std::string headline(const TrainConfig& config, const TrainHistory& history) {
 
 std::string times(const TrainHistory& history, const RunRecord& record) {
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
-  return detail::concat("Training took ", format_figure(elapsed_s),
-                        " s with densification, optimizer, uploads and kernel checks. Reading the scene (",
-                        format_figure(record.reading_s), " s) and evaluation, saving and checkpoints (",
-                        format_figure(record.output_s), " s) are not in it.");
+  return detail::concat("Training took ", format_seconds(elapsed_s, elapsed_s),
+                        " with densification, optimizer, uploads and kernel checks. Reading the scene (",
+                        format_seconds(record.reading_s, 0), ") and evaluation, saving and checkpoints (",
+                        format_seconds(record.output_s, 0), ") are not in it.");
 }
 
 std::string curve_figure(const std::string& title, const std::string& y_label, bool from_zero,
@@ -68,7 +68,7 @@ std::string course(const ReportedRun& run) {
   if (psnr.empty()) {
     body += html::paragraph("No view was held out (--eval) or none evaluated yet: there is no PSNR.", "soft");
   } else if (psnr[0].points.size() > 1) {
-    body += curve_figure("PSNR over the training", "dB", false, psnr, "PSNR, mean over the test views.");
+    body += curve_figure("PSNR over the training", "PSNR, dB", false, psnr, "PSNR, mean over the test views.");
   }
   return body + curve_figure("Number of Gaussians over the training", "Gaussians", true, count_curves({run}),
                              "Number of Gaussians.");

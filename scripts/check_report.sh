@@ -20,7 +20,7 @@ if grep -Eo '(src|href|url)(="|\()[^")]{0,40}' "$report" | grep -Ev '="data:'; t
 fi
 
 flags=(--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --hide-scrollbars --user-data-dir="$work/profile"
-  --host-resolver-rules='MAP * ~NOTFOUND' --enable-logging=stderr --virtual-time-budget=5000 --window-size=1000,5000)
+  --host-resolver-rules='MAP * ~NOTFOUND' --enable-logging=stderr --virtual-time-budget=5000 --window-size=1000,6000)
 if [[ ${3:-light} == dark ]]; then flags+=(--blink-settings=preferredColorScheme=0); fi
 if ! HOME=$work timeout 100 "$browser" "${flags[@]}" --screenshot="$screenshot" "file://$report" >"$work/log" 2>&1; then
   cat "$work/log" >&2
@@ -31,8 +31,8 @@ if grep 'CONSOLE' "$work/log" >&2; then
   echo "check_report.sh: $report wrote to the browser's console" >&2
   exit 1
 fi
-# A blank page of this size takes 20 kB as PNG.
-if (($(stat -c %s "$screenshot") < 30000)); then
+# A blank page of this size takes 30 kB as PNG, a report several hundred.
+if (($(stat -c %s "$screenshot") < 80000)); then
   echo "check_report.sh: the picture of $report is blank" >&2
   exit 1
 fi

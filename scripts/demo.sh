@@ -23,5 +23,6 @@ Done.
   Gaussians   $out/model/point_cloud/iteration_1500/point_cloud.ply   (opens in any 3DGS viewer)
   pictures    $out/model/test/ours_1500/{renders,gt,diff}/*.png
   flight      $out/model/interpolated/ours_1500/renders/*.png
+  report      $out/model/report.html                                 (opens in any browser)
   measures    $out/model/results.json, per_view.json, train.jsonl
 DONE

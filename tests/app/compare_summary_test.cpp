@@ -91,7 +91,7 @@ TEST(CompareSummary, UnequalLengthsAreComparedAsFarAsBothGo) {
   EXPECT_EQ(summary.done, 1000);
   EXPECT_EQ(verdict(summary),
             "Not finished: 1000 of 4000 iterations. So far: Balancing saved 20.0 % of the training time on this scene "
-            "(ours 8.00 s, naive 10.0 s).");
+            "(ours 8.00 s, naive 10.00 s).");
 }
 
 TEST(CompareSummary, TheVerdictSaysWhetherItPaid) {

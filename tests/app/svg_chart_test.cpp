@@ -90,7 +90,7 @@ TEST(SvgChart, LongCurvesAreThinnedAndKeepTheirEnds) {
 TEST(SvgAxis, TicksAreRoundAndInside) {
   EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 30000, 6),
             (std::vector<double>{0, 5000, 10000, 15000, 20000, 25000, 30000}));
-  EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 1.05, 5).size(), 3u);  // 0, 0.5, 1
+  EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 1.05, 5).size(), 6u);  // 0, 0.2, ... 1
   EXPECT_EQ(nice_ticks(ScaleKind::kLog, 1, 5000, 5), (std::vector<double>{1, 10, 100, 1000}));
   EXPECT_EQ(nice_ticks(ScaleKind::kLog, 1, 12, 5), (std::vector<double>{1, 2, 5, 10}));
   for (const double high : {1e-6, 0.3, 7.0, 123456.0}) {
@@ -108,6 +108,10 @@ TEST(SvgAxis, FiguresHaveAsManyDigitsAsTheyNeed) {
   EXPECT_EQ(format_tick(30000, 5000), "30,000");
   EXPECT_EQ(format_tick(0.25, 0.05), "0.25");
   EXPECT_EQ(format_tick(1500000, 500000), "1.5 M");
+  EXPECT_EQ(format_tick(500000, 500000), "0.5 M");
+  EXPECT_EQ(format_tick(1020000, 20000), "1,020,000");
+  EXPECT_EQ(format_seconds(3.2, 3.2), "3.20 s");
+  EXPECT_EQ(format_seconds(120, 100), "120.0 s");
   EXPECT_EQ(format_figure(16), "16");
   EXPECT_EQ(format_figure(12.345), "12.3");
   EXPECT_EQ(format_figure(0.012345), "0.0123");
@@ -128,7 +132,7 @@ TEST(HtmlReport, APageIsWellFormedAndNamesNothingOutsideItself) {
   Image8 image(5, 4, 3);
   image.pixels[0] = 255;
   const std::string body = html::section(kHostile, html::paragraph(kHostile) + html::figure("<b>x</b>", kHostile)) +
-                           html::table({kHostile, "b"}, {{kHostile, "1"}, {"c", "2"}}, 1) +
+                           html::table({kHostile, "b"}, {{kHostile, "1"}, {"c", "2"}}, html::Columns::kFigures, 1) +
                            html::table({}, {{"a", "b"}}) +
                            html::picture_grid({{kHostile, kHostile, html::data_uri(image)}}, 2);
   const std::string page = html::page(kHostile, kHostile, body);
