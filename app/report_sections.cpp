@@ -124,7 +124,7 @@ std::string load_figure(const TrainHistory& history, LoadField field, const std:
   if (first == nullptr) return "";
   LineChart chart{title, "iteration", y_label, ScaleKind::kLog};
   chart.bands = {{"99 % to maximum", p99, max, 0, 0.2},
-                 {"90 % to 99 %", p90, p99, 0, 0.35},
+                 {"90 % to 99 %", p90, p99, 0, 0.4},
                  {"median to 90 %", median, p90, 0, 0.6},
                  {"minimum to median", min, median, 8, 0.3}};
   chart.series = {{"median", median, 0, median.size() <= 40}};

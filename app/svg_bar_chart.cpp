@@ -53,8 +53,9 @@ std::string draw_panel(const HistogramRow& chart, std::size_t index, double x, d
   }
   body += svg::line(x, bottom, x + width, bottom, "class=\"base\"");
   for (std::size_t bin = 1; bin < n_bins; bin += std::max<std::size_t>(1, (n_bins + 4) / 5)) {
-    body += svg::text(x + static_cast<double>(bin) * step, bottom + 16, "class=\"tick\"",
-                      format_figure(static_cast<double>(1LL << (bin - 1))));
+    const std::string value = format_figure(static_cast<double>(1LL << (bin - 1)));
+    const double at = x + static_cast<double>(bin) * step;
+    if (at + svg::text_width(value) < x + width + 8) body += svg::text(at, bottom + 16, "class=\"tick\"", value);
   }
   return body;
 }
