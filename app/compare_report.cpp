@@ -183,12 +183,12 @@ std::string quality_section(const Comparison& comparison) {
 /// "kernel combined, tile_width 8": what sets a configuration apart.
 std::string own_options(const TrainConfig& base, const TrainConfig& own) {
   const nlohmann::ordered_json before = config_to_json(base), after = config_to_json(own);
-  std::string text;
+  std::string text = "kernel " + own.kernel;
   for (const auto& [name, value] : after.items()) {
-    if (value == before.at(name)) continue;
-    text += (text.empty() ? "" : ", ") + name + " " + (value.is_string() ? value.get<std::string>() : value.dump());
+    if (name == "kernel" || value == before.at(name)) continue;
+    text += ", " + name + " " + (value.is_string() ? value.get<std::string>() : value.dump());
   }
-  return text.empty() ? "nothing of its own" : text;
+  return text;
 }
 
 std::string settings_section(const Comparison& comparison) {

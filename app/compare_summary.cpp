@@ -119,7 +119,7 @@ double elapsed_at(const TrainHistory& history, double iteration) {
 }
 
 std::optional<int> inflection_point(const TrainHistory& history) {
-  for (const KernelCheck& check : history.checks) {
+  for (const KernelCheckEvent& check : history.checks) {
     if (check.pass == "forward" && !check.after.empty() && check.before != check.after) return check.iteration;
   }
   return std::nullopt;
@@ -136,7 +136,7 @@ std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHis
   saved.inflection = inflection_point(ours);
   if (saved.inflection && *saved.inflection < saved.until) {
     const double baseline_s = elapsed_at(baseline, *saved.inflection), ours_s = elapsed_at(ours, *saved.inflection);
-    if (baseline_s > 0) saved.before = share(baseline_s, ours_s);
+    if (baseline_s > 0 && *saved.inflection > 1) saved.before = share(baseline_s, ours_s);
     if (saved.baseline_s > baseline_s) saved.after = share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
   }
   return saved;

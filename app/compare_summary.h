@@ -40,7 +40,7 @@ struct SavedTime {
   int until = 0;  // iteration
   double baseline_s = 0, ours_s = 0;
   std::optional<int> inflection;
-  std::optional<double> before, after;  // the inflection point; missing without one
+  std::optional<double> before, after;  // the inflection point; missing without one, and before one at the start
   double overall = 0;
 };
 

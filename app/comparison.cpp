@@ -62,7 +62,7 @@ Json curves_of(const TrainHistory& history) {
 
 Json checks_of(const TrainHistory& history) {
   Json checks = Json::array();
-  for (const KernelCheck& check : history.checks) {
+  for (const KernelCheckEvent& check : history.checks) {
     checks.push_back({{"iteration", check.iteration},
                       {"pass", check.pass},
                       {"times_ms", to_json(check.times_ms)},
@@ -74,7 +74,7 @@ Json checks_of(const TrainHistory& history) {
   return checks;
 }
 
-Json to_json(const std::optional<LoadSummary>& load) {
+Json to_json(const std::optional<LoadFigures>& load) {
   if (!load) return nullptr;
   return {{"min", load->min}, {"median", load->median}, {"p90", load->p90},   {"p99", load->p99},
           {"max", load->max}, {"mean", load->mean},     {"gini", load->gini}, {"log2_bins", load->log2_bins}};
@@ -82,7 +82,7 @@ Json to_json(const std::optional<LoadSummary>& load) {
 
 Json loads_of(const TrainHistory& history) {
   Json loads = Json::array();
-  for (const LoadStatistics& own : history.loads) {
+  for (const LoadEvent& own : history.loads) {
     loads.push_back({{"iteration", own.iteration},
                      {"tile_lists", to_json(own.tile_lists)},
                      {"pixel_processed", to_json(own.pixel_processed)},

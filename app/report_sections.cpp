@@ -52,7 +52,7 @@ std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
 std::string candidate_figure(const TrainHistory& history, const std::string& pass) {
   std::vector<ChartSeries> series;
   std::vector<ChartEvent> events;
-  for (const KernelCheck& check : history.checks) {
+  for (const KernelCheckEvent& check : history.checks) {
     if (check.pass != pass) continue;
     for (const auto& [name, ms] : check.times_ms) {
       auto own = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
@@ -84,7 +84,7 @@ std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
   double cost_ms = 0;
   bool has_cost = false;
-  for (const KernelCheck& check : history.checks) {
+  for (const KernelCheckEvent& check : history.checks) {
     has_cost = has_cost || check.cost_ms;
     cost_ms += check.cost_ms.value_or(0);
     if (check.after.empty() || check.before == check.after) continue;
@@ -103,15 +103,15 @@ std::string decisions(const TrainHistory& history) {
   return body;
 }
 
-using LoadField = std::optional<LoadSummary> LoadStatistics::*;
+using LoadField = std::optional<LoadFigures> LoadEvent::*;
 
 std::string load_figure(const TrainHistory& history, LoadField field, const std::string& title,
                         const std::string& y_label, const std::string& caption) {
   std::vector<ChartPoint> min, median, p90, p99, max;
-  const LoadSummary *first = nullptr, *last = nullptr;
-  for (const LoadStatistics& statistics : history.loads) {
+  const LoadFigures *first = nullptr, *last = nullptr;
+  for (const LoadEvent& statistics : history.loads) {
     if (!(statistics.*field)) continue;
-    const LoadSummary& load = *(statistics.*field);
+    const LoadFigures& load = *(statistics.*field);
     const double x = statistics.iteration;
     min.push_back({x, load.min});
     median.push_back({x, load.median});
@@ -135,8 +135,8 @@ std::string load_figure(const TrainHistory& history, LoadField field, const std:
 
 std::string load_histograms(const TrainHistory& history, LoadField field, const std::string& title,
                             const std::string& x_label, const std::string& caption) {
-  std::vector<const LoadStatistics*> filled;
-  for (const LoadStatistics& statistics : history.loads) {
+  std::vector<const LoadEvent*> filled;
+  for (const LoadEvent& statistics : history.loads) {
     if (statistics.*field && !(statistics.*field)->log2_bins.empty()) filled.push_back(&statistics);
   }
   if (filled.empty()) return "";
@@ -144,7 +144,7 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
   const std::size_t n = std::min(kMostPanels, filled.size());
   HistogramRow chart{title, x_label, {}};
   for (std::size_t i = 0; i < n; ++i) {
-    const LoadStatistics& own = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
+    const LoadEvent& own = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
     chart.panels.push_back({"iteration " + format_tick(own.iteration, 1), (own.*field)->log2_bins});
   }
   return html::figure(draw(chart), caption);
@@ -229,17 +229,16 @@ std::string kernel_section(const TrainHistory& history) {
 
 std::string load_section(const TrainHistory& history) {
   const std::string body =
-      load_figure(history, &LoadStatistics::tile_lists, "Gaussians per tile over the training", "Gaussians per tile",
+      load_figure(history, &LoadEvent::tile_lists, "Gaussians per tile over the training", "Gaussians per tile",
                   "How many Gaussians the tiles' lists hold, as bands between quantiles over all tiles.") +
-      load_figure(history, &LoadStatistics::pixel_processed, "Gaussians per pixel over the training",
+      load_figure(history, &LoadEvent::pixel_processed, "Gaussians per pixel over the training",
                   "Gaussians processed per pixel",
                   "How many Gaussians a pixel goes through until it is done, as bands between quantiles over all "
                   "pixels.") +
-      load_histograms(history, &LoadStatistics::tile_lists, "Distribution of Gaussians per tile at several iterations",
+      load_histograms(history, &LoadEvent::tile_lists, "Distribution of Gaussians per tile at several iterations",
                       "Gaussians per tile, bins that double",
                       "Share of tiles by length of their list. The paper's figure 5, per block.") +
-      load_histograms(history, &LoadStatistics::pixel_processed,
-                      "Distribution of Gaussians per pixel at several iterations",
+      load_histograms(history, &LoadEvent::pixel_processed, "Distribution of Gaussians per pixel at several iterations",
                       "Gaussians processed per pixel, bins that double",
                       "Share of pixels by Gaussians processed. The paper's figure 5, per thread.");
   return body.empty() ? html::paragraph("Load statistics were not taken in this training.", "soft") : body;

@@ -46,8 +46,8 @@ LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   return point;
 }
 
-KernelCheck parse_check(const Json& json, int iteration) {
-  KernelCheck check;
+KernelCheckEvent parse_check(const Json& json, int iteration) {
+  KernelCheckEvent check;
   check.iteration = iteration;
   check.pass = text(json, "pass");
   check.times_ms = named_times(json, "times_ms");
@@ -58,10 +58,10 @@ KernelCheck parse_check(const Json& json, int iteration) {
   return check;
 }
 
-std::optional<LoadSummary> parse_load(const Json& json, const char* key) {
+std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
   const auto it = json.find(key);
   if (it == json.end() || !it->is_object()) return std::nullopt;
-  LoadSummary load;
+  LoadFigures load;
   const auto take = [&](const char* name, double& value) { value = number(*it, name).value_or(0); };
   take("min", load.min);
   take("median", load.median);

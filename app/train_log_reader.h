@@ -26,7 +26,7 @@ struct LogPoint {
 };
 
 /// Candidates timed on the data of the moment, and what was decided.
-struct KernelCheck {
+struct KernelCheckEvent {
   int iteration = 0;
   std::string pass;  // "forward" or "backward"
   NamedTimes times_ms;
@@ -35,20 +35,20 @@ struct KernelCheck {
 };
 
 /// How unevenly work is spread.
-struct LoadSummary {
+struct LoadFigures {
   double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
   std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)
 };
 
-struct LoadStatistics {
+struct LoadEvent {
   int iteration = 0;
-  std::optional<LoadSummary> tile_lists, pixel_processed, pixel_contributing;
+  std::optional<LoadFigures> tile_lists, pixel_processed, pixel_contributing;
 };
 
 struct TrainHistory {
   std::vector<LogPoint> points;  // by iteration, as all of these
-  std::vector<KernelCheck> checks;
-  std::vector<LoadStatistics> loads;
+  std::vector<KernelCheckEvent> checks;
+  std::vector<LoadEvent> loads;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };

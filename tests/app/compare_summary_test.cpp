@@ -24,7 +24,7 @@ TrainHistory history(double early_ms, double late_ms, int until = 4000) {
 }
 
 TrainHistory with_inflection(TrainHistory history, int iteration) {
-  KernelCheck kept, changed;
+  KernelCheckEvent kept, changed;
   kept.iteration = iteration - 1000;
   kept.pass = changed.pass = "forward";
   kept.before = kept.after = changed.before = "combined";
@@ -76,8 +76,13 @@ TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
   EXPECT_NEAR(saved->overall, 0.2, 1e-9);
   EXPECT_FALSE(saved_time(history(10, 10), TrainHistory{}));
 
+  const auto from_the_start = saved_time(history(10, 10), with_inflection(history(8, 8), 1));
+  ASSERT_TRUE(from_the_start);
+  EXPECT_FALSE(from_the_start->before) << "nothing lies before the first step";
+  EXPECT_NEAR(from_the_start->after.value(), 0.2, 1e-3);
+
   TrainHistory backward = with_inflection(history(8, 8), 2000);
-  for (KernelCheck& check : backward.checks) check.pass = "backward";
+  for (KernelCheckEvent& check : backward.checks) check.pass = "backward";
   EXPECT_FALSE(inflection_point(backward));
   EXPECT_FALSE(inflection_point(TrainHistory{}));
 }
