@@ -49,6 +49,7 @@ struct Rasterizer::Impl {
   BucketStates buckets{};
   Vec3f background{};
   ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
 };
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -73,12 +74,15 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
+  s.stages = settings.stages;
 
+  begin_stage(s.stages, Stage::kProject);
   const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
                                  s.n_tiles.resize(n, context), s.counts.resize(1, context)};
   project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected}, context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
+  end_stage(s.stages);  // until the host has read the counts, the device waits for it
   B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
@@ -89,8 +93,10 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                       kIndexMax, "; Gaussians have grown over the whole image, or there are too many"));
   }
   s.n_splats = counts.n_splats;
+  begin_stage(s.stages, Stage::kBin);
   s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling}, s.bin_buffers, context);
 
+  begin_stage(s.stages, Stage::kBlendForward);
   s.buckets = {};
   s.backward_kernel = settings.backward_kernel;
   if (settings.keep_for_backward) {
@@ -110,6 +116,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                s.transmittance.resize(n_pixels, context),
                                s.last_ids.resize(n_pixels, context)};
   kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.buckets, next_task}, context);
+  end_stage(s.stages);
   s.n_gaussians = n;
 }
 
@@ -119,6 +126,7 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
   B3DGS_CHECK(s.buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
+  begin_stage(s.stages, Stage::kBlendBackward);
   SplatGradSum* const splat_grads = s.splat_grads.resize(s.n_splats, context);
   B3DGS_CUDA_CHECK(
       cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum), context.stream));
@@ -126,9 +134,11 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
                                 s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
   kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](
       {blend, s.buckets, s.binned.tile_of_bucket, s.binned.n_buckets_max, splat_grads}, context);
+  begin_stage(s.stages, Stage::kProjectBackward);
   project_backward(
       {gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, splat_grads, out},
       context);
+  end_stage(s.stages);
 }
 
 const std::int32_t* Rasterizer::radii() const {
