@@ -304,6 +304,10 @@ std::int64_t Trainer::n_gaussians() const {
   return impl_->state.gaussians.size();
 }
 
+int Trainer::sh_degree() const {
+  return impl_->state.sh_degree;
+}
+
 TrainResult Trainer::run() {
   Impl& own = *impl_;
   TrainResult& result = own.result;

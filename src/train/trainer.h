@@ -61,6 +61,7 @@ class Trainer {
   void wait();
 
   std::int64_t n_gaussians() const;
+  int sh_degree() const;  // in use
 
  private:
   struct Impl;
