@@ -83,7 +83,8 @@ struct ImageStore::Streamed {};
 
 ImageStore::~ImageStore() = default;
 
-ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes) {
+ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes)
+    : device_(device) {
   std::int64_t used = 0, largest_streamed = 0;
   std::vector<bool> stays;
   for (const View& view : views) {
@@ -136,7 +137,7 @@ TrainView ImageStore::take(std::int32_t index, [[maybe_unused]] const std::vecto
   const std::uint8_t* const truth = s.uploader.acquire(s.slot_in_use, reader);
   const bool has_mask = s.has_mask[static_cast<std::size_t>(index)];
   const std::int64_t truth_bytes = 3 * std::int64_t{view.camera.height} * view.camera.width;
-  set_tensors(view, truth, has_mask ? truth + truth_bytes : nullptr, torch::Device(torch::kCUDA, 0));
+  set_tensors(view, truth, has_mask ? truth + truth_bytes : nullptr, device_);
 #endif
   return view;
 }

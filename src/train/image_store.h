@@ -47,6 +47,7 @@ class ImageStore {
 
  private:
   struct Streamed;
+  torch::Device device_;
   std::vector<TrainView> views_;
   std::int32_t n_resident_ = 0;
   std::unique_ptr<Streamed> streamed_;  // null if all views are resident
