@@ -21,6 +21,10 @@ std::string with_underscores(std::string word) {
   return word;
 }
 
+bool is_list(const OptionSpec& spec) {
+  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNames;
+}
+
 bool is_truth_value(const std::string& word) {
   return word == "true" || word == "false";
 }
@@ -64,6 +68,7 @@ std::string default_text(const OptionSpec& spec) {
   if (value.is_array()) {
     text = text.substr(1, text.size() - 2);
     std::replace(text.begin(), text.end(), ',', ' ');
+    text.erase(std::remove(text.begin(), text.end(), '"'), text.end());
     if (text.empty()) text = "none";
   }
   return text;
@@ -110,6 +115,16 @@ Number to_number(const OptionSpec& spec, const std::string& word) {
   return value;
 }
 
+/// "a,b" "c" -> a b c
+std::vector<std::string> split_at_commas(const std::vector<std::string>& words) {
+  std::vector<std::string> parts;
+  for (const std::string& word : words) {
+    std::istringstream text(word);
+    for (std::string part; std::getline(text, part, ',');) parts.push_back(part);
+  }
+  return parts;
+}
+
 nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& words) {
   switch (spec.kind) {
     case ValueKind::kFlag:
@@ -130,6 +145,8 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
       for (const std::string& word : words) values.push_back(to_number<int>(spec, word));
       return values;
     }
+    case ValueKind::kNames:
+      return split_at_commas(words);
   }
   return {};
 }
@@ -145,6 +162,8 @@ const char* value_name(const OptionSpec& spec) {
       return "X";
     case ValueKind::kInts:
       return "N ...";
+    case ValueKind::kNames:
+      return "NAME ...";
     case ValueKind::kText:
       return spec.range.empty() ? "TEXT" : "NAME";
   }
@@ -234,7 +253,7 @@ void CommandLine::add(const OptionSpec& spec, const std::string& heading) {
                                                       : app.add_option(cli11_names(spec), CLI::callback_t());
   option->description(description(spec));
   option->group(heading)->type_name(value_name(spec));
-  if (spec.kind == ValueKind::kInts) {
+  if (is_list(spec)) {
     option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
   } else {
     option->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
@@ -264,7 +283,7 @@ bool CommandLine::parse(const std::vector<std::string>& words) {
     if (row.option->count() == 0) continue;
     std::vector<std::string> results = row.option->results();
     // CLI11 stands an empty word, or "{}", for a list without values.
-    if (row.spec.kind == ValueKind::kInts && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
+    if (is_list(row.spec) && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
       results.clear();
     }
     given_[std::string(row.spec.option.name)] = to_json(row.spec, results);

@@ -11,6 +11,7 @@
 namespace b3dgs {
 
 int run_bench(const std::vector<std::string>& words) {
+  if (!words.empty() && words.front() == "step") return run_bench_step({words.begin() + 1, words.end()});
   BenchConfig config;
   CommandLine line("bench",
                    "Times the blending kernels and the passes of one view: b3dgs bench [street|balanced|SCENE].");

@@ -43,7 +43,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> vi
   field(Option{"resume"}, c.resume, Any{},
         "continue the comparison in the output folder (-m), with its options unless others are given");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the comparison that the output folder holds");
-  field(Option{"quiet"}, c.quiet, Any{}, "show no progress and no summary of the scene");
+  field(Option{"quiet"}, c.quiet, Any{}, "show no progress, no messages and no summary of the scene");
 }
 
 /// Views are held out unless --no_eval says otherwise: a comparison of times is worth little without quality.

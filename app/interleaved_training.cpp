@@ -54,7 +54,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   TrainHooks hooks;
   hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
   hooks.on_message = [this, &turn](const std::string& message) {
-    status_.print(turn.configuration.name + ", " + label_ + ": " + message);
+    if (!status_.is_quiet()) status_.print(turn.configuration.name + ", " + label_ + ": " + message);
   };
   hooks.stop_signal = &stop_signal();
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);

@@ -27,6 +27,7 @@ class StatusLine {
   static StatusLine for_stderr(bool quiet);
   ~StatusLine();
 
+  bool is_quiet() const { return quiet_; }
   bool is_terminal() const { return columns_ > 0; }
   int columns() const { return columns_; }
 

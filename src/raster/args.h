@@ -8,6 +8,7 @@
 #include "raster/backward_kernel.h"
 #include "raster/constants.h"
 #include "raster/forward_kernel.h"
+#include "raster/stages.h"
 #include "raster/vec.h"
 
 namespace b3dgs {
@@ -63,7 +64,9 @@ struct RenderSettings {
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
-  bool keep_for_backward = true;  // false saves memory and time where no gradient is wanted
+  bool deterministic = false;                                  // sums in a fixed order on CUDA; the CPU always does
+  bool keep_for_backward = true;    // false saves memory and time where no gradient is wanted
+  StageRecorder* stages = nullptr;  // told which pass begins, of the backward passes too; null: nobody asks
 };
 
 /// The rendered view.
@@ -155,6 +158,16 @@ struct BlendForwardArgs {
   float* transmittance = nullptr;  // [H, W] out, final: 1 - alpha has lost its last digits
   std::int32_t* last_ids =
       nullptr;  // [H, W] out, position within the tile's list of the last blended splat, -1 if none
+};
+
+/// Counting: how many entries of its tile's list the forward blend looks at for each pixel, and how many it blends. The
+/// same for every schedule, lanes that look further ahead in vain not counted.
+struct CountLoadArgs {
+  const Splat* splats = nullptr;  // [M]
+  BinnedSplats bins{};
+  TileGrid grid{};
+  std::int32_t* processed = nullptr;     // [H, W] out
+  std::int32_t* contributing = nullptr;  // [H, W] out
 };
 
 /// Backward blend: gradients by pixels to gradients by splats, one record per (tile, splat) pair.

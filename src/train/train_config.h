@@ -7,9 +7,15 @@
 #include <vector>
 
 #include "config.h"
+#include "raster/backward_kernel.h"
 #include "raster/forward_kernel.h"
 
 namespace b3dgs {
+
+/// In place of a kernel's name: choose by measuring.
+inline constexpr const char* kAdaptive = "adaptive";
+/// What stands for that where nothing is measured: in evaluation, and where a run has to give the same bytes twice.
+inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
 
 struct TrainConfig {
   // Input and output
@@ -20,6 +26,9 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string device = "auto";
+  // On the GPU. Scenes of a few hundred photographs at the default 1600 px take 1 to 3 GB: all of them stay there, and
+  // on a card with 24 GB two thirds of it are left to the Gaussians.
+  double image_cache_gb = 8;
 
   // Model and picture
   int sh_degree = 3;
@@ -64,15 +73,28 @@ struct TrainConfig {
   std::int64_t max_gaussians = 0;  // 0: no limit
 
   // Rasterizer
-  std::string kernel = "shared-memory";
+  std::string kernel = "adaptive";
+  std::string kernel_policy = "paper";
+  std::vector<std::string> kernel_candidates{"combined", "shared-memory"};
+  int kernel_check_interval = 1000;
+  int kernel_check_views = 5;
+  std::string backward_kernel = "per-splat";
+  std::string tile = "16x16";
   std::string culling = "ellipse";
+  bool deterministic = false;
   int threads = 0;  // 0: all cores
+
+  // What train.jsonl tells
+  int stats_interval = 1000;
 };
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
-  OneOf kernels;
-  for (const ForwardKernelName& row : kForwardKernels) kernels.values.emplace_back(row.name);
+  SomeOf candidates{{}, 2};
+  for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
+  OneOf kernels{candidates.values}, backward_kernels;
+  for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
+  for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{}, "folder of the COLMAP scene");
   field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{},
@@ -85,6 +107,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "start from the Gaussians (or points) of this PLY instead of the scene's points");
   field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to train; auto takes a GPU if there is one");
+  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{0},
+        "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");
@@ -135,10 +159,26 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0},
         "the count never grows beyond this; 0: no limit");
 
-  field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel");
+  field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel; adaptive measures and chooses");
+  field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
+        "how adaptive chooses: leaves the first candidate once and for good, or keeps checking");
+  field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
+        "what adaptive chooses from; training starts with the first");
+  field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
+        "iterations between two measurements of the candidates; one more comes before the first step");
+  field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
+        "coming views on which the candidates are measured; fewer where that would take over 0.5 % of the training");
+  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
+        "backward blending kernel, on the GPU; adaptive measures and chooses, with the forward kernel's policy");
+  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "unit of binning, px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the original's 3-sigma square");
+  field(Option{"deterministic"}, c.deterministic, Any{},
+        "the same bytes from the same seed, on the GPU too; slower there. Nothing is chosen by its time");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
+
+  field(Option{"stats_interval"}, c.stats_interval, AtLeast{0},
+        "write how unevenly the load is spread over tiles and pixels every so many iterations; 0: not");
 }
 
 }  // namespace b3dgs

@@ -14,6 +14,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <utility>
 
 #include "check.h"
@@ -21,14 +22,17 @@
 #include "train/checkpoint.h"
 #include "train/densifier.h"
 #include "train/gaussian_model.h"
+#include "train/image_store.h"
+#include "train/initial_splats.h"
+#include "train/kernel_check.h"
 #include "train/loss.h"
 #include "train/lr_schedule.h"
 #include "train/output_plan.h"
 #include "train/random.h"
+#include "train/stage_timer.h"
 #include "train/threads.h"
 #include "train/train_log.h"
 #include "train/train_state.h"
-#include "train/train_views.h"
 
 namespace b3dgs {
 namespace {
@@ -37,27 +41,6 @@ namespace fs = std::filesystem;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-/// What training starts from. @throws InputError if there is nothing
-SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
-  PointCloud points;
-  std::string place = scene.source_path + ": the COLMAP model";
-  if (config.init_ply.empty()) {
-    points = scene.points;
-  } else if (is_splat_ply(config.init_ply)) {
-    SplatCloud cloud = read_splat_ply(config.init_ply);
-    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
-    return cloud;
-  } else {
-    points = read_point_ply(config.init_ply);
-    place = config.init_ply;
-  }
-  if (points.size() == 0) {
-    input_error(place,
-                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
-  }
-  return splats_from_points(points, 0);
 }
 
 }  // namespace
@@ -71,25 +54,39 @@ struct Trainer::Impl {
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
         loss(device),
-        views(upload_views(scene.train, device)) {
-    if (views.empty()) input_error(scene.source_path, ": has no view to train on");
+        kernels(config, device),
+        images(scene.train, device, static_cast<std::int64_t>(std::min(1e9 * config.image_cache_gb, 9e18))),
+        timer(make_stage_clock(device)) {
+    if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
 
   void start();
   void begin();
+  void check_kernels(int iteration);
   void step();
   void wait_for_device() const;
   void settle_loss();
-  [[noreturn]] void fail(int iteration, const TrainView& view, const std::string& reason) const;
+  [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
   void control_density();
+  void collect_times(const std::vector<StageTimes>& known);
+  void log_load();
   void write_outputs(const OutputPlan& plan);
   void write_checkpoint();
   void report(const char* activity) const;
   void say(const std::string& message) const {
     if (hooks.on_message) hooks.on_message(message);
   }
-  RenderSettings step_settings() const;
+  RenderSettings step_settings();
+  /// Counts what `work` takes as time of training.
+  template <class Work>
+  void timed(Work&& work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    const double seconds = seconds_since(start);
+    result.train_s += seconds;
+    state.elapsed_s += seconds;
+  }
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
 
   const TrainConfig config;
@@ -100,18 +97,23 @@ struct Trainer::Impl {
 
   Rasterizer rasterizer;
   ImageLoss loss;
-  const std::vector<TrainView> views;
+  KernelChecks kernels;
+  ImageStore images;
+  StageTimer timer;
+  StageAverage stages;
   GaussianTensors grads;
   TrainState state;
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {
     int iteration = 0;
-    const TrainView* view = nullptr;
-  } unsettled;
+    std::string view;
+  };
+  std::optional<Unsettled> unsettled;
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
   double logged_s = 0;       // result.train_s at the last line
+  int staged_iteration = 0;  // of the last line with times of the stages
 };
 
 void Trainer::Impl::start() {
@@ -132,7 +134,7 @@ void Trainer::Impl::begin() {
   if (state.gaussians.size() == 0) start();
   folder.write_inputs(config, scene);
   log = std::make_unique<TrainLog>(folder.log(), state.iteration);
-  logged_iteration = state.iteration;
+  logged_iteration = staged_iteration = state.iteration;
   if (state.iteration == config.iterations) {
     say(detail::concat("all ", config.iterations, " iterations are done; more need a larger --iterations"));
     result.ply = folder.ply(state.iteration);
@@ -143,8 +145,9 @@ void Trainer::Impl::wait_for_device() const {
   if (device.is_cuda()) torch::cuda::synchronize();
 }
 
-RenderSettings Trainer::Impl::step_settings() const {
-  RenderSettings settings = evaluation_settings(config, state.sh_degree);
+RenderSettings Trainer::Impl::step_settings() {
+  RenderSettings settings = kernels.apply(evaluation_settings(config, state.sh_degree));
+  settings.stages = &timer;
   if (config.random_background) {
     const auto color =
         random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
@@ -154,17 +157,17 @@ RenderSettings Trainer::Impl::step_settings() const {
 }
 
 void Trainer::Impl::settle_loss() {
-  if (unsettled.view == nullptr) return;
-  const auto [iteration, view] = std::exchange(unsettled, {});
+  if (!unsettled) return;
+  const auto [iteration, view] = *std::exchange(unsettled, std::nullopt);
   const double value = loss.value().loss;
-  if (!std::isfinite(value)) fail(iteration, *view, detail::concat("the loss is ", value));
+  if (!std::isfinite(value)) fail(iteration, view, detail::concat("the loss is ", value));
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
 }
 
-void Trainer::Impl::fail(int iteration, const TrainView& view, const std::string& reason) const {
+void Trainer::Impl::fail(int iteration, const std::string& view, const std::string& reason) const {
   const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
   throw NumericError(
-      detail::concat("iteration ", iteration, ", view ", view.name, ": ", reason, "; last checkpoint: ", last));
+      detail::concat("iteration ", iteration, ", view ", view, ": ", reason, "; last checkpoint: ", last));
 }
 
 /// Loss and gradients of one view; statistics for density control.
@@ -173,36 +176,83 @@ void Trainer::Impl::differentiate(const TrainView& view) {
   try {
     rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
   } catch (const NumericError& error) {
-    fail(state.iteration, view, error.what());
+    fail(state.iteration, view.name, error.what());
   }
   settle_loss();  // of the step before: the device has finished it by now
+  timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
-  unsettled = {state.iteration, &view};
+  timer.end();
+  unsettled = {state.iteration, view.name};
   if (device.is_cpu()) settle_loss();
   const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
   if (density_plan(config, state.iteration).add_statistics) {
+    timer.begin(Stage::kDensify);
     add_view(statistics, view.camera.width, view.camera.height, state.statistics);
+    timer.end();
   }
 }
 
+/// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
+void Trainer::Impl::check_kernels(int iteration) {
+  if (!kernels.is_due(iteration)) return;
+  std::vector<PinholeView> coming;
+  for (const std::int32_t view :
+       state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
+    coming.push_back(images.describe(view).camera);
+  }
+  const int n_steps = state.iteration - logged_iteration;  // since the last line of the log
+  const double step_ms = n_steps > 0 ? 1e3 * (result.train_s - logged_s) / n_steps : 0;
+  for (const KernelCheck& check : kernels.check(
+           iteration, {rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming, step_ms})) {
+    if (log) log->write_event(iteration, "kernel_check", to_json(check));
+    if (!check.message.empty()) say(check.message);
+  }
+  state.kernel_selection = kernels.to_json();
+}
+
+/// How uneven the load of the first view is: always the same one, so that only the training makes a difference.
+void Trainer::Impl::log_load() {
+  const TrainView& view = images.describe(0);
+  RenderSettings settings = evaluation_settings(config, state.sh_degree);
+  settings.keep_for_backward = false;
+  try {
+    rasterizer.forward(state.gaussians, view.camera, settings);
+  } catch (const NumericError& error) {
+    fail(state.iteration, view.name, error.what());
+  }
+  log->write_event(state.iteration, "load_statistics", load_json(view.name, rasterizer.count_load()));
+}
+
 void Trainer::Impl::step() {
+  check_kernels(state.iteration + 1);
+  // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
+  // with it new memory, comes after those.
+  constexpr int kTimedInterval = 100, kTimedPhase = 50;
   const int iteration = ++state.iteration;
+  if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
-  const TrainView& view =
-      views[static_cast<std::size_t>(state.view_order.next(config.seed, static_cast<std::int32_t>(views.size())))];
+  timer.begin(Stage::kUpload);
+  const std::int32_t index = state.view_order.next(config.seed, images.size());
+  const TrainView view =
+      images.take(index, state.view_order.upcoming(config.seed, images.size(), ImageStore::kLookAhead));
+  timer.end();
   differentiate(view);
+  timer.begin(Stage::kOptimizer);
   adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
+  timer.finish();
 }
 
 void Trainer::Impl::control_density() {
   const DensityPlan plan = density_plan(config, state.iteration);
   if (plan.densify) {
     report("densifying");
+    timer.start(StageTimes::Kind::kDensityRound);
     const DensityRound round =
         densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
                 state.iteration);
     apply_row_edit(round.edit, state.gaussians, state.adam, state.statistics);
     state.statistics = make_density_statistics(state.gaussians.size(), device);
+    timer.finish();
     if (state.gaussians.size() == 0) {
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
                                         "lower --prune_opacity or the learning rates"));
@@ -211,7 +261,15 @@ void Trainer::Impl::control_density() {
   if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
 }
 
+void Trainer::Impl::collect_times(const std::vector<StageTimes>& known) {
+  for (const StageTimes& times : known) {
+    stages.add(times);
+    if (hooks.on_stage_times) hooks.on_stage_times(times);
+  }
+}
+
 void Trainer::Impl::write_outputs(const OutputPlan& plan) {
+  if (plan.statistics) log_load();
   TrainLogLine line;
   if (plan.evaluate) {
     report("evaluating");
@@ -230,6 +288,12 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.loss = state.loss_average;
     line.ms = 1e3 * (result.train_s - logged_s) / std::max(1, state.iteration - logged_iteration);
     line.count = state.gaussians.size();
+    line.elapsed_s = state.elapsed_s;
+    collect_times(timer.take());
+    line.stages = stages.take(state.iteration - staged_iteration);
+    if (line.stages) staged_iteration = state.iteration;
+    line.kernel = kernels.forward_name();
+    line.backward_kernel = kernels.backward_name();
     log->write(line);
     logged_iteration = state.iteration;
     logged_s = result.train_s;
@@ -281,7 +345,29 @@ std::vector<std::string> Trainer::resume(const fs::path& checkpoint) {
   }
   own.state = std::move(read.state);
   own.result.checkpoint = checkpoint;
+  own.kernels.restore(own.state.kernel_selection, checkpoint.string());
   return config_differences(read.config, own.config);
+}
+
+void Trainer::step() {
+  Impl& own = *impl_;
+  if (own.state.gaussians.size() == 0) own.start();
+  own.timed([&] { own.step(); });
+  own.timed([&] { own.control_density(); });
+  own.collect_times(own.timer.take());
+}
+
+void Trainer::wait() {
+  impl_->settle_loss();
+  impl_->collect_times(impl_->timer.wait());
+}
+
+std::int64_t Trainer::n_gaussians() const {
+  return impl_->state.gaussians.size();
+}
+
+int Trainer::sh_degree() const {
+  return impl_->state.sh_degree;
 }
 
 TrainResult Trainer::run() {
@@ -294,26 +380,21 @@ TrainResult Trainer::run_until(int iteration) {
   B3DGS_CHECK(iteration <= own.config.iterations, "iteration ", iteration, " of ", own.config.iterations);
   own.begin();
   while (own.state.iteration < iteration && !result.interrupted) {
-    auto start = std::chrono::steady_clock::now();
-    own.step();
-    result.train_s += seconds_since(start);
+    own.timed([&] { own.step(); });
     own.report("training");
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
-    if (plan.log || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped()) own.settle_loss();
-    start = std::chrono::steady_clock::now();
+    if (plan.log || plan.statistics || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped())
+      own.settle_loss();
+    auto start = std::chrono::steady_clock::now();
     own.write_outputs(plan);
     result.output_s += seconds_since(start);
-    start = std::chrono::steady_clock::now();
-    own.control_density();
-    result.train_s += seconds_since(start);
+    own.timed([&] { own.control_density(); });
     start = std::chrono::steady_clock::now();
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
     if (plan.checkpoint || result.interrupted) own.write_checkpoint();
     result.output_s += seconds_since(start);
   }
-  const auto start = std::chrono::steady_clock::now();
-  own.wait_for_device();
-  result.train_s += seconds_since(start);
+  own.timed([&] { own.wait_for_device(); });
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;

@@ -10,6 +10,7 @@
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/model_folder.h"
+#include "train/stage_timer.h"
 #include "train/train_config.h"
 
 namespace b3dgs {
@@ -26,6 +27,8 @@ struct TrainHooks {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
+  // If set, every step is timed stage by stage, and told as soon as the device has got through it.
+  std::function<void(const StageTimes&)> on_stage_times;
 };
 
 struct TrainResult {
@@ -65,6 +68,15 @@ class Trainer {
 
   /// Writes a checkpoint of the training as it stands, which must have begun. @throws IoError
   std::filesystem::path write_checkpoint();
+
+  /// One iteration with its density control; nothing is written. For benchmarks.
+  void step();
+
+  /// Waits until the device is done with all steps, and tells their times.
+  void wait();
+
+  std::int64_t n_gaussians() const;
+  int sh_degree() const;  // in use
 
  private:
   struct Impl;

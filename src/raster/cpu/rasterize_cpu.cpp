@@ -30,6 +30,11 @@ struct Rasterizer::Impl {
   BinnedSplats bins{};
   Vec3f background{};
   ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
+
+  BlendForwardArgs blend_args() const {
+    return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
+  }
 };
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -55,16 +60,22 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
+  s.stages = settings.stages;
 
+  begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
   std::int32_t* const radii = s.radii.resize(n);
   s.n_splats = project(
       {gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats, extents, radii});
+  begin_stage(s.stages, Stage::kBin);
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
+  begin_stage(s.stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out,
-                                  s.transmittance.resize(n_pixels), s.last_ids.resize(n_pixels)});
+  s.transmittance.resize(n_pixels);
+  s.last_ids.resize(n_pixels);
+  blend_forward(settings.kernel, s.blend_args());
+  end_stage(s.stages);
   s.n_gaussians = n;
 }
 
@@ -72,11 +83,25 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
+  begin_stage(s.stages, Stage::kBlendBackward);
   SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
                   s.last_ids.data(), grad, isect_grads});
+  begin_stage(s.stages, Stage::kProjectBackward);
   project_backward(
       {gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads, out});
+  end_stage(s.stages);
+}
+
+void Rasterizer::reblend(ForwardKernel kernel) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  blend_forward(kernel, impl_->blend_args());
+}
+
+void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
 }
 
 const std::int32_t* Rasterizer::radii() const {
@@ -84,6 +109,9 @@ const std::int32_t* Rasterizer::radii() const {
 }
 const std::int32_t* Rasterizer::last_ids() const {
   return impl_->last_ids.data();
+}
+const Splat* Rasterizer::splats() const {
+  return impl_->splats.data();
 }
 BinnedSplats Rasterizer::bins() const {
   return impl_->bins;

@@ -80,6 +80,8 @@ struct BlendForwardCudaArgs {
   std::int32_t* next_task = nullptr;  // [1] the pool's counter, 0 at the start
 };
 
+void count_load(const CountLoadArgs& args, const LaunchContext& context);
+
 /// A splat's sums, padded to three 16-byte words for vector atomics.
 struct alignas(16) SplatGradSum {
   SplatGrad sum;

@@ -49,7 +49,29 @@ struct Rasterizer::Impl {
   BucketStates buckets{};
   Vec3f background{};
   ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
+
+  void blend_forward(ForwardKernel kernel, const LaunchContext& context);
+  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 };
+
+void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& context) {
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task.data(), 0, sizeof(std::int32_t), context.stream));
+  const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
+                               background,    rendered,       transmittance.data(), last_ids.data()};
+  kForwardTable[static_cast<std::size_t>(kernel)]({blend, buckets, next_task.data()}, context);
+}
+
+void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
+                                      const LaunchContext& context) {
+  B3DGS_CHECK(buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
+  SplatGradSum* const sums = splat_grads.resize(n_splats, context);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, static_cast<std::size_t>(n_splats) * sizeof(SplatGradSum), context.stream));
+  const BlendBackwardArgs blend{binned.splats, binned.extents,       binned.bins,     grid, background,
+                                rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
+  kBackwardTable[static_cast<std::size_t>(kernel)]({blend, buckets, binned.tile_of_bucket, binned.n_buckets_max, sums},
+                                                   context);
+}
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
 Rasterizer::~Rasterizer() = default;
@@ -73,12 +95,15 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
+  s.stages = settings.stages;
 
+  begin_stage(s.stages, Stage::kProject);
   const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
                                  s.n_tiles.resize(n, context), s.counts.resize(1, context)};
   project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected}, context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
+  end_stage(s.stages);  // until the host has read the counts, the device waits for it
   B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
@@ -89,8 +114,10 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                       kIndexMax, "; Gaussians have grown over the whole image, or there are too many"));
   }
   s.n_splats = counts.n_splats;
+  begin_stage(s.stages, Stage::kBin);
   s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling}, s.bin_buffers, context);
 
+  begin_stage(s.stages, Stage::kBlendForward);
   s.buckets = {};
   s.backward_kernel = settings.backward_kernel;
   if (settings.keep_for_backward) {
@@ -99,17 +126,11 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                  s.state_depth.resize(n_states, context)};
   }
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  std::int32_t* const next_task = s.next_task.resize(1, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
-  const BlendForwardArgs blend{s.binned.splats,
-                               s.binned.extents,
-                               s.binned.bins,
-                               s.grid,
-                               settings.background,
-                               out,
-                               s.transmittance.resize(n_pixels, context),
-                               s.last_ids.resize(n_pixels, context)};
-  kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.buckets, next_task}, context);
+  s.transmittance.resize(n_pixels, context);
+  s.last_ids.resize(n_pixels, context);
+  s.next_task.resize(1, context);
+  s.blend_forward(settings.kernel, context);
+  end_stage(s.stages);
   s.n_gaussians = n;
 }
 
@@ -118,17 +139,33 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
-  B3DGS_CHECK(s.buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
-  SplatGradSum* const splat_grads = s.splat_grads.resize(s.n_splats, context);
-  B3DGS_CUDA_CHECK(
-      cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum), context.stream));
-  const BlendBackwardArgs blend{s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
-                                s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
-  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](
-      {blend, s.buckets, s.binned.tile_of_bucket, s.binned.n_buckets_max, splat_grads}, context);
-  project_backward(
-      {gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, splat_grads, out},
-      context);
+  begin_stage(s.stages, Stage::kBlendBackward);
+  s.blend_backward(s.backward_kernel, grad, context);
+  begin_stage(s.stages, Stage::kProjectBackward);
+  project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
+                    s.splat_grads.data(), out},
+                   context);
+  end_stage(s.stages);
+}
+
+void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  impl_->blend_forward(kernel, context);
+}
+
+void Rasterizer::reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend_backward before any forward");
+  impl_->blend_backward(kernel, grad, context);
+}
+
+void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
+}
+
+const float* Rasterizer::splat_grads() const {
+  return reinterpret_cast<const float*>(impl_->splat_grads.data());
 }
 
 const std::int32_t* Rasterizer::radii() const {
