@@ -72,6 +72,8 @@ struct CudaFrame {
   DeviceBuffer<cuda::ViewCounts> counts;
   DeviceBuffer<float4> state_light;
   DeviceBuffer<float> state_depth;
+  DeviceBuffer<float2> bucket_ends;
+  DeviceBuffer<std::uint32_t> quad_words;
   DeviceBuffer<cuda::SplatGradSum> splat_grads;
   cuda::BinBuffers bin_buffers;
 
@@ -131,22 +133,23 @@ CudaFrame::CudaFrame(const BenchConfig& bench_config, const BenchScene& scene,
   bin = {outputs, n, found.n_splats, found.n_isects, grid, culling};
   binned = cuda::bin(bin, bin_buffers, context);
 
-  const std::int64_t n_states = binned.n_buckets_max * (std::int64_t{grid.tile.width} * grid.tile.height);
+  const std::int64_t n_states = binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
   const ImageArrays image{color.resize(3 * n_pixels, context), depth.resize(n_pixels, context),
                           alpha.resize(n_pixels, context)};
-  const cuda::BucketStates buckets{binned.bucket_offsets, state_light.resize(n_states, context),
-                                   state_depth.resize(n_states, context)};
+  const cuda::BucketParts parts{state_light.resize(n_states, context), state_depth.resize(n_states, context)};
   forward = {{binned.splats, binned.extents, binned.bins, grid, Vec3f{0, 0, 0}, image,
               transmittance.resize(n_pixels, context), last_ids.resize(n_pixels, context)},
-             buckets,
-             next_task.resize(1, context)};
+             binned.buckets,
+             parts,
+             next_task.resize(1, context),
+             quad_words.resize(n_states / 4, context)};
   const std::vector<float> uniform(static_cast<std::size_t>(3 * n_pixels), 1.0f / static_cast<float>(3 * n_pixels));
   const ImageGradArrays grad{upload(grad_color, uniform), nullptr, nullptr};
   backward = {{binned.splats, binned.extents, binned.bins, grid, Vec3f{0, 0, 0}, image, transmittance.data(),
                last_ids.data(), grad, nullptr},
-              buckets,
-              binned.tile_of_bucket,
-              binned.n_buckets_max,
+              binned.buckets,
+              parts,
+              bucket_ends.resize(n_states, context),
               splat_grads.resize(found.n_splats, context)};
   const GaussianGradArrays out{
       out_means.resize(3 * n, context),  out_log_scales.resize(3 * n, context),
@@ -162,7 +165,7 @@ nlohmann::ordered_json bench_forward(CudaFrame& frame, EventTimer& timer) {
   ComparisonTable table("forward kernel");
   // As the paper's table: the blend alone, without what a training step keeps for its backward pass.
   cuda::BlendForwardCudaArgs alone = frame.forward;
-  alone.buckets = {};
+  alone.parts = {};
   for (const ForwardKernelName& kernel : kForwardKernels) {
     const auto launch = cuda::kForwardTable[static_cast<std::size_t>(kernel.kernel)];
     const Timing timing = timer.time(

@@ -63,6 +63,7 @@ struct RenderSettings {
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
+  bool deterministic = false;                                  // sums in a fixed order on CUDA; the CPU always does
   bool keep_for_backward = true;  // false saves memory and time where no gradient is wanted
 };
 

@@ -4,15 +4,15 @@
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/tile_blend.cuh"
+#include "raster/cuda/pixel_wise.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_naive_kernel(const BlendForwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads, false> batch;
-  blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(threadIdx.x));
+  __shared__ StagedBatch<kThreads> batch;
+  blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x));
 }
 
 }  // namespace

@@ -33,9 +33,11 @@ struct Rasterizer::Impl {
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<std::int32_t> radii, n_tiles, last_ids, next_task;
   DeviceBuffer<ViewCounts> counts;
-  DeviceBuffer<float4> state_light;
-  DeviceBuffer<float> state_depth, transmittance;
-  DeviceBuffer<SplatGradSum> splat_grads;
+  DeviceBuffer<float4> part_light;
+  DeviceBuffer<float> part_depth, transmittance;
+  DeviceBuffer<float2> bucket_ends;
+  DeviceBuffer<std::uint32_t> quad_words;
+  DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
 
@@ -43,10 +45,11 @@ struct Rasterizer::Impl {
   PinholeView view{};
   int sh_degree = 0;
   BackwardKernel backward_kernel{};
+  bool deterministic = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
-  BucketStates buckets{};
+  BucketParts parts{};
   Vec3f background{};
   ImageArrays rendered{};
 };
@@ -64,6 +67,9 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
               settings.sh_degree, " of at most ", gaussians.sh_degree_max);
   B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "splats carry 32-bit indices; n_gaussians is ",
               gaussians.n_gaussians);
+  B3DGS_CHECK(
+      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
+      "sums in a fixed order need the per-splat backward pass");
   B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
@@ -89,15 +95,19 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                       kIndexMax, "; Gaussians have grown over the whole image, or there are too many"));
   }
   s.n_splats = counts.n_splats;
-  s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling}, s.bin_buffers, context);
+  const bool keep_slots = settings.deterministic && settings.keep_for_backward;
+  s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
+                 context);
 
-  s.buckets = {};
+  const std::int64_t n_parts = s.binned.buckets.n_max * (std::int64_t{settings.tile.width} * settings.tile.height);
+  s.parts = {};
   s.backward_kernel = settings.backward_kernel;
+  s.deterministic = settings.deterministic;
   if (settings.keep_for_backward) {
-    const std::int64_t n_states = s.binned.n_buckets_max * (std::int64_t{settings.tile.width} * settings.tile.height);
-    s.buckets = {s.binned.bucket_offsets, s.state_light.resize(n_states, context),
-                 s.state_depth.resize(n_states, context)};
+    s.parts = {s.part_light.resize(n_parts, context), s.part_depth.resize(n_parts, context)};
   }
+  std::uint32_t* const quad_words =
+      settings.kernel == ForwardKernel::kCombined ? s.quad_words.resize(n_parts / 4, context) : nullptr;
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   std::int32_t* const next_task = s.next_task.resize(1, context);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
@@ -109,7 +119,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                out,
                                s.transmittance.resize(n_pixels, context),
                                s.last_ids.resize(n_pixels, context)};
-  kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.buckets, next_task}, context);
+  kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.binned.buckets, s.parts, next_task, quad_words},
+                                                           context);
   s.n_gaussians = n;
 }
 
@@ -118,17 +129,29 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
-  B3DGS_CHECK(s.buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
-  SplatGradSum* const splat_grads = s.splat_grads.resize(s.n_splats, context);
-  B3DGS_CUDA_CHECK(
-      cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum), context.stream));
-  const BlendBackwardArgs blend{s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
-                                s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
-  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](
-      {blend, s.buckets, s.binned.tile_of_bucket, s.binned.n_buckets_max, splat_grads}, context);
-  project_backward(
-      {gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, splat_grads, out},
-      context);
+  B3DGS_CHECK(s.parts.light != nullptr, "backward after a forward that kept nothing for it");
+  const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
+    SplatGradSum* const records = buffer.resize(count, context);
+    B3DGS_CUDA_CHECK(
+        cudaMemsetAsync(records, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
+    return records;
+  };
+  const std::int64_t n_ends = s.binned.buckets.n_max * (std::int64_t{s.grid.tile.width} * s.grid.tile.height);
+  BlendBackwardCudaArgs args{};
+  args.blend = {s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
+                s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
+  args.buckets = s.binned.buckets;
+  args.parts = s.parts;
+  args.bucket_ends = s.bucket_ends.resize(n_ends, context);
+  args.splat_grads = zeroed(s.splat_grads, s.n_splats);
+  if (s.deterministic) args.isect_grads = zeroed(s.isect_grads, s.binned.bins.n_isects);
+  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](args, context);
+  if (s.deterministic) {
+    sum_splat_grads({s.n_splats, s.binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
+  }
+  project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
+                    args.splat_grads, out},
+                   context);
 }
 
 const std::int32_t* Rasterizer::radii() const {
