@@ -38,4 +38,8 @@ void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchConte
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources forward_combined_resources(const TileShape&) {
+  return kernel_resources(forward_combined_kernel, kThreads);
+}
+
 }  // namespace b3dgs::cuda

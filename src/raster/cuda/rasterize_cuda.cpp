@@ -109,7 +109,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                out,
                                s.transmittance.resize(n_pixels, context),
                                s.last_ids.resize(n_pixels, context)};
-  kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.buckets, next_task}, context);
+  kForwardTable[static_cast<std::size_t>(settings.kernel)].launch({blend, s.buckets, next_task}, context);
   s.n_gaussians = n;
 }
 
@@ -124,7 +124,7 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
       cudaMemsetAsync(splat_grads, 0, static_cast<std::size_t>(s.n_splats) * sizeof(SplatGradSum), context.stream));
   const BlendBackwardArgs blend{s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
                                 s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
-  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](
+  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)].launch(
       {blend, s.buckets, s.binned.tile_of_bucket, s.binned.n_buckets_max, splat_grads}, context);
   project_backward(
       {gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, splat_grads, out},
