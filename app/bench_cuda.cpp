@@ -27,6 +27,13 @@ cudaDeviceProp device_properties() {
   return properties;
 }
 
+void check_tile(const BenchRun& run) {
+  if (run.tile_width != 16 || (run.tile_height != 8 && run.tile_height != 16)) {
+    input_error("command line: CUDA kernels have tiles of 16 x 8 or 16 x 16 px, found ", run.tile_width, " x ",
+                run.tile_height);
+  }
+}
+
 /// The device, one view on it, and its clock.
 struct Session {
   cuda::DriverMemory memory;
@@ -126,6 +133,7 @@ nlohmann::ordered_json time_passes(Session& session) {
 }  // namespace
 
 nlohmann::ordered_json bench_kernels_cuda(const BenchRun& run, const BenchScene& scene) {
+  check_tile(run);
   const cudaDeviceProp properties = device_properties();
   int driver = 0;
   B3DGS_CUDA_CHECK(cudaDriverGetVersion(&driver));
@@ -147,6 +155,7 @@ nlohmann::ordered_json bench_kernels_cuda(const BenchRun& run, const BenchScene&
 }
 
 ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene) {
+  check_tile(run);
   ForwardTimes times;
   times.device = device_properties().name;
   Session session(run, scene);

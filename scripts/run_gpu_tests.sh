@@ -79,7 +79,8 @@ run_parity() {
     >"$log" 2>&1
   status=$?
   detail=$(sed -n 's/.*tests passed, \([0-9]*\) tests failed out of \([0-9]*\)/\1 of \2 tests failed/p' "$log")
-  detail+=$(sed -nE '/tests FAILED:/,$ s/^[[:space:]]+[0-9]+ - (.*) \([A-Za-z* ]+\).*/; \1/p' "$log" | tr -d '\n')
+  detail+=$(sed -nE '/tests FAILED:/,$ s/^[[:space:]]+[0-9]+ - (.*) \([A-Za-z* ]+\).*/\1/p' "$log" |
+    sed -E 's/ +# GetParam.*//; s/^/; /' | head -n 12 | tr -d '\n')
   ((status == 0)) || tail -n 60 "$log"
   add_row "GPU tests" "$( ((status == 0)) && echo passed || echo FAILED)" $((SECONDS - start)) "${detail:-see $log}"
 }
@@ -134,9 +135,10 @@ run_sanitizers() {
 }
 
 write_report() {
-  local commit changes
+  local commit changes compiler
   commit=$(git rev-parse --short HEAD 2>/dev/null || echo unknown)
   changes=$(git status --porcelain 2>/dev/null | head -n 1)
+  compiler=$(sed -n 's/^set(CMAKE_CUDA_COMPILER_VERSION "\(.*\)")/\1/p' "$build"/CMakeFiles/*/CMakeCUDACompiler.cmake 2>/dev/null)
   mkdir -p "$(dirname "$report")"
   {
     echo "# GPU tests: $( ((failed == 0)) && echo passed || echo FAILED)"
@@ -145,7 +147,7 @@ write_report() {
     echo "- $(date -u '+%Y-%m-%d %H:%M UTC')"
     nvidia-smi --query-gpu=name,driver_version,compute_cap --format=csv,noheader |
       sed 's/\(.*\), \(.*\), \(.*\)/- \1 (compute capability \3), driver \2/' | sort | uniq -c | sed 's/^ *1 //'
-    echo "- CUDA $(sed -n 's/^set(CMAKE_CUDA_COMPILER_VERSION "\(.*\)")/\1/p' "$build"/CMakeFiles/*/CMakeCUDACompiler.cmake)"
+    echo "- CUDA ${compiler:-of unknown version}"
     echo "- $($is_quick && echo 'quick: few scenes under the sanitizers' || echo 'all GPU tests'), total ${SECONDS} s"
     echo
     echo '| what | result | time | detail |'
@@ -156,7 +158,11 @@ write_report() {
 
 nvidia-smi >/dev/null 2>&1 || fail "no GPU: nvidia-smi does not answer"
 if $has_build; then
-  configure_and_build "$@" || fail "the build failed"
+  if ! configure_and_build "$@"; then
+    add_row build FAILED "$SECONDS" "the tests were not run"
+    write_report
+    exit 1
+  fi
 fi
 [[ -f $build/CTestTestfile.cmake ]] || fail "$build holds no build with tests; run without --no-build, or set BUILD_DIR"
 mkdir -p "$logs"
