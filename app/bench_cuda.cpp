@@ -68,7 +68,7 @@ struct Session {
     row.launch(frame.forward_args, context);
   }
 
-  std::vector<std::vector<float>> run_backward(const cuda::BackwardRow& row) {
+  std::vector<NamedArray> run_backward(const cuda::BackwardRow& row) {
     frame.clear_splat_grads();
     row.launch(frame.backward_args, context);
     cuda::project_backward(frame.project_backward_args, context);

@@ -115,10 +115,10 @@ std::vector<float> CudaFrame::image() const {
   return download(color_.data(), 3 * n_pixels_);
 }
 
-std::vector<std::vector<float>> CudaFrame::gradients() const {
-  return {download(grad_means_.data(), 3 * n_), download(grad_log_scales_.data(), 3 * n_),
-          download(grad_quats_.data(), 4 * n_), download(grad_opacities_.data(), n_),
-          download(grad_sh0_.data(), 3 * n_),   download(grad_shN_.data(), n_rest_)};
+std::vector<NamedArray> CudaFrame::gradients() const {
+  return {{"means", download(grad_means_.data(), 3 * n_)}, {"log_scales", download(grad_log_scales_.data(), 3 * n_)},
+          {"quats", download(grad_quats_.data(), 4 * n_)}, {"logit_opacities", download(grad_opacities_.data(), n_)},
+          {"sh0", download(grad_sh0_.data(), 3 * n_)},     {"shN", download(grad_shN_.data(), n_rest_)}};
 }
 
 nlohmann::ordered_json CudaFrame::lists() const {

@@ -55,9 +55,9 @@ class CudaFrame {
   void clear_splat_grads();
 
   // On the host; these wait for the device.
-  std::vector<float> image() const;                   // [H, W, 3]
-  std::vector<std::vector<float>> gradients() const;  // by each of the six stored parameters
-  nlohmann::ordered_json lists() const;               // list_statistics()
+  std::vector<float> image() const;           // [H, W, 3]
+  std::vector<NamedArray> gradients() const;  // by each of the six stored parameters
+  nlohmann::ordered_json lists() const;       // list_statistics()
 
  private:
   GaussianArrays upload_gaussians(const SplatCloud& cloud);

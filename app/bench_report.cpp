@@ -15,13 +15,14 @@ nlohmann::ordered_json to_row(const char* kind, const std::string& name, const T
   return row;
 }
 
-/// Largest over the parameters.
-double gradient_difference(const Measurement& measurement, const Measurement& first) {
-  double largest = 0;
+/// Relative, by parameter.
+nlohmann::ordered_json gradient_differences(const Measurement& measurement, const Measurement& first) {
+  nlohmann::ordered_json differences = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < first.gradients.size(); ++i) {
-    largest = std::max(largest, relative_difference(measurement.gradients.at(i), first.gradients[i]));
+    const NamedArray& reference = first.gradients[i];
+    differences[reference.name] = relative_difference(measurement.gradients.at(i).values, reference.values);
   }
-  return largest;
+  return differences;
 }
 
 }  // namespace
@@ -107,9 +108,12 @@ void ComparisonTable::add(Measurement measurement) {
     row["image_difference"] = difference;
   }
   if (columns_.gradients) {
-    const double difference = gradient_difference(measurement, *first_);
-    std::printf(" %11.1e", difference);
-    row["gradient_difference"] = difference;
+    const nlohmann::ordered_json differences = gradient_differences(measurement, *first_);
+    double largest = 0;
+    for (const auto& difference : differences) largest = std::max(largest, difference.get<double>());
+    std::printf(" %11.1e", largest);
+    row["gradient_difference"] = largest;
+    row["gradient_difference_by_parameter"] = differences;
   }
   std::printf("\n");
   rows_.push_back(row);

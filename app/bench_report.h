@@ -30,12 +30,17 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
 /// Largest difference over the largest magnitude of `reference`; 0 if both hold nothing but zeros.
 double relative_difference(const std::vector<float>& values, const std::vector<float>& reference);
 
+struct NamedArray {
+  std::string name;
+  std::vector<float> values;
+};
+
 /// What one alternative for a pass did.
 struct Measurement {
   std::string name;
   Timing timing;
   std::vector<float> image;                          // compared as it is
-  std::vector<std::vector<float>> gradients;         // one array a parameter, each compared relative to its largest
+  std::vector<NamedArray> gradients;                 // one a parameter, each compared relative to its largest value
   std::optional<cuda::KernelResources> resources{};  // of CUDA kernels
 };
 

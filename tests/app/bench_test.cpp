@@ -57,8 +57,12 @@ TEST(BenchReport, DifferencesSeeValuesThatAreNoNumbers) {
 TEST(BenchReport, ComparesEveryRowWithTheFirst) {
   testing::internal::CaptureStdout();
   ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true});
-  table.add({"naive", {6, 5, 7}, {0.5f, 1}, {{10, -20}, {1, 1}}, cuda::KernelResources{128, 40, 4096, 0, 1536, 2048}});
-  table.add({"fast", {2, 2, 2}, {0.5f, 0.75f}, {{10, -19}, {1, 0.9f}}, cuda::KernelResources{}});
+  table.add({"naive",
+             {6, 5, 7},
+             {0.5f, 1},
+             {{"means", {10, -20}}, {"sh0", {1, 1}}},
+             cuda::KernelResources{128, 40, 4096, 0, 1536, 2048}});
+  table.add({"fast", {2, 2, 2}, {0.5f, 0.75f}, {{"means", {10, -19}}, {"sh0", {1, 0.9f}}}, cuda::KernelResources{}});
   const std::string printed = testing::internal::GetCapturedStdout();
   const json rows = table.rows();
   ASSERT_EQ(rows.size(), 2u);
@@ -70,7 +74,8 @@ TEST(BenchReport, ComparesEveryRowWithTheFirst) {
   EXPECT_EQ(rows[0]["gradient_difference"], 0);
   EXPECT_EQ(rows[1]["speedup"], 3);
   EXPECT_EQ(rows[1]["image_difference"], 0.25);
-  EXPECT_NEAR(rows[1]["gradient_difference"].get<double>(), 0.1, 1e-6) << "of the second parameter: 0.1 of 1";
+  EXPECT_NEAR(rows[1]["gradient_difference"].get<double>(), 0.1, 1e-6) << "the largest of the parameters";
+  EXPECT_EQ(rows[1]["gradient_difference_by_parameter"]["means"], 0.05);
   for (const char* part : {"registers", "75.0 %", "4096", "2.5e-01", "1.0e-01"}) {
     EXPECT_NE(printed.find(part), std::string::npos) << printed;
   }
