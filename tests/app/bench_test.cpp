@@ -190,9 +190,9 @@ TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
   EXPECT_GT(report["cells"][3]["lists"]["gini"], report["cells"][2]["lists"]["gini"]);
   EXPECT_GT(report["cells"][2]["lists"]["pairs"], report["cells"][0]["lists"]["pairs"]);
 
-  const Outcome empty = run_b3dgs({"bench", "sweep", "--points"});
+  const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
-  EXPECT_NE(empty.err.find("points and skew need a value"), std::string::npos) << empty.err;
+  EXPECT_NE(empty.err.find("skew needs at least one value"), std::string::npos) << empty.err;
 }
 
 TEST_F(BenchProgram, AModelAndAPlyWithItsCamerasShowTheSameView) {
