@@ -21,6 +21,10 @@ std::string with_underscores(std::string word) {
   return word;
 }
 
+bool is_list(const OptionSpec& spec) {
+  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNumbers;
+}
+
 bool is_truth_value(const std::string& word) {
   return word == "true" || word == "false";
 }
@@ -130,6 +134,11 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
       for (const std::string& word : words) values.push_back(to_number<int>(spec, word));
       return values;
     }
+    case ValueKind::kNumbers: {
+      nlohmann::json values = nlohmann::json::array();
+      for (const std::string& word : words) values.push_back(to_number<double>(spec, word));
+      return values;
+    }
   }
   return {};
 }
@@ -145,6 +154,8 @@ const char* value_name(const OptionSpec& spec) {
       return "X";
     case ValueKind::kInts:
       return "N ...";
+    case ValueKind::kNumbers:
+      return "X ...";
     case ValueKind::kText:
       return spec.range.empty() ? "TEXT" : "NAME";
   }
@@ -234,7 +245,7 @@ void CommandLine::add(const OptionSpec& spec, const std::string& heading) {
                                                       : app.add_option(cli11_names(spec), CLI::callback_t());
   option->description(description(spec));
   option->group(heading)->type_name(value_name(spec));
-  if (spec.kind == ValueKind::kInts) {
+  if (is_list(spec)) {
     option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
   } else {
     option->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
@@ -264,7 +275,7 @@ bool CommandLine::parse(const std::vector<std::string>& words) {
     if (row.option->count() == 0) continue;
     std::vector<std::string> results = row.option->results();
     // CLI11 stands an empty word, or "{}", for a list without values.
-    if (row.spec.kind == ValueKind::kInts && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
+    if (is_list(row.spec) && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
       results.clear();
     }
     given_[std::string(row.spec.option.name)] = to_json(row.spec, results);

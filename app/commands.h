@@ -15,5 +15,6 @@ int run_render(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
+int run_bench_sweep(const std::vector<std::string>& words);  // what `bench sweep` does
 
 }  // namespace b3dgs

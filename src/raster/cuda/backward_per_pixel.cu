@@ -75,4 +75,11 @@ void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchCo
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources backward_per_pixel_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(backward_per_pixel_kernel<pixels.value>, pixels.value); });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

@@ -197,4 +197,12 @@ void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchCo
   });
 }
 
+KernelResources backward_per_splat_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(backward_per_splat_kernel<pixels.value, false>, kWarps * kWarpSize);
+  });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

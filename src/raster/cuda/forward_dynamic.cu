@@ -30,4 +30,11 @@ void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContex
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources forward_dynamic_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(forward_dynamic_kernel<pixels.value>, pixels.value); });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

@@ -56,4 +56,12 @@ void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const Launch
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, false>, pixels.value);
+  });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

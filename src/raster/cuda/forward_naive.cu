@@ -24,4 +24,11 @@ void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext&
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources forward_naive_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(forward_naive_kernel<pixels.value>, pixels.value); });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

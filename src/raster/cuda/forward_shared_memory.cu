@@ -122,4 +122,12 @@ void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const Launch
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
+KernelResources forward_shared_memory_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(forward_shared_memory_kernel<pixels.value>, pixels.value);
+  });
+  return resources;
+}
+
 }  // namespace b3dgs::cuda

@@ -119,8 +119,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                out,
                                s.transmittance.resize(n_pixels, context),
                                s.last_ids.resize(n_pixels, context)};
-  kForwardTable[static_cast<std::size_t>(settings.kernel)]({blend, s.binned.buckets, s.parts, next_task, quad_words},
-                                                           context);
+  kForwardTable[static_cast<std::size_t>(settings.kernel)].launch(
+      {blend, s.binned.buckets, s.parts, next_task, quad_words}, context);
   s.n_gaussians = n;
 }
 
@@ -145,7 +145,7 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   args.bucket_ends = s.bucket_ends.resize(n_ends, context);
   args.splat_grads = zeroed(s.splat_grads, s.n_splats);
   if (s.deterministic) args.isect_grads = zeroed(s.isect_grads, s.binned.bins.n_isects);
-  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)](args, context);
+  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)].launch(args, context);
   if (s.deterministic) {
     sum_splat_grads({s.n_splats, s.binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
   }
