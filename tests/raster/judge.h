@@ -76,16 +76,41 @@ inline torch::Tensor row_norms(const torch::Tensor& tensor) {
                              : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
 }
 
-/// Gradients for an image gradient of one sign: the same terms, with less to cancel.
-inline DenseGradients gradients_of_one_sign(const Judge& judge, const RenderedViewGrad& grad) {
-  const auto magnitude = [](const torch::Tensor& t) { return t.defined() ? t.abs() : t; };
-  return dense_gradients(judge.leaves, judge.view,
-                         {magnitude(grad.color), magnitude(grad.depth), magnitude(grad.alpha)});
-}
+/// The size of each row's terms: root of the sum of their squares over the pixels. Signs drawn by lot for the gradient
+/// by each pixel leave that, on average; this takes several draws together. Scales and rotation share the gradient of
+/// one matrix: what rounding leaves of a needle's rotation shows in its scales.
+struct TermSizes {
+  std::vector<torch::Tensor> parameters;  // [N] each
+  torch::Tensor means2d;                  // [N]
 
-/// `one_sign`, if given, tells the size of the terms that cancel in `expected`.
+  TermSizes(const Judge& judge, const RenderedViewGrad& grad) {
+    constexpr int kDraws = 4;
+    torch::Generator generator = torch::make_generator<torch::CPUGeneratorImpl>(1);
+    const auto with_signs = [&](const torch::Tensor& t) {
+      return t.defined() ? t * (2 * torch::randint(2, t.sizes(), generator, t.options()) - 1) : t;
+    };
+    const auto add = [](torch::Tensor& sum, const torch::Tensor& rows) {
+      const torch::Tensor square = rows.square() / kDraws;
+      sum = sum.defined() ? sum + square : square;
+    };
+    parameters.resize(GaussianTensors::kNames.size());
+    for (int draw = 0; draw < kDraws; ++draw) {
+      const RenderedViewGrad drawn{with_signs(grad.color), with_signs(grad.depth), with_signs(grad.alpha)};
+      const DenseGradients gradients = dense_gradients(judge.leaves, judge.view, drawn);
+      for (std::size_t i = 0; i < parameters.size(); ++i) add(parameters[i], row_norms(*gradients.parameters.all()[i]));
+      add(means2d, row_norms(gradients.means2d));
+    }
+    for (torch::Tensor& sum : parameters) sum = sum.sqrt();
+    means2d = means2d.sqrt();
+    constexpr std::size_t kLogScales = 1, kQuats = 2;
+    static_assert(GaussianTensors::kNames[kLogScales] == std::string_view("log_scales"));
+    parameters[kLogScales] = parameters[kLogScales] + parameters[kQuats] * row_norms(judge.leaves.quats.detach());
+  }
+};
+
+/// `terms`, if given, tells the size of what cancels in `expected`.
 inline void expect_same_gradients(const DenseGradients& found, const Judge& judge, const DenseGradients& expected,
-                                  const DenseGradients* one_sign = nullptr) {
+                                  const TermSizes* terms = nullptr) {
   const torch::Tensor idle = torch::logical_not(judge.view.contributes).nonzero().squeeze(1);
   for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
     SCOPED_TRACE(GaussianTensors::kNames[i]);
@@ -95,15 +120,14 @@ inline void expect_same_gradients(const DenseGradients& found, const Judge& judg
       // Turning a ball changes nothing: what float leaves there comes from the terms that make its gradients by scale.
       size = size + row_norms(expected.parameters.log_scales) / row_norms(judge.leaves.quats.detach());
     }
-    const torch::Tensor terms =
-        one_sign != nullptr ? row_norms(*one_sign->parameters.all()[i]) : torch::zeros_like(size);
-    EXPECT_TRUE(same_gradient(group, *expected.parameters.all()[i], size, terms));
+    const torch::Tensor rounded = terms != nullptr ? terms->parameters[i] : torch::zeros_like(size);
+    EXPECT_TRUE(same_gradient(group, *expected.parameters.all()[i], size, rounded));
     const torch::Tensor nothing = group.index_select(0, idle);
     EXPECT_TRUE(within(nothing, torch::zeros_like(nothing), 0)) << "of Gaussians that are blended nowhere";
   }
   const torch::Tensor size = row_norms(expected.means2d);
-  const torch::Tensor terms = one_sign != nullptr ? row_norms(one_sign->means2d) : torch::zeros_like(size);
-  EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, size, terms)) << "means2d";
+  const torch::Tensor rounded = terms != nullptr ? terms->means2d : torch::zeros_like(size);
+  EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, size, rounded)) << "means2d";
 }
 
 inline void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {

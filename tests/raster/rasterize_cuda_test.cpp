@@ -51,8 +51,8 @@ TEST_P(RasterizeCudaTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) 
                                      std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
                                      std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
       SCOPED_TRACE(testing::Message() << name << ", " << backward.name);
-      const DenseGradients one_sign = gradients_of_one_sign(judge, grad);
-      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad), &one_sign);
+      const TermSizes terms(judge, grad);
+      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad), &terms);
     }
   }
 }
