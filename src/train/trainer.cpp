@@ -51,7 +51,7 @@ struct Trainer::Impl {
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
         loss(device),
-        images(scene.train, device, static_cast<std::int64_t>(std::min(1e9 * config.image_cache_gb, 9e18))),
+        images(scene.train, device, image_budget(config.image_cache_gb, device)),
         timer(make_stage_clock(device)) {
     if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
@@ -330,6 +330,7 @@ TrainResult Trainer::run() {
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
     if (plan.checkpoint || result.interrupted) own.write_checkpoint();
   }
+  wait();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;
