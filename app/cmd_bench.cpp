@@ -15,7 +15,8 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   CommandLine line(
       "bench",
       "Times the blending kernels and the passes of one view: b3dgs bench [kernels] [street|balanced|SCENE|"
-      "MODEL]. b3dgs bench sweep: the forward kernels over a grid of numbers and skews.");
+      "MODEL]. b3dgs bench step: a training step by stage. b3dgs bench sweep: the forward kernels over a grid of "
+      "numbers and skews.");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
@@ -38,6 +39,7 @@ int run_bench(const std::vector<std::string>& words) {
   const std::string what = words.empty() ? "" : words.front();
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());
+  if (what == "step") return run_bench_step(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

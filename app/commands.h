@@ -16,5 +16,6 @@ int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
 int run_bench_sweep(const std::vector<std::string>& words);  // what `bench sweep` does
+int run_bench_step(const std::vector<std::string>& words);  // what `bench step` does
 
 }  // namespace b3dgs

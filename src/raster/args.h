@@ -8,6 +8,7 @@
 #include "raster/backward_kernel.h"
 #include "raster/constants.h"
 #include "raster/forward_kernel.h"
+#include "raster/stages.h"
 #include "raster/vec.h"
 
 namespace b3dgs {
@@ -64,7 +65,8 @@ struct RenderSettings {
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
   bool deterministic = false;                                  // sums in a fixed order on CUDA; the CPU always does
-  bool keep_for_backward = true;  // false saves memory and time where no gradient is wanted
+  bool keep_for_backward = true;    // false saves memory and time where no gradient is wanted
+  StageRecorder* stages = nullptr;  // told which pass begins, of the backward passes too; null: nobody asks
 };
 
 /// The rendered view.

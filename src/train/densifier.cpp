@@ -2,14 +2,18 @@
 
 #include <cmath>
 
+#include "check.h"
 #include "parallel.h"
-#include "raster/covariance.h"
-#include "train/random.h"
+#include "train/split_samples.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch_launch.h"
+#include "train/cuda/split_samples_cuda.h"
+#endif
 
 namespace b3dgs {
 namespace {
 
-constexpr int kSplitSamples = 2;
 constexpr double kSplitShrink = 0.8 * kSplitSamples;  // of the scales
 constexpr double kResetOpacity = 0.01;
 
@@ -33,31 +37,32 @@ torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gr
   return chosen;
 }
 
-/// A sample of each Gaussian: [n, 3] means. `rows` are the Gaussians, `sample` tells samples of the same row apart.
+/// A sample of each Gaussian in `rows`: [n, 3] means, on their device.
 torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor& rows, int sample, std::int64_t seed,
                            int iteration) {
-  const auto on_host = [&](const torch::Tensor& t) { return t.index_select(0, rows).to(torch::kCPU).contiguous(); };
-  const torch::Tensor host_rows = rows.to(torch::kCPU).contiguous();
-  const torch::Tensor means = on_host(gaussians.means), log_scales = on_host(gaussians.log_scales),
-                      quats = on_host(gaussians.quats);
-  const torch::Tensor samples = torch::empty_like(means);
-  const auto* row = host_rows.data_ptr<std::int64_t>();
-  const float *mean = means.data_ptr<float>(), *log_scale = log_scales.data_ptr<float>(),
-              *quat = quats.data_ptr<float>();
-  float* out = samples.data_ptr<float>();
-  const RandomKey key{seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)};
-  parallel_chunks(rows.size(0), 1024, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      const auto normal = random_normal(key, static_cast<std::uint64_t>(kSplitSamples * row[i] + sample));
-      const Shape<double> shape = make_shape<double>({log_scale[3 * i], log_scale[3 * i + 1], log_scale[3 * i + 2]},
-                                                     {quat[4 * i], quat[4 * i + 1], quat[4 * i + 2], quat[4 * i + 3]});
-      const Vec3<double> offset = shape.factor * Vec3<double>{normal[0], normal[1], normal[2]};
-      out[3 * i] = static_cast<float>(mean[3 * i] + offset.x);
-      out[3 * i + 1] = static_cast<float>(mean[3 * i + 1] + offset.y);
-      out[3 * i + 2] = static_cast<float>(mean[3 * i + 2] + offset.z);
-    }
+  B3DGS_CHECK(gaussians.means.is_contiguous() && gaussians.log_scales.is_contiguous() &&
+                  gaussians.quats.is_contiguous() && rows.is_contiguous(),
+              "samples are drawn from contiguous tensors");
+  torch::Tensor samples = torch::empty({rows.size(0), 3}, gaussians.means.options());
+  SplitSampleArgs args;
+  args.n_rows = rows.size(0);
+  args.rows = rows.data_ptr<std::int64_t>();
+  args.means = gaussians.means.data_ptr<float>();
+  args.log_scales = gaussians.log_scales.data_ptr<float>();
+  args.quats = gaussians.quats.data_ptr<float>();
+  args.key = {seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)};
+  args.sample = sample;
+  args.out = samples.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (samples.is_cuda()) {
+    cuda::draw_split_samples(args, torch_launch_context().stream);
+    return samples;
+  }
+#endif
+  parallel_chunks(args.n_rows, 1024, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) draw_split_sample(args, i);
   });
-  return samples.to(gaussians.means.device());
+  return samples;
 }
 
 }  // namespace

@@ -7,13 +7,18 @@ namespace b3dgs {
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const std::optional<ForwardKernel> kernel = find_forward_kernel(config.kernel);
   B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", config.kernel);
+  const std::optional<BackwardKernel> backward_kernel = find_backward_kernel(config.backward_kernel);
+  B3DGS_CHECK(backward_kernel.has_value(), "no backward kernel has the name ", config.backward_kernel);
   const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
   settings.sh_degree = sh_degree;
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
+  settings.tile = config.tile == "16x8" ? TileShape{16, 8} : TileShape{16, 16};
   settings.kernel = *kernel;
+  settings.backward_kernel = *backward_kernel;
+  settings.deterministic = config.deterministic;
   return settings;
 }
 

@@ -1,15 +1,18 @@
 // Random numbers without state: each is a function of what it is for (seed, stream, iteration, row). Any order of
-// asking, any number of threads and a resumed run get the same ones, and a checkpoint has nothing to save.
+// asking, any number of threads, a GPU and a resumed run get the same ones, and a checkpoint has nothing to save.
 #pragma once
 
 #include <array>
 #include <cmath>
 #include <cstdint>
 
+#include "raster/vec.h"
+
 namespace b3dgs {
 
 /// Philox4x32-10 of Salmon et al., "Parallel Random Numbers: As Easy as 1, 2, 3" (SC 2011).
-inline std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> counter, std::array<std::uint32_t, 2> key) {
+B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> counter,
+                                                 std::array<std::uint32_t, 2> key) {
   constexpr std::uint64_t kMultiplier0 = 0xD2511F53u, kMultiplier1 = 0xCD9E8D57u;
   constexpr std::uint32_t kWeyl0 = 0x9E3779B9u, kWeyl1 = 0xBB67AE85u;
   for (int round = 0; round < 10; ++round) {
@@ -32,7 +35,7 @@ struct RandomKey {
 };
 
 /// Four independent 32-bit words for each row.
-inline std::array<std::uint32_t, 4> random_bits(const RandomKey& key, std::uint64_t row) {
+B3DGS_HD std::array<std::uint32_t, 4> random_bits(const RandomKey& key, std::uint64_t row) {
   const auto seed = static_cast<std::uint64_t>(key.seed);
   return philox4x32({static_cast<std::uint32_t>(row), static_cast<std::uint32_t>(row >> 32), key.iteration,
                      static_cast<std::uint32_t>(key.stream)},
@@ -40,7 +43,7 @@ inline std::array<std::uint32_t, 4> random_bits(const RandomKey& key, std::uint6
 }
 
 /// In [0, 1), multiples of 2^-24.
-inline std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t row) {
+B3DGS_HD std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t row) {
   const std::array<std::uint32_t, 4> bits = random_bits(key, row);
   std::array<float, 4> values{};
   for (std::size_t i = 0; i < 4; ++i) values[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24f;
@@ -48,7 +51,7 @@ inline std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t r
 }
 
 /// Mean 0, standard deviation 1 (Box-Muller, in double so that devices round to the same float).
-inline std::array<float, 4> random_normal(const RandomKey& key, std::uint64_t row) {
+B3DGS_HD std::array<float, 4> random_normal(const RandomKey& key, std::uint64_t row) {
   const std::array<std::uint32_t, 4> bits = random_bits(key, row);
   std::array<float, 4> values{};
   for (std::size_t i = 0; i < 4; i += 2) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "config.h"
+#include "raster/backward_kernel.h"
 #include "raster/forward_kernel.h"
 
 namespace b3dgs {
@@ -20,6 +21,9 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string device = "auto";
+  // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of what a GPU has free holds nearly every
+  // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
+  double image_cache_gb = -1;
 
   // Model and picture
   int sh_degree = 3;
@@ -65,7 +69,10 @@ struct TrainConfig {
 
   // Rasterizer
   std::string kernel = "shared-memory";
+  std::string backward_kernel = "per-splat";
+  std::string tile = "16x16";
   std::string culling = "ellipse";
+  bool deterministic = false;
   int threads = 0;  // 0: all cores
 };
 
@@ -73,6 +80,8 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
   OneOf kernels;
   for (const ForwardKernelName& row : kForwardKernels) kernels.values.emplace_back(row.name);
+  OneOf backward_kernels;
+  for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{}, "folder of the COLMAP scene");
   field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{},
@@ -85,6 +94,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "start from the Gaussians (or points) of this PLY instead of the scene's points");
   field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to train; auto takes a GPU if there is one");
+  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
+        "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead; -1: as "
+        "many as fit in half of the memory that is free");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");
@@ -136,8 +148,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "the count never grows beyond this; 0: no limit");
 
   field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel");
+  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels, "backward blending kernel, on the GPU");
+  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "unit of binning, px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the original's 3-sigma square");
+  field(Option{"deterministic"}, c.deterministic, Any{},
+        "on the GPU too, the same bytes from the same seed; slower. The CPU always does");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
 }
 

@@ -34,7 +34,12 @@ TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(
 }
 
 void TrainLog::write(const TrainLogLine& line) {
-  Json json = {{"iteration", line.iteration}, {"loss", line.loss}, {"ms", line.ms}, {"count", line.count}};
+  Json json = {{"iteration", line.iteration},
+               {"loss", line.loss},
+               {"ms", line.ms},
+               {"count", line.count},
+               {"elapsed_s", line.elapsed_s}};
+  if (line.stages) json["stages_ms"] = stage_json(*line.stages);
   if (line.test_quality) {
     json["test_psnr"] = line.test_quality->psnr;
     json["test_ssim"] = line.test_quality->ssim;

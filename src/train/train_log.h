@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "train/metrics.h"
+#include "train/stage_timer.h"
 
 namespace b3dgs {
 
@@ -15,6 +16,8 @@ struct TrainLogLine {
   double loss = 0;                           // running average
   double ms = 0;                             // per step, mean since the line before
   std::int64_t count = 0;                    // Gaussians
+  double elapsed_s = 0;                      // of training, over all runs so far
+  std::optional<StageTimes> stages;          // of the mean step, where some were timed since the line before
   std::optional<ImageQuality> test_quality;  // mean over the test views, where they were evaluated
 };
 

@@ -18,6 +18,7 @@ struct TrainState {
   DensityStatistics statistics;
   ViewOrder view_order;
   double loss_average = 0;  // 0.4 x new + 0.6 x old
+  double elapsed_s = 0;     // of training, over all runs so far
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 };
 

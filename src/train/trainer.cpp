@@ -12,6 +12,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <utility>
 
 #include "check.h"
@@ -19,14 +20,16 @@
 #include "train/checkpoint.h"
 #include "train/densifier.h"
 #include "train/gaussian_model.h"
+#include "train/image_store.h"
+#include "train/initial_splats.h"
 #include "train/loss.h"
 #include "train/lr_schedule.h"
 #include "train/output_plan.h"
 #include "train/random.h"
+#include "train/stage_timer.h"
 #include "train/threads.h"
 #include "train/train_log.h"
 #include "train/train_state.h"
-#include "train/train_views.h"
 
 namespace b3dgs {
 namespace {
@@ -35,27 +38,6 @@ namespace fs = std::filesystem;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-/// What training starts from. @throws InputError if there is nothing
-SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
-  PointCloud points;
-  std::string place = scene.source_path + ": the COLMAP model";
-  if (config.init_ply.empty()) {
-    points = scene.points;
-  } else if (is_splat_ply(config.init_ply)) {
-    SplatCloud cloud = read_splat_ply(config.init_ply);
-    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
-    return cloud;
-  } else {
-    points = read_point_ply(config.init_ply);
-    place = config.init_ply;
-  }
-  if (points.size() == 0) {
-    input_error(place,
-                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
-  }
-  return splats_from_points(points, 0);
 }
 
 }  // namespace
@@ -69,23 +51,34 @@ struct Trainer::Impl {
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
         loss(device),
-        views(upload_views(scene.train, device)) {
-    if (views.empty()) input_error(scene.source_path, ": has no view to train on");
+        images(scene.train, device, image_budget(config.image_cache_gb, device)),
+        timer(make_stage_clock(device)) {
+    if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
 
   void start();
   void step();
   void settle_loss();
-  [[noreturn]] void fail(int iteration, const TrainView& view, const std::string& reason) const;
+  [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
   void control_density();
+  void collect_times(const std::vector<StageTimes>& known);
   void write_outputs(const OutputPlan& plan);
   void write_checkpoint();
   void report(const char* activity) const;
   void say(const std::string& message) const {
     if (hooks.on_message) hooks.on_message(message);
   }
-  RenderSettings step_settings() const;
+  RenderSettings step_settings();
+  /// Counts what `work` takes as time of training.
+  template <class Work>
+  void timed(Work&& work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    const double seconds = seconds_since(start);
+    result.train_s += seconds;
+    state.elapsed_s += seconds;
+  }
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
 
   const TrainConfig config;
@@ -96,18 +89,22 @@ struct Trainer::Impl {
 
   Rasterizer rasterizer;
   ImageLoss loss;
-  const std::vector<TrainView> views;
+  ImageStore images;
+  StageTimer timer;
+  StageAverage stages;
   GaussianTensors grads;
   TrainState state;
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {
     int iteration = 0;
-    const TrainView* view = nullptr;
-  } unsettled;
+    std::string view;
+  };
+  std::optional<Unsettled> unsettled;
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
   double logged_s = 0;       // result.train_s at the last line
+  int staged_iteration = 0;  // of the last line with times of the stages
 };
 
 void Trainer::Impl::start() {
@@ -122,8 +119,9 @@ void Trainer::Impl::start() {
   }
 }
 
-RenderSettings Trainer::Impl::step_settings() const {
+RenderSettings Trainer::Impl::step_settings() {
   RenderSettings settings = evaluation_settings(config, state.sh_degree);
+  settings.stages = &timer;
   if (config.random_background) {
     const auto color =
         random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
@@ -133,17 +131,17 @@ RenderSettings Trainer::Impl::step_settings() const {
 }
 
 void Trainer::Impl::settle_loss() {
-  if (unsettled.view == nullptr) return;
-  const auto [iteration, view] = std::exchange(unsettled, {});
+  if (!unsettled) return;
+  const auto [iteration, view] = *std::exchange(unsettled, std::nullopt);
   const double value = loss.value().loss;
-  if (!std::isfinite(value)) fail(iteration, *view, detail::concat("the loss is ", value));
+  if (!std::isfinite(value)) fail(iteration, view, detail::concat("the loss is ", value));
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
 }
 
-void Trainer::Impl::fail(int iteration, const TrainView& view, const std::string& reason) const {
+void Trainer::Impl::fail(int iteration, const std::string& view, const std::string& reason) const {
   const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
   throw NumericError(
-      detail::concat("iteration ", iteration, ", view ", view.name, ": ", reason, "; last checkpoint: ", last));
+      detail::concat("iteration ", iteration, ", view ", view, ": ", reason, "; last checkpoint: ", last));
 }
 
 /// Loss and gradients of one view; statistics for density control.
@@ -152,42 +150,64 @@ void Trainer::Impl::differentiate(const TrainView& view) {
   try {
     rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
   } catch (const NumericError& error) {
-    fail(state.iteration, view, error.what());
+    fail(state.iteration, view.name, error.what());
   }
   settle_loss();  // of the step before: the device has finished it by now
+  timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
-  unsettled = {state.iteration, &view};
+  timer.end();
+  unsettled = {state.iteration, view.name};
   if (device.is_cpu()) settle_loss();
   const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
   if (density_plan(config, state.iteration).add_statistics) {
+    timer.begin(Stage::kDensify);
     add_view(statistics, view.camera.width, view.camera.height, state.statistics);
+    timer.end();
   }
 }
 
 void Trainer::Impl::step() {
+  // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
+  // with it new memory, comes after those.
+  constexpr int kTimedInterval = 100, kTimedPhase = 50;
   const int iteration = ++state.iteration;
+  if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
-  const TrainView& view =
-      views[static_cast<std::size_t>(state.view_order.next(config.seed, static_cast<std::int32_t>(views.size())))];
+  timer.begin(Stage::kUpload);
+  const std::int32_t index = state.view_order.next(config.seed, images.size());
+  const TrainView view =
+      images.take(index, state.view_order.upcoming(config.seed, images.size(), ImageStore::kLookAhead));
+  timer.end();
   differentiate(view);
+  timer.begin(Stage::kOptimizer);
   adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
+  timer.finish();
 }
 
 void Trainer::Impl::control_density() {
   const DensityPlan plan = density_plan(config, state.iteration);
   if (plan.densify) {
     report("densifying");
+    timer.start(StageTimes::Kind::kDensityRound);
     const DensityRound round =
         densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
                 state.iteration);
     apply_row_edit(round.edit, state.gaussians, state.adam, state.statistics);
     state.statistics = make_density_statistics(state.gaussians.size(), device);
+    timer.finish();
     if (state.gaussians.size() == 0) {
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
                                         "lower --prune_opacity or the learning rates"));
     }
   }
   if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
+}
+
+void Trainer::Impl::collect_times(const std::vector<StageTimes>& known) {
+  for (const StageTimes& times : known) {
+    stages.add(times);
+    if (hooks.on_stage_times) hooks.on_stage_times(times);
+  }
 }
 
 void Trainer::Impl::write_outputs(const OutputPlan& plan) {
@@ -209,6 +229,10 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.loss = state.loss_average;
     line.ms = 1e3 * (result.train_s - logged_s) / std::max(1, state.iteration - logged_iteration);
     line.count = state.gaussians.size();
+    line.elapsed_s = state.elapsed_s;
+    collect_times(timer.take());
+    line.stages = stages.take(state.iteration - staged_iteration);
+    if (line.stages) staged_iteration = state.iteration;
     log->write(line);
     logged_iteration = state.iteration;
     logged_s = result.train_s;
@@ -263,32 +287,50 @@ std::vector<std::string> Trainer::resume(const fs::path& checkpoint) {
   return config_differences(read.config, own.config);
 }
 
+void Trainer::step() {
+  Impl& own = *impl_;
+  if (own.state.gaussians.size() == 0) own.start();
+  own.timed([&] { own.step(); });
+  own.timed([&] { own.control_density(); });
+  own.collect_times(own.timer.take());
+}
+
+void Trainer::wait() {
+  impl_->settle_loss();
+  impl_->collect_times(impl_->timer.wait());
+}
+
+std::int64_t Trainer::n_gaussians() const {
+  return impl_->state.gaussians.size();
+}
+
+int Trainer::sh_degree() const {
+  return impl_->state.sh_degree;
+}
+
 TrainResult Trainer::run() {
   Impl& own = *impl_;
   TrainResult& result = own.result;
   if (own.state.gaussians.size() == 0) own.start();
   own.folder.write_inputs(own.config, own.scene);
   own.log = std::make_unique<TrainLog>(own.folder.log(), own.state.iteration);
-  own.logged_iteration = own.state.iteration;
+  own.logged_iteration = own.staged_iteration = own.state.iteration;
   if (own.state.iteration == own.config.iterations) {
     own.say(detail::concat("all ", own.config.iterations, " iterations are done; more need a larger --iterations"));
     result.ply = own.folder.ply(own.state.iteration);
   }
 
   while (own.state.iteration < own.config.iterations && !result.interrupted) {
-    auto start = std::chrono::steady_clock::now();
-    own.step();
-    result.train_s += seconds_since(start);
+    own.timed([&] { own.step(); });
     own.report("training");
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
     if (plan.log || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped()) own.settle_loss();
     own.write_outputs(plan);
-    start = std::chrono::steady_clock::now();
-    own.control_density();
-    result.train_s += seconds_since(start);
+    own.timed([&] { own.control_density(); });
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
     if (plan.checkpoint || result.interrupted) own.write_checkpoint();
   }
+  wait();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;

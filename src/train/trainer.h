@@ -10,6 +10,7 @@
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/model_folder.h"
+#include "train/stage_timer.h"
 #include "train/train_config.h"
 
 namespace b3dgs {
@@ -26,6 +27,8 @@ struct TrainHooks {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
+  // If set, every step is timed stage by stage, and told some time after the device has got through it.
+  std::function<void(const StageTimes&)> on_stage_times;
 };
 
 struct TrainResult {
@@ -50,6 +53,15 @@ class Trainer {
   /// Runs to config.iterations (or the stop signal), writing the folder's files on the way.
   /// @throws NumericError with iteration, view and last checkpoint if the loss is not finite.
   TrainResult run();
+
+  /// One iteration with its density control; nothing is written. For benchmarks.
+  void step();
+
+  /// Waits until the device is done with all steps, and tells the times that have not been told.
+  void wait();
+
+  std::int64_t n_gaussians() const;
+  int sh_degree() const;  // in use
 
  private:
   struct Impl;

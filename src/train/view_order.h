@@ -1,6 +1,7 @@
 // Which view comes next: a shuffled stack without replacement, refilled when it is empty.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -20,6 +21,16 @@ struct ViewOrder {
     const std::int32_t view = remaining.back();
     remaining.pop_back();
     return view;
+  }
+
+  /// The next n that next() will give; nothing changes.
+  std::vector<std::int32_t> upcoming(std::int64_t seed, std::int32_t n_views, std::size_t n) const {
+    std::vector<std::int32_t> views(remaining.rbegin(),
+                                    remaining.rbegin() + static_cast<std::ptrdiff_t>(std::min(n, remaining.size())));
+    ViewOrder after;
+    after.n_refills = n_refills;
+    while (views.size() < n) views.push_back(after.next(seed, n_views));
+    return views;
   }
 
  private:

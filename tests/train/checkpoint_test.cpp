@@ -41,6 +41,7 @@ TrainState make_state(const Scene& scene) {
   state.view_order.n_refills = 3;
   state.view_order.remaining = {2, 0};
   state.loss_average = 0.1 + 0.2;  // not a short decimal
+  state.elapsed_s = 12.1 + 0.2;
   state.kernel_selection = {{"kernel", "dynamic"}};
   return state;
 }
@@ -70,6 +71,7 @@ TEST_F(CheckpointFiles, GiveBackEveryBit) {
   EXPECT_EQ(read.state.view_order.n_refills, 3u);
   EXPECT_EQ(read.state.view_order.remaining, (std::vector<std::int32_t>{2, 0}));
   EXPECT_EQ(read.state.loss_average, 0.1 + 0.2);
+  EXPECT_EQ(read.state.elapsed_s, 12.1 + 0.2);
   EXPECT_EQ(read.state.kernel_selection, expected.kernel_selection);
   EXPECT_TRUE(config_differences(make_config(), read.config).empty());
   for (std::size_t i = 0; i < 6; ++i) {
@@ -170,6 +172,15 @@ TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
   file = good;
   file.header["view_order"]["remaining"] = {0, 99};
   EXPECT_TRUE(refused(file, "view 99"));
+}
+
+TEST_F(CheckpointFiles, OfTheFirstVersionsKnowNoTime) {
+  CheckpointFile file = read_checkpoint_file(path);
+  file.header.erase("elapsed_s");
+  write_checkpoint_file(folder / "old.b3dgs", file);
+  const Checkpoint read = read_checkpoint(folder / "old.b3dgs", scene, torch::kCPU);
+  EXPECT_EQ(read.state.elapsed_s, 0);
+  EXPECT_EQ(read.state.iteration, 42);
 }
 
 TEST_F(CheckpointFiles, HaveAHeaderThatCanBeReadAlone) {

@@ -8,6 +8,7 @@
 
 #include "parallel.h"
 #include "support/approx.h"
+#include "train/random.h"
 
 namespace b3dgs {
 namespace {
@@ -173,6 +174,21 @@ TEST(Densifier, SamplesHaveTheShapeOfTheirParent) {
   EXPECT_TRUE(test::within(covariance, torch::diag(torch::tensor({0.25f, 4.0f, 0.01f})), 0.15));
   EXPECT_NEAR(covariance[0][0].item<float>(), 0.25, 0.01);
   EXPECT_NEAR(covariance[2][2].item<float>(), 0.01, 0.0005);
+}
+
+TEST(Densifier, DrawsSamplesByRowFromTheSeedAndTheIteration) {
+  const Model model = make_model({{kSmall, 0.5f, 0.1f}, {kLarge, 0.5f, 1.5f}, {kLarge, 0.5f, 1.5f}});
+  const DensityRound round = densify(model, kRule);
+  ASSERT_EQ(sources(round), (Rows{0, 1, 2, 1, 2}));
+  const RandomKey key{/*seed=*/1, RandomStream::kSplit, /*iteration=*/600};
+  for (int i = 0; i < 4; ++i) {
+    const int row = 1 + i % 2, sample = i / 2;
+    const auto normal = random_normal(key, static_cast<std::uint64_t>(2 * row + sample));
+    for (int axis = 0; axis < 3; ++axis) {  // not turned: the axes are the world's
+      const float scale = std::exp(model.gaussians.log_scales[row][axis].item<float>());
+      EXPECT_NEAR(round.edit.new_means[i][axis].item<float>(), static_cast<float>(row) + scale * normal[axis], 1e-6);
+    }
+  }
 }
 
 TEST(Densifier, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {

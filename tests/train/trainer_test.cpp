@@ -9,50 +9,22 @@
 #include "parallel.h"
 #include "scene/ply.h"
 #include "support/expect_error.h"
-#include "support/files.h"
 #include "support/temp_dir.h"
 #include "train/checkpoint.h"
 #include "train/checkpoint_file.h"
 #include "train/densifier.h"
 #include "train/threads.h"
 #include "train/tiny_scene.h"
+#include "train/training.h"
 
 namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Density control at 10, 15, 20, ... with clones, splits and prunes, opacity resets at 12 and 24, SH degree up at 7.
-TrainConfig eventful_config() {
-  TrainConfig config;
-  config.iterations = 20;
-  config.seed = 9;
-  config.sh_degree = 1;
-  config.sh_increase_interval = 7;
-  config.densify_from_iter = 5;
-  config.densification_interval = 5;
-  config.opacity_reset_interval = 12;
-  config.densify_grad_threshold = 2e-5;
-  config.percent_dense = 0.02;
-  config.random_background = true;
-  config.test_iterations = config.save_iterations = {};
-  return config;
-}
-
-struct Trained {
-  TrainResult result;
-  std::string ply, checkpoint;  // bytes
-};
-
-Trained train(const TrainConfig& config, const Scene& scene, const fs::path& folder, const fs::path& resume = {}) {
-  Trainer trainer(config, scene, ModelFolder(folder), {});
-  if (!resume.empty()) trainer.resume(resume);
-  Trained run;
-  run.result = trainer.run();
-  run.ply = test::read_bytes(run.result.ply);
-  run.checkpoint = test::read_bytes(run.result.checkpoint);
-  return run;
-}
+using test::eventful_config;
+using test::train;
+using test::Trained;
 
 TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   const Scene scene = test::make_tiny_scene();
@@ -240,6 +212,70 @@ TEST(Trainer, LogsEveryTenthIterationAndGoesBackOnResume) {
   config.iterations = 20;
   train(config, scene, temp.path(), ModelFolder(temp.path()).checkpoint(15));
   EXPECT_EQ(iterations(), (std::vector<int>{10, 13, 20}));
+}
+
+TEST(Trainer, CountsItsTimeOverAllRuns) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const auto elapsed_of = [](const fs::path& checkpoint) {
+    return read_checkpoint_header(checkpoint)["elapsed_s"].get<double>();
+  };
+  TrainConfig config = eventful_config();
+  config.iterations = 10;
+  const Trained first = train(config, scene, temp.path());
+  EXPECT_GT(first.result.train_s, 0);
+  EXPECT_EQ(elapsed_of(first.result.checkpoint), first.result.train_s);
+  config.iterations = 20;
+  const double before = elapsed_of(first.result.checkpoint);
+  const Trained second = train(config, scene, temp.path(), first.result.checkpoint);
+  EXPECT_DOUBLE_EQ(elapsed_of(second.result.checkpoint), before + second.result.train_s);
+
+  std::ifstream file(temp / "train.jsonl");
+  double last = 0;
+  for (std::string line; std::getline(file, line);) {
+    const double elapsed = nlohmann::json::parse(line).at("elapsed_s").get<double>();
+    EXPECT_GT(elapsed, last) << line;
+    last = elapsed;
+  }
+  EXPECT_GT(last, before);
+  EXPECT_LE(last, elapsed_of(second.result.checkpoint));
+}
+
+TEST(Trainer, RendersAsTheOptionsSay) {
+  TrainConfig config;
+  EXPECT_EQ(evaluation_settings(config, 2).tile.height, 16);
+  EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerSplat);
+  EXPECT_FALSE(evaluation_settings(config, 2).deterministic);
+  config_from_json(config, {{"tile", "16x8"}, {"backward_kernel", "per-pixel"}, {"deterministic", true}}, "test");
+  const RenderSettings settings = evaluation_settings(config, 2);
+  EXPECT_EQ(settings.tile.width, 16);
+  EXPECT_EQ(settings.tile.height, 8);
+  EXPECT_EQ(settings.backward_kernel, BackwardKernel::kPerPixel);
+  EXPECT_TRUE(settings.deterministic);
+  EXPECT_EQ(settings.stages, nullptr);
+  const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
+    return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
+  };
+  EXPECT_TRUE(refused({{"tile", "8x8"}}, "tile must be one of 16x16, 16x8"));
+  EXPECT_TRUE(refused({{"backward_kernel", "naive"}}, "backward_kernel must be one of per-pixel, per-splat"));
+  EXPECT_TRUE(refused({{"image_cache_gb", -2}}, "image_cache_gb must be at least -1"));
+}
+
+TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = eventful_config();
+  config.densify_until_iter = 0;  // a threshold may fall either way by a last digit
+  const Trained square = train(config, scene, temp / "square");
+  config.deterministic = true;
+  config.backward_kernel = "per-pixel";
+  config.image_cache_gb = 0;
+  EXPECT_TRUE(train(config, scene, temp / "same").ply == square.ply) << "these options are for the GPU";
+  config.tile = "16x8";
+  const Trained flat = train(config, scene, temp / "flat");
+  const auto& expected = square.result.evaluations.back().second.mean;
+  EXPECT_NEAR(flat.result.evaluations.back().second.mean.psnr, expected.psnr, 0.01);
+  EXPECT_NEAR(flat.result.evaluations.back().second.mean.ssim, expected.ssim, 1e-4);
 }
 
 TEST(Trainer, KeepsTheNewestCheckpoints) {

@@ -30,6 +30,7 @@ struct Rasterizer::Impl {
   BinnedSplats bins{};
   Vec3f background{};
   ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
 };
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -55,16 +56,21 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
+  s.stages = settings.stages;
 
+  begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
   std::int32_t* const radii = s.radii.resize(n);
   s.n_splats = project(
       {gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats, extents, radii});
+  begin_stage(s.stages, Stage::kBin);
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
+  begin_stage(s.stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out,
                                   s.transmittance.resize(n_pixels), s.last_ids.resize(n_pixels)});
+  end_stage(s.stages);
   s.n_gaussians = n;
 }
 
@@ -72,11 +78,14 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
+  begin_stage(s.stages, Stage::kBlendBackward);
   SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
                   s.last_ids.data(), grad, isect_grads});
+  begin_stage(s.stages, Stage::kProjectBackward);
   project_backward(
       {gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads, out});
+  end_stage(s.stages);
 }
 
 const std::int32_t* Rasterizer::radii() const {

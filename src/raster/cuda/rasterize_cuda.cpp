@@ -52,6 +52,7 @@ struct Rasterizer::Impl {
   BucketParts parts{};
   Vec3f background{};
   ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
 };
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -79,12 +80,15 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
+  s.stages = settings.stages;
 
+  begin_stage(s.stages, Stage::kProject);
   const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
                                  s.n_tiles.resize(n, context), s.counts.resize(1, context)};
   project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected}, context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
+  end_stage(s.stages);  // until the host has read the counts, the device waits for it
   B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
@@ -95,10 +99,12 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                       kIndexMax, "; Gaussians have grown over the whole image, or there are too many"));
   }
   s.n_splats = counts.n_splats;
+  begin_stage(s.stages, Stage::kBin);
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
   s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
                  context);
 
+  begin_stage(s.stages, Stage::kBlendForward);
   const std::int64_t n_parts = s.binned.buckets.n_max * (std::int64_t{settings.tile.width} * settings.tile.height);
   s.parts = {};
   s.backward_kernel = settings.backward_kernel;
@@ -121,6 +127,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                s.last_ids.resize(n_pixels, context)};
   kForwardTable[static_cast<std::size_t>(settings.kernel)].launch(
       {blend, s.binned.buckets, s.parts, next_task, quad_words}, context);
+  end_stage(s.stages);
   s.n_gaussians = n;
 }
 
@@ -130,6 +137,7 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
   B3DGS_CHECK(s.parts.light != nullptr, "backward after a forward that kept nothing for it");
+  begin_stage(s.stages, Stage::kBlendBackward);
   const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
     SplatGradSum* const records = buffer.resize(count, context);
     B3DGS_CUDA_CHECK(
@@ -149,9 +157,11 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   if (s.deterministic) {
     sum_splat_grads({s.n_splats, s.binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
   }
+  begin_stage(s.stages, Stage::kProjectBackward);
   project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
                     args.splat_grads, out},
                    context);
+  end_stage(s.stages);
 }
 
 const std::int32_t* Rasterizer::radii() const {

@@ -1,0 +1,226 @@
+// Training on the GPU against training on the CPU, and against itself.
+#include <gtest/gtest.h>
+
+#include "support/approx.h"
+#include "support/gpu_test.h"
+#include "support/temp_dir.h"
+#include "train/checkpoint.h"
+#include "train/densifier.h"
+#include "train/image_store.h"
+#include "train/tiny_scene.h"
+#include "train/training.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::train;
+using test::Trained;
+
+TrainConfig on_gpu(TrainConfig config) {
+  config.device = "cuda";
+  return config;
+}
+
+/// Past density control and an opacity reset, to the same bytes each time.
+TrainConfig deterministic_config() {
+  TrainConfig config = on_gpu(test::eventful_config());
+  config.iterations = 40;
+  config.deterministic = true;
+  return config;
+}
+
+TEST(TrainerOnGpu, LearnsAsOnTheCpu) {
+  B3DGS_NEEDS_GPU();
+  // dB, of the mean over the held-out views. Another order of sums makes 0.01 here (tiles, culling, kernels on the
+  // CPU).
+  constexpr double kAllowed = 0.1;
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  options.n_views = 24;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config;
+  config.iterations = 300;
+  config.densify_from_iter = 100;
+  const Trained cpu = train(config, scene, temp / "cpu"), gpu = train(on_gpu(config), scene, temp / "gpu");
+  const double expected = cpu.result.evaluations.back().second.mean.psnr;
+  EXPECT_GT(expected, 20);
+  EXPECT_NEAR(gpu.result.evaluations.back().second.mean.psnr, expected, kAllowed);
+  EXPECT_NEAR(static_cast<double>(gpu.result.n_gaussians), static_cast<double>(cpu.result.n_gaussians),
+              0.02 * static_cast<double>(cpu.result.n_gaussians));
+}
+
+TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  for (const BackwardKernelName& kernel : kBackwardKernels) {
+    config.backward_kernel = kernel.name;
+    const Trained first = train(config, scene, temp / "a"), second = train(config, scene, temp / "b");
+    EXPECT_GT(first.result.n_gaussians, 150) << "no density control happened";
+    EXPECT_TRUE(first.ply == second.ply) << kernel.name;
+  }
+}
+
+TEST(TrainerOnGpu, ResumedEqualsUninterruptedIfDeterministic) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  config.image_cache_gb = 0;
+  const Trained whole = train(config, scene, temp / "whole");
+  for (const int stop : {10, 13}) {  // at a round of density control, and between
+    const fs::path folder = temp / std::to_string(stop);
+    config.iterations = stop;
+    const fs::path checkpoint = train(config, scene, folder).result.checkpoint;
+    config.iterations = 40;
+    EXPECT_TRUE(train(config, scene, folder, checkpoint).ply == whole.ply) << "stopped at " << stop;
+  }
+}
+
+/// The running average of the loss after each step.
+std::vector<double> losses(const TrainConfig& config, const Scene& scene, const fs::path& folder) {
+  std::vector<double> values;
+  TrainHooks hooks;
+  hooks.on_progress = [&](const TrainProgress& progress) { values.push_back(progress.loss); };
+  Trainer(config, scene, ModelFolder(folder), hooks).run();
+  return values;
+}
+
+TEST(TrainerOnGpu, LearnsTheSameFromPhotographsThatAreUploadedAhead) {
+  B3DGS_NEEDS_GPU();
+  test::TinySceneOptions options;
+  options.masked = true;  // masks travel too
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  const std::vector<double> resident = losses(config, scene, temp / "resident");
+  ASSERT_FALSE(resident.empty());
+  for (const double gb : {0.0, 30e-6}) {  // none fits; the first three fit
+    config.image_cache_gb = gb;
+    EXPECT_EQ(losses(config, scene, temp / "streamed"), resident) << gb << " GB";
+  }
+}
+
+TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();  // 6 views of 60 x 44 x 3 bytes
+  const torch::Device device(torch::kCUDA, 0);
+  EXPECT_EQ(ImageStore(scene.train, device, 0).n_resident(), 0);
+  EXPECT_EQ(ImageStore(scene.train, device, 3 * 7920).n_resident(), 3);
+  EXPECT_EQ(ImageStore(scene.train, device, 3 * 7920 - 1).n_resident(), 2);
+  EXPECT_EQ(ImageStore(scene.train, device, 1 << 30).n_resident(), 6);
+  EXPECT_GT(image_budget(-1, device), 100 << 20);
+  ImageStore store(scene.train, device, 2 * 7920);
+  for (const std::int32_t i : {5, 0, 3, 3, 2, 4, 1, 5}) {
+    const TrainView view = store.take(i, {4, 2});
+    const Image8& expected = *scene.train[static_cast<std::size_t>(i)].image;
+    const torch::Tensor host = view.truth.to(torch::kCPU);
+    EXPECT_TRUE(std::equal(expected.pixels.begin(), expected.pixels.end(), host.data_ptr<std::uint8_t>())) << i;
+    EXPECT_FALSE(view.valid.defined());
+  }
+}
+
+void expect_same_state(const TrainState& a, const TrainState& b) {
+  const auto same = [](const auto& x, const auto& y) {
+    for (std::size_t i = 0; i < x.kNames.size(); ++i) {
+      EXPECT_TRUE(torch::equal(x.all()[i]->to(torch::kCPU), y.all()[i]->to(torch::kCPU))) << x.kNames[i];
+    }
+  };
+  same(a.gaussians, b.gaussians);
+  same(a.adam.m, b.adam.m);
+  same(a.adam.v, b.adam.v);
+  same(a.statistics, b.statistics);
+  EXPECT_EQ(a.iteration, b.iteration);
+  EXPECT_EQ(a.view_order.remaining, b.view_order.remaining);
+  EXPECT_EQ(a.elapsed_s, b.elapsed_s);
+}
+
+TEST(TrainerOnGpu, GoesOnFromACheckpointOfTheOtherDevice) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const torch::Device gpu(torch::kCUDA, 0);
+  for (const bool starts_on_gpu : {false, true}) {
+    SCOPED_TRACE(starts_on_gpu ? "from the GPU" : "from the CPU");
+    const std::string name = starts_on_gpu ? "gpu" : "cpu";
+    TrainConfig config = test::eventful_config(), gpu_config = on_gpu(config);
+    config.iterations = gpu_config.iterations = 12;
+    const fs::path checkpoint = train(starts_on_gpu ? gpu_config : config, scene, temp / name).result.checkpoint;
+    expect_same_state(read_checkpoint(checkpoint, scene, torch::kCPU).state,
+                      read_checkpoint(checkpoint, scene, gpu).state);
+    // One step on, from the same state, with the same view and background: first moments are sums of gradients.
+    config.iterations = gpu_config.iterations = 13;
+    const Trained on_cpu = train(config, scene, temp / (name + "_then_cpu"), checkpoint);
+    const Trained on_device = train(gpu_config, scene, temp / (name + "_then_gpu"), checkpoint);
+    const TrainState a = read_checkpoint(on_cpu.result.checkpoint, scene, torch::kCPU).state;
+    const TrainState b = read_checkpoint(on_device.result.checkpoint, scene, torch::kCPU).state;
+    EXPECT_EQ(a.view_order.remaining, b.view_order.remaining);
+    EXPECT_NEAR(a.loss_average, b.loss_average, 1e-4);
+    for (std::size_t i = 0; i < a.adam.m.all().size(); ++i) {
+      const torch::Tensor expected = *a.adam.m.all()[i];
+      EXPECT_TRUE(test::within(*b.adam.m.all()[i], expected, 5e-3 * expected.abs().max().item<double>() + 1e-12))
+          << GaussianTensors::kNames[i];
+    }
+  }
+}
+
+TEST(TrainerOnGpu, TimesAllStagesAndLearnsTheSame) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const TrainConfig config = deterministic_config();
+  int n_steps = 0, n_rounds = 0;
+  TrainHooks hooks;
+  hooks.on_stage_times = [&](const StageTimes& times) {
+    if (times.kind == StageTimes::Kind::kDensityRound) {
+      ++n_rounds;
+      return;
+    }
+    ++n_steps;
+    double sum = 0;
+    for (std::size_t i = 0; i < kStageCount; ++i) {
+      ASSERT_TRUE(times.ms[i]) << kStageNames[i];
+      EXPECT_GE(*times.ms[i], 0) << kStageNames[i];
+      sum += *times.ms[i];
+    }
+    EXPECT_LE(sum, times.wall_ms + 0.01 * kStageCount) << "events tell half a microsecond";
+  };
+  Trainer trainer(config, scene, ModelFolder(temp / "timed"), hooks);
+  const TrainResult timed = trainer.run();
+  trainer.wait();
+  EXPECT_EQ(n_steps, config.iterations);
+  EXPECT_GT(n_rounds, 0);
+  EXPECT_TRUE(test::read_bytes(timed.ply) == train(config, scene, temp / "untimed").ply);
+}
+
+TEST(DensifierOnGpu, DoesWhatTheCpuDoes) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(4);
+  constexpr std::int64_t kCount = 4000;
+  GaussianTensors host{torch::randn({kCount, 3}),  torch::randn({kCount, 3}) - 2, torch::randn({kCount, 4}),
+                       torch::randn({kCount}) * 3, torch::randn({kCount, 1, 3}),  torch::randn({kCount, 3, 3})};
+  DensityStatistics seen = make_density_statistics(kCount, torch::kCPU);
+  seen.grad_norm_sum = torch::rand({kCount}).mul(8).floor();  // many are equal
+  seen.view_count += 2;
+  DensityRule rule{/*grad_threshold=*/1.5, /*split_scale=*/0.3, /*prune_opacity=*/0.05,
+                   /*prune_scale=*/3,      /*prune_radius=*/0,  /*max_gaussians=*/kCount + 700};
+  GaussianTensors device;
+  for (std::size_t i = 0; i < host.all().size(); ++i) *device.all()[i] = host.all()[i]->to(torch::kCUDA);
+  DensityStatistics device_seen;
+  for (std::size_t i = 0; i < seen.all().size(); ++i) *device_seen.all()[i] = seen.all()[i]->to(torch::kCUDA);
+  const DensityRound expected = densify(host, seen, rule, 3, 600), found = densify(device, device_seen, rule, 3, 600);
+  EXPECT_TRUE(found.edit.new_means.is_cuda());
+  EXPECT_GT(expected.n_split, 100);
+  EXPECT_GT(expected.n_cloned, 20);
+  EXPECT_TRUE(torch::equal(found.edit.sources.to(torch::kCPU), expected.edit.sources));
+  EXPECT_EQ(found.edit.n_kept, expected.edit.n_kept);
+  const torch::Tensor allowed = 1e-6 * (1 + expected.edit.new_means.abs());
+  EXPECT_TRUE(test::within(found.edit.new_means.to(torch::kCPU), expected.edit.new_means, allowed));
+  EXPECT_TRUE(test::within(found.edit.new_log_scales.to(torch::kCPU), expected.edit.new_log_scales, 1e-6));
+}
+
+}  // namespace
+}  // namespace b3dgs

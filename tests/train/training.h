@@ -1,0 +1,56 @@
+// Short trainings and what is left of them.
+#pragma once
+
+#include <string>
+
+#include "support/files.h"
+#include "train/checkpoint_file.h"
+#include "train/trainer.h"
+
+namespace b3dgs::test {
+
+/// Density control at 10, 15, 20, ... with clones, splits and prunes, opacity resets at 12 and 24, SH degree up at 7.
+inline TrainConfig eventful_config() {
+  TrainConfig config;
+  config.iterations = 20;
+  config.seed = 9;
+  config.sh_degree = 1;
+  config.sh_increase_interval = 7;
+  config.densify_from_iter = 5;
+  config.densification_interval = 5;
+  config.opacity_reset_interval = 12;
+  config.densify_grad_threshold = 2e-5;
+  config.percent_dense = 0.02;
+  config.random_background = true;
+  config.test_iterations = config.save_iterations = {};
+  return config;
+}
+
+/// A checkpoint's bytes, but for how long the training took.
+inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
+  CheckpointFile file = read_checkpoint_file(checkpoint);
+  file.header.erase("elapsed_s");
+  const std::filesystem::path copy = checkpoint.string() + ".timeless";
+  write_checkpoint_file(copy, file);
+  const std::string bytes = read_bytes(copy);
+  std::filesystem::remove(copy);
+  return bytes;
+}
+
+struct Trained {
+  TrainResult result;
+  std::string ply, checkpoint;  // bytes, the checkpoint's without times
+};
+
+inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
+                     const std::filesystem::path& resume = {}) {
+  Trainer trainer(config, scene, ModelFolder(folder), {});
+  if (!resume.empty()) trainer.resume(resume);
+  Trained run;
+  run.result = trainer.run();
+  run.ply = read_bytes(run.result.ply);
+  run.checkpoint = timeless_bytes(run.result.checkpoint);
+  return run;
+}
+
+}  // namespace b3dgs::test
