@@ -22,7 +22,7 @@ std::string with_underscores(std::string word) {
 }
 
 bool is_list(const OptionSpec& spec) {
-  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNumbers;
+  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNumbers || spec.kind == ValueKind::kNames;
 }
 
 bool is_truth_value(const std::string& word) {
@@ -68,6 +68,7 @@ std::string default_text(const OptionSpec& spec) {
   if (value.is_array()) {
     text = text.substr(1, text.size() - 2);
     std::replace(text.begin(), text.end(), ',', ' ');
+    text.erase(std::remove(text.begin(), text.end(), '"'), text.end());
     if (text.empty()) text = "none";
   }
   return text;
@@ -114,6 +115,16 @@ Number to_number(const OptionSpec& spec, const std::string& word) {
   return value;
 }
 
+/// "a,b" "c" -> a b c
+std::vector<std::string> split_at_commas(const std::vector<std::string>& words) {
+  std::vector<std::string> parts;
+  for (const std::string& word : words) {
+    std::istringstream text(word);
+    for (std::string part; std::getline(text, part, ',');) parts.push_back(part);
+  }
+  return parts;
+}
+
 nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& words) {
   switch (spec.kind) {
     case ValueKind::kFlag:
@@ -139,6 +150,8 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
       for (const std::string& word : words) values.push_back(to_number<double>(spec, word));
       return values;
     }
+    case ValueKind::kNames:
+      return split_at_commas(words);
   }
   return {};
 }
@@ -156,6 +169,8 @@ const char* value_name(const OptionSpec& spec) {
       return "N ...";
     case ValueKind::kNumbers:
       return "X ...";
+    case ValueKind::kNames:
+      return "NAME ...";
     case ValueKind::kText:
       return spec.range.empty() ? "TEXT" : "NAME";
   }

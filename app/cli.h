@@ -13,7 +13,7 @@
 namespace b3dgs {
 
 /// What the words after an option stand for.
-enum class ValueKind { kFlag, kInt, kInt64, kNumber, kText, kInts, kNumbers };
+enum class ValueKind { kFlag, kInt, kInt64, kNumber, kText, kInts, kNumbers, kNames };
 
 /// One option as help text and parser need it.
 struct OptionSpec {
@@ -35,6 +35,7 @@ constexpr ValueKind value_kind() {
   if constexpr (std::is_same_v<Value, double>) return ValueKind::kNumber;
   if constexpr (std::is_same_v<Value, std::vector<int>>) return ValueKind::kInts;
   if constexpr (std::is_same_v<Value, std::vector<double>>) return ValueKind::kNumbers;
+  if constexpr (std::is_same_v<Value, std::vector<std::string>>) return ValueKind::kNames;
   return ValueKind::kText;
 }
 
@@ -45,6 +46,8 @@ std::string range_text(const Constraint& constraint) {
     return "";
   } else if constexpr (std::is_same_v<Constraint, OneOf>) {
     return violation(constraint, std::string());
+  } else if constexpr (std::is_same_v<Constraint, SomeOf>) {
+    return violation(constraint, std::vector<std::string>());
   } else {
     return violation(constraint, std::numeric_limits<double>::quiet_NaN());
   }

@@ -35,7 +35,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
         "continue from a checkpoint, with its options unless others are given; auto: the newest valid one of the model "
         "folder, or the beginning if there is none");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the model that the model folder holds");
-  field(Option{"quiet"}, c.quiet, Any{}, "show no progress and no summary of the scene");
+  field(Option{"quiet"}, c.quiet, Any{}, "show no progress, no messages and no summary of the scene");
   field(Option{"disable_viewer"}, c.disable_viewer, Any{},
         "for command lines of the original: there is no viewer to disable");
 }
@@ -202,7 +202,9 @@ int run_train(const std::vector<std::string>& words) {
   TrainProgressView progress(status, config);
   TrainHooks hooks;
   hooks.on_progress = std::ref(progress);
-  hooks.on_message = [&](const std::string& message) { status.print(message); };
+  hooks.on_message = [&](const std::string& message) {
+    if (!options.quiet) status.print(message);
+  };
   hooks.stop_signal = &stop_signal;
   Trainer trainer(config, scene, folder, hooks);
   if (!plan.checkpoint.empty()) {

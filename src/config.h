@@ -6,9 +6,10 @@
 //
 // Command-line flags, help, JSON in both directions, range checks and the comparison at resume are visitors over that
 // list, so an option, its default and its range exist once. Member types: bool, int, std::int64_t, double, std::string,
-// std::vector<int>, std::vector<double>.
+// std::vector<int>, std::vector<double>, std::vector<std::string>.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
@@ -43,6 +44,11 @@ struct InRange {
 struct OneOf {
   std::vector<std::string> values;
 };
+/// For a list of names: at least `least` of them, none twice.
+struct SomeOf {
+  std::vector<std::string> values;
+  std::size_t least = 1;
+};
 
 /// What a value would have to be, or "" if it is that.
 inline std::string violation(const Any&, ...) {
@@ -64,6 +70,18 @@ inline std::string violation(const OneOf& choice, const std::string& value) {
     names += (names.empty() ? "" : ", ") + name;
   }
   return "one of " + names;
+}
+inline std::string violation(const SomeOf& choice, const std::vector<std::string>& values) {
+  bool fits = values.size() >= choice.least;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto here = values.begin() + static_cast<std::ptrdiff_t>(i);
+    fits = fits && std::find(values.begin(), here, values[i]) == here &&
+           std::find(choice.values.begin(), choice.values.end(), values[i]) != choice.values.end();
+  }
+  if (fits) return "";
+  std::string names;
+  for (const std::string& name : choice.values) names += (names.empty() ? "" : ", ") + name;
+  return detail::concat("at least ", choice.least, " different ones of ", names);
 }
 template <class Constraint, class Number>
 std::string violation(const Constraint& constraint, const std::vector<Number>& values) {

@@ -160,6 +160,16 @@ struct BlendForwardArgs {
       nullptr;  // [H, W] out, position within the tile's list of the last blended splat, -1 if none
 };
 
+/// Counting: how many entries of its tile's list the forward blend looks at for each pixel, and how many it blends. The
+/// same for every schedule, lanes that look further ahead in vain not counted.
+struct CountLoadArgs {
+  const Splat* splats = nullptr;  // [M]
+  BinnedSplats bins{};
+  TileGrid grid{};
+  std::int32_t* processed = nullptr;     // [H, W] out
+  std::int32_t* contributing = nullptr;  // [H, W] out
+};
+
 /// Backward blend: gradients by pixels to gradients by splats, one record per (tile, splat) pair.
 struct BlendBackwardArgs {
   const Splat* splats = nullptr;

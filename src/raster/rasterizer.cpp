@@ -83,6 +83,31 @@ struct Rasterizer::Impl {
 #endif
   }
 
+  void reblend(ForwardKernel kernel) {
+    if (device.is_cpu()) return cpu.reblend(kernel);
+#if B3DGS_TORCH_CUDA
+    B3DGS_CHECK(cuda != nullptr, "reblend before any forward");
+    cuda->reblend(kernel, torch_launch_context());
+#endif
+  }
+
+  /// Into tensors on the device.
+  void count_load(torch::Tensor& processed, torch::Tensor& contributing) const {
+    std::int32_t* const out[]{processed.data_ptr<std::int32_t>(), contributing.data_ptr<std::int32_t>()};
+    if (device.is_cpu()) return cpu.count_load(out[0], out[1]);
+#if B3DGS_TORCH_CUDA
+    cuda->count_load(out[0], out[1], torch_launch_context());
+#endif
+  }
+
+  /// Offsets of the tiles' lists, and how many tiles there are.
+  std::pair<const std::int64_t*, std::int64_t> tile_offsets() const {
+#if B3DGS_TORCH_CUDA
+    if (cuda != nullptr) return {cuda->bins().tile_offsets, cuda->grid().n_tiles()};
+#endif
+    return {cpu.bins().tile_offsets, cpu.grid().n_tiles()};
+  }
+
   const std::int32_t* radii() const {
 #if B3DGS_TORCH_CUDA
     if (cuda != nullptr) return cuda->radii();
@@ -141,6 +166,44 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
   statistics.radii =
       torch::from_blob(const_cast<std::int32_t*>(impl_->radii()), {arrays.n_gaussians}, options.dtype(torch::kInt32));
   return statistics;
+}
+
+RenderedView Rasterizer::reblend(ForwardKernel kernel) {
+  impl_->reblend(kernel);
+  return impl_->rendered;
+}
+
+torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad) {
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) {
+    cuda::Rasterizer& own = *impl_->cuda;
+    own.reblend_backward(kernel, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
+                         torch_launch_context());
+    constexpr std::int64_t kFloats = 12, kThatCount = 10;
+    return torch::from_blob(const_cast<float*>(own.splat_grads()), {own.n_splats(), kFloats},
+                            impl_->rendered.color.options())
+        .narrow(1, 0, kThatCount);
+  }
+#endif
+  (void)grad;
+  throw LogicError(detail::concat("reblend_backward with ", backward_kernel_name(kernel), " on ", impl_->device.str(),
+                                  "; there is one backward kernel on the CPU"));
+}
+
+ViewLoad Rasterizer::count_load() const {
+  B3DGS_CHECK(impl_->rendered.alpha.defined(), "count_load before any forward");
+  const auto counts = impl_->rendered.alpha.options().dtype(torch::kInt32);
+  ViewLoad load;
+  load.processed = torch::empty(impl_->rendered.alpha.sizes(), counts);
+  load.contributing = torch::empty_like(load.processed);
+  impl_->count_load(load.processed, load.contributing);
+  const auto [offsets, n_tiles] = impl_->tile_offsets();
+  const torch::Tensor ends =
+      torch::from_blob(const_cast<std::int64_t*>(offsets), {n_tiles + 1}, counts.dtype(torch::kInt64)).cpu();
+  load.tile_lists = ends.slice(0, 1) - ends.slice(0, 0, -1);
+  load.processed = load.processed.cpu();
+  load.contributing = load.contributing.cpu();
+  return load;
 }
 
 }  // namespace b3dgs

@@ -30,6 +30,13 @@ struct ViewStatistics {
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0: not seen in this view
 };
 
+/// What the last view asked of the blend (CountLoadArgs).
+struct ViewLoad {
+  torch::Tensor tile_lists;    // [n_tiles] int64, length of each tile's list
+  torch::Tensor processed;     // [H, W] int32
+  torch::Tensor contributing;  // [H, W] int32
+};
+
 class Rasterizer {
  public:
   explicit Rasterizer(torch::Device device);
@@ -44,6 +51,17 @@ class Rasterizer {
   /// Gradients of the last forward(); `gaussians` must be unchanged since. `grads` is allocated if undefined or of
   /// another size, and overwritten.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
+
+  /// Blends the view of the last forward() again with another kernel, into the same tensors: all that two kernels can
+  /// differ in, without the passes that they share. On a GPU it does not wait.
+  RenderedView reblend(ForwardKernel kernel);
+
+  /// Likewise the backward blend, on a GPU only. Gradients by the splats' ellipses, colours and depths, [M, 10],
+  /// overwritten by the next backward pass.
+  torch::Tensor reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad);
+
+  /// Counts for the view of the last forward(), on the host.
+  ViewLoad count_load() const;
 
  private:
   struct Impl;

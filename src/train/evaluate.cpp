@@ -5,10 +5,13 @@
 namespace b3dgs {
 
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(config.kernel);
-  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", config.kernel);
-  const std::optional<BackwardKernel> backward_kernel = find_backward_kernel(config.backward_kernel);
-  B3DGS_CHECK(backward_kernel.has_value(), "no backward kernel has the name ", config.backward_kernel);
+  const bool forward_is_open = config.kernel == kAdaptive, backward_is_open = config.backward_kernel == kAdaptive;
+  const std::string name = forward_is_open ? kUnmeasuredKernel : config.kernel;
+  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
+  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
+  const std::string backward_name = backward_is_open ? kUnmeasuredBackwardKernel : config.backward_kernel;
+  const std::optional<BackwardKernel> backward_kernel = find_backward_kernel(backward_name);
+  B3DGS_CHECK(backward_kernel.has_value(), "no backward kernel has the name ", backward_name);
   const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};

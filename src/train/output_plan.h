@@ -8,9 +8,10 @@
 namespace b3dgs {
 
 struct OutputPlan {
-  bool log = false;       // a line in train.jsonl
-  bool evaluate = false;  // the test views
-  bool save = false;      // a PLY
+  bool log = false;         // a line in train.jsonl
+  bool statistics = false;  // a line there about the load
+  bool evaluate = false;    // the test views
+  bool save = false;        // a PLY
   bool checkpoint = false;
 };
 
@@ -23,6 +24,8 @@ inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has
   OutputPlan plan;
   plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
   plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
+  // The first iteration is where the load is least even.
+  plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
   plan.save = is_last || is_in(config.save_iterations);
   plan.checkpoint = is_last || is_in(config.checkpoint_iterations) ||
                     (config.checkpoint_interval > 0 && iteration % config.checkpoint_interval == 0);

@@ -12,6 +12,11 @@
 
 namespace b3dgs {
 
+/// In place of a kernel's name: choose by measuring.
+inline constexpr const char* kAdaptive = "adaptive";
+/// What stands for that where nothing is measured: in evaluation, and where a run has to give the same bytes twice.
+inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
+
 struct TrainConfig {
   // Input and output
   std::string source_path;
@@ -68,20 +73,28 @@ struct TrainConfig {
   std::int64_t max_gaussians = 0;  // 0: no limit
 
   // Rasterizer
-  std::string kernel = "shared-memory";
+  std::string kernel = "adaptive";
+  std::string kernel_policy = "paper";
+  std::vector<std::string> kernel_candidates{"combined", "shared-memory"};
+  int kernel_check_interval = 1000;
+  int kernel_check_views = 5;
   std::string backward_kernel = "per-splat";
   std::string tile = "16x16";
   std::string culling = "ellipse";
   bool deterministic = false;
   int threads = 0;  // 0: all cores
+
+  // What train.jsonl tells
+  int stats_interval = 1000;
 };
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
-  OneOf kernels;
-  for (const ForwardKernelName& row : kForwardKernels) kernels.values.emplace_back(row.name);
-  OneOf backward_kernels;
+  SomeOf candidates{{}, 2};
+  for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
+  OneOf kernels{candidates.values}, backward_kernels;
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
+  for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{}, "folder of the COLMAP scene");
   field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{},
@@ -147,14 +160,26 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0},
         "the count never grows beyond this; 0: no limit");
 
-  field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel");
-  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels, "backward blending kernel, on the GPU");
+  field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel; adaptive measures and chooses");
+  field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
+        "how adaptive chooses: leaves the first candidate once and for good, or keeps checking");
+  field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
+        "what adaptive chooses from; training starts with the first");
+  field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
+        "iterations between two measurements of the candidates; one more comes before the first step");
+  field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
+        "coming views on which the candidates are measured; fewer where that would take over 0.5 % of the training");
+  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
+        "backward blending kernel, on the GPU; adaptive measures and chooses, with the forward kernel's policy");
   field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "unit of binning, px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the original's 3-sigma square");
   field(Option{"deterministic"}, c.deterministic, Any{},
-        "on the GPU too, the same bytes from the same seed; slower. The CPU always does");
+        "the same bytes from the same seed, on the GPU too; slower there. Nothing is chosen by its time");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
+
+  field(Option{"stats_interval"}, c.stats_interval, AtLeast{0},
+        "write how unevenly the load is spread over tiles and pixels every so many iterations; 0: not");
 }
 
 }  // namespace b3dgs

@@ -44,7 +44,19 @@ void TrainLog::write(const TrainLogLine& line) {
     json["test_psnr"] = line.test_quality->psnr;
     json["test_ssim"] = line.test_quality->ssim;
   }
-  file_ << json.dump() << std::endl;
+  if (!line.kernel.empty()) json["kernel"] = line.kernel;
+  if (!line.backward_kernel.empty()) json["backward_kernel"] = line.backward_kernel;
+  append(json);
+}
+
+void TrainLog::write_event(int iteration, const char* event, const nlohmann::ordered_json& fields) {
+  Json json = {{"iteration", iteration}, {"event", event}};
+  json.update(fields);
+  append(json);
+}
+
+void TrainLog::append(const Json& line) {
+  file_ << line.dump(-1, ' ', false, Json::error_handler_t::replace) << std::endl;
   if (!file_) io_error(path_.string(), ": cannot write: ", std::strerror(errno));
 }
 

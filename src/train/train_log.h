@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
 
 #include "train/metrics.h"
 #include "train/stage_timer.h"
@@ -18,6 +20,7 @@ struct TrainLogLine {
   std::int64_t count = 0;                    // Gaussians
   double elapsed_s = 0;                      // of training, over all runs so far
   std::optional<StageTimes> stages;          // of the mean step, where some were timed since the line before
+  std::string kernel, backward_kernel;       // in use; empty: there is no choice
   std::optional<ImageQuality> test_quality;  // mean over the test views, where they were evaluated
 };
 
@@ -29,7 +32,12 @@ class TrainLog {
   /// The line is in the file when this returns. @throws IoError
   void write(const TrainLogLine& line);
 
+  /// A line about something that happened: {"iteration", "event", and `fields`}. @throws IoError
+  void write_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
+
  private:
+  void append(const nlohmann::ordered_json& line);
+
   std::filesystem::path path_;
   std::ofstream file_;
 };

@@ -22,6 +22,7 @@
 #include "train/gaussian_model.h"
 #include "train/image_store.h"
 #include "train/initial_splats.h"
+#include "train/kernel_check.h"
 #include "train/loss.h"
 #include "train/lr_schedule.h"
 #include "train/output_plan.h"
@@ -51,18 +52,21 @@ struct Trainer::Impl {
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
         loss(device),
+        kernels(config, device),
         images(scene.train, device, image_budget(config.image_cache_gb, device)),
         timer(make_stage_clock(device)) {
     if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
 
   void start();
+  void check_kernels(int iteration);
   void step();
   void settle_loss();
   [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
   void control_density();
   void collect_times(const std::vector<StageTimes>& known);
+  void log_load();
   void write_outputs(const OutputPlan& plan);
   void write_checkpoint();
   void report(const char* activity) const;
@@ -89,6 +93,7 @@ struct Trainer::Impl {
 
   Rasterizer rasterizer;
   ImageLoss loss;
+  KernelChecks kernels;
   ImageStore images;
   StageTimer timer;
   StageAverage stages;
@@ -120,7 +125,7 @@ void Trainer::Impl::start() {
 }
 
 RenderSettings Trainer::Impl::step_settings() {
-  RenderSettings settings = evaluation_settings(config, state.sh_degree);
+  RenderSettings settings = kernels.apply(evaluation_settings(config, state.sh_degree));
   settings.stages = &timer;
   if (config.random_background) {
     const auto color =
@@ -166,7 +171,39 @@ void Trainer::Impl::differentiate(const TrainView& view) {
   }
 }
 
+/// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
+void Trainer::Impl::check_kernels(int iteration) {
+  if (!kernels.is_due(iteration)) return;
+  std::vector<PinholeView> coming;
+  for (const std::int32_t view :
+       state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
+    coming.push_back(images.describe(view).camera);
+  }
+  const int n_steps = state.iteration - logged_iteration;  // since the last line of the log
+  const double step_ms = n_steps > 0 ? 1e3 * (result.train_s - logged_s) / n_steps : 0;
+  for (const KernelCheck& check : kernels.check(
+           iteration, {rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming, step_ms})) {
+    if (log) log->write_event(iteration, "kernel_check", to_json(check));
+    if (!check.message.empty()) say(check.message);
+  }
+  state.kernel_selection = kernels.to_json();
+}
+
+/// How uneven the load of the first view is: always the same one, so that only the training makes a difference.
+void Trainer::Impl::log_load() {
+  const TrainView& view = images.describe(0);
+  RenderSettings settings = evaluation_settings(config, state.sh_degree);
+  settings.keep_for_backward = false;
+  try {
+    rasterizer.forward(state.gaussians, view.camera, settings);
+  } catch (const NumericError& error) {
+    fail(state.iteration, view.name, error.what());
+  }
+  log->write_event(state.iteration, "load_statistics", load_json(view.name, rasterizer.count_load()));
+}
+
 void Trainer::Impl::step() {
+  check_kernels(state.iteration + 1);
   // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
   // with it new memory, comes after those.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
@@ -211,6 +248,7 @@ void Trainer::Impl::collect_times(const std::vector<StageTimes>& known) {
 }
 
 void Trainer::Impl::write_outputs(const OutputPlan& plan) {
+  if (plan.statistics) log_load();
   TrainLogLine line;
   if (plan.evaluate) {
     report("evaluating");
@@ -233,6 +271,8 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     collect_times(timer.take());
     line.stages = stages.take(state.iteration - staged_iteration);
     if (line.stages) staged_iteration = state.iteration;
+    line.kernel = kernels.forward_name();
+    line.backward_kernel = kernels.backward_name();
     log->write(line);
     logged_iteration = state.iteration;
     logged_s = result.train_s;
@@ -284,6 +324,7 @@ std::vector<std::string> Trainer::resume(const fs::path& checkpoint) {
   }
   own.state = std::move(read.state);
   own.result.checkpoint = checkpoint;
+  own.kernels.restore(own.state.kernel_selection, checkpoint.string());
   return config_differences(read.config, own.config);
 }
 
@@ -324,7 +365,8 @@ TrainResult Trainer::run() {
     own.timed([&] { own.step(); });
     own.report("training");
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
-    if (plan.log || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped()) own.settle_loss();
+    if (plan.log || plan.statistics || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped())
+      own.settle_loss();
     own.write_outputs(plan);
     own.timed([&] { own.control_density(); });
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();

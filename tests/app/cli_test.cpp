@@ -78,6 +78,7 @@ TEST(CommandLine, EveryOptionAndEveryAliasIsAccepted) {
       if constexpr (!std::is_same_v<std::decay_t<decltype(value)>, bool>) {
         const nlohmann::json json = value;
         words.push_back(json.is_string() ? json.get<std::string>() : json.is_array() ? "5" : json.dump());
+        if (option.name == "kernel_candidates") words.back() = "naive,combined";
         if (words.back().empty()) words.back() = "x";
       }
       EXPECT_EQ(complaint(words), "accepted") << name;
@@ -94,6 +95,28 @@ TEST(CommandLine, TakesSeveralValuesForAList) {
 TEST(CommandLine, TakesAListWithoutValuesAsEmpty) {
   EXPECT_TRUE(parse({"--test_iterations", "--seed", "5"}).test_iterations.empty());
   EXPECT_TRUE(parse({"--save_iterations"}).save_iterations.empty());
+}
+
+TEST(CommandLine, TakesAListOfNamesWithCommasOrSpaces) {
+  const Words wanted{"naive", "gaussian-wise", "combined"};
+  EXPECT_EQ(parse({"--kernel_candidates", "naive,gaussian-wise,combined"}).kernel_candidates, wanted);
+  EXPECT_EQ(parse({"--kernel-candidates", "naive", "gaussian-wise", "combined", "--seed", "2"}).kernel_candidates,
+            wanted);
+  EXPECT_EQ(parse({"--kernel_candidates=naive,gaussian-wise,combined"}).kernel_candidates, wanted);
+}
+
+TEST(CommandLine, RefusesListsOfNamesThatAreNoChoice) {
+  for (const char* value :
+       {"combined", "combined,combined", "combined,fast", "combined,adaptive", ",", "combined,,naive"}) {
+    const std::string found = complaint({"--kernel_candidates", value});
+    EXPECT_NE(found.find("kernel_candidates must be at least 2 different ones of naive, dynamic"), std::string::npos)
+        << value << ": " << found;
+  }
+  EXPECT_NE(complaint({"--kernel_policy", "eager"}).find("one of paper, tracking"), std::string::npos);
+  EXPECT_NE(complaint({"--kernel_check_views", "2"}).find("at least 3"), std::string::npos);
+  EXPECT_NE(complaint({"--kernel_check_interval", "0"}).find("at least 1"), std::string::npos);
+  EXPECT_NE(complaint({"--kernel", "fastest"}).find("shared-memory, adaptive"), std::string::npos);
+  EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-splat, adaptive"), std::string::npos);
 }
 
 TEST(CommandLine, FlagsCanBeTurnedOnAndOff) {

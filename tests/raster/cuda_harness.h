@@ -90,6 +90,11 @@ class CudaView {
     return last;
   }
 
+  /// For passes on the view that has been rendered.
+  cuda::Rasterizer& rasterizer() { return rasterizer_; }
+  const cuda::LaunchContext& context() const { return context_; }
+  ImageArrays image() const { return {color_.data(), depth_.data(), alpha_.data()}; }
+
  private:
   template <class T>
   static std::vector<T> download(const T* device, std::int64_t n) {

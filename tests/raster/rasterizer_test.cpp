@@ -103,6 +103,33 @@ TEST(Rasterizer, RefusesGradientsOfAnotherImageSize) {
   EXPECT_THROW(rasterizer.backward(scene.gaussians, grad, grads), LogicError);
 }
 
+TEST(Rasterizer, ReblendIsTheForwardOfThatKernelAndLeavesTheRestToBackward) {
+  const TestScene scene = saturated_pixels();
+  RenderSettings settings = settings_of(scene);
+  Rasterizer again(torch::kCPU), direct(torch::kCPU);
+  again.forward(scene.gaussians, scene.view, settings);
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    SCOPED_TRACE(kernel.name);
+    settings.kernel = kernel.kernel;
+    const RenderedView wanted = direct.forward(scene.gaussians, scene.view, settings);
+    const RenderedView found = again.reblend(kernel.kernel);
+    EXPECT_TRUE(torch::equal(found.color, wanted.color));
+    EXPECT_TRUE(torch::equal(found.depth, wanted.depth));
+    EXPECT_TRUE(torch::equal(found.alpha, wanted.alpha));
+    GaussianTensors wanted_grads, found_grads;
+    direct.backward(scene.gaussians, grad_for(scene), wanted_grads);
+    again.backward(scene.gaussians, grad_for(scene), found_grads);
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(torch::equal(*found_grads.all()[i], *wanted_grads.all()[i]));
+  }
+}
+
+TEST(Rasterizer, ReblendNeedsAForward) {
+  Rasterizer rasterizer(torch::kCPU);
+  EXPECT_THROW(rasterizer.reblend(ForwardKernel::kNaive), LogicError);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, {}), LogicError);
+  EXPECT_THROW(rasterizer.count_load(), LogicError);
+}
+
 TEST(Rasterizer, BackwardNeedsAForward) {
   const TestScene scene = smooth_scene();
   Rasterizer rasterizer(torch::kCPU);

@@ -58,6 +58,15 @@ TEST(ViewOrder, ContinuesFromItsState) {
   for (int i = 0; i < 30; ++i) EXPECT_EQ(copy.next(3, 8), order.next(3, 8));
 }
 
+TEST(ViewOrder, TellsWhatIsComingAndStaysAsItIs) {
+  ViewOrder order;
+  for (int i = 0; i < 5; ++i) order.next(3, 8);
+  const std::vector<std::int32_t> coming = order.upcoming(3, 8, 20);  // over two refills
+  ASSERT_EQ(coming.size(), 20u);
+  EXPECT_EQ(order.remaining.size(), 3u);
+  for (const std::int32_t view : coming) EXPECT_EQ(view, order.next(3, 8));
+}
+
 TEST(ViewOrder, FollowsTheSeed) {
   ViewOrder a, b;
   std::vector<std::int32_t> order_a, order_b;
@@ -132,6 +141,15 @@ TEST(OutputPlan, ActsAtTheEndWhateverTheListsSay) {
   EXPECT_FALSE(output_plan(config, 2003, false).evaluate) << "without test views";
   const OutputPlan before = output_plan(config, 2002, true);
   EXPECT_FALSE(before.log || before.evaluate || before.save || before.checkpoint);
+}
+
+TEST(OutputPlan, LooksAtTheLoadAtTheFirstIterationAndAtIntervals) {
+  TrainConfig config;
+  config.stats_interval = 250;
+  for (const int iteration : {1, 250, 500, 30000}) EXPECT_TRUE(output_plan(config, iteration, true).statistics);
+  for (const int iteration : {2, 249, 251}) EXPECT_FALSE(output_plan(config, iteration, true).statistics);
+  config.stats_interval = 0;
+  for (const int iteration : {1, 250}) EXPECT_FALSE(output_plan(config, iteration, true).statistics);
 }
 
 TEST(OutputPlan, FollowsListsAndIntervals) {

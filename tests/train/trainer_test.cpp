@@ -201,6 +201,7 @@ TEST(Trainer, LogsEveryTenthIterationAndGoesBackOnResume) {
     std::ifstream file(temp / "train.jsonl");
     for (std::string line; std::getline(file, line);) {
       const nlohmann::json json = nlohmann::json::parse(line);
+      if (json.contains("event")) continue;
       EXPECT_TRUE(json["loss"].is_number() && json["ms"].is_number() && json["count"].is_number_integer());
       EXPECT_EQ(json.contains("test_psnr"), json["iteration"] == 13 || json["iteration"] == config.iterations);
       list.push_back(json["iteration"]);
@@ -233,7 +234,9 @@ TEST(Trainer, CountsItsTimeOverAllRuns) {
   std::ifstream file(temp / "train.jsonl");
   double last = 0;
   for (std::string line; std::getline(file, line);) {
-    const double elapsed = nlohmann::json::parse(line).at("elapsed_s").get<double>();
+    const nlohmann::json json = nlohmann::json::parse(line);
+    if (json.contains("event")) continue;
+    const double elapsed = json.at("elapsed_s").get<double>();
     EXPECT_GT(elapsed, last) << line;
     last = elapsed;
   }
@@ -276,6 +279,125 @@ TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) 
   const auto& expected = square.result.evaluations.back().second.mean;
   EXPECT_NEAR(flat.result.evaluations.back().second.mean.psnr, expected.psnr, 0.01);
   EXPECT_NEAR(flat.result.evaluations.back().second.mean.ssim, expected.ssim, 1e-4);
+}
+
+/// Lines of train.jsonl with this event, or without any.
+std::vector<nlohmann::json> log_lines(const fs::path& folder, const std::string& event) {
+  std::vector<nlohmann::json> lines;
+  std::ifstream file(folder / "train.jsonl");
+  for (std::string line; std::getline(file, line);) {
+    const nlohmann::json json = nlohmann::json::parse(line);
+    if (json.value("event", "") == event) lines.push_back(json);
+  }
+  return lines;
+}
+
+std::vector<int> iterations_of(const std::vector<nlohmann::json>& lines) {
+  std::vector<int> iterations;
+  for (const nlohmann::json& line : lines) iterations.push_back(line.at("iteration"));
+  return iterations;
+}
+
+/// Checks before iterations 1, 6, ...; on the CPU these candidates blend the same bits, so that what is chosen does not
+/// show.
+TrainConfig checked_config() {
+  TrainConfig config = eventful_config();
+  config.kernel = "adaptive";
+  config.kernel_policy = "tracking";
+  config.kernel_candidates = {"naive", "shared-memory", "dynamic"};
+  config.kernel_check_interval = 3;
+  config.stats_interval = 7;
+  return config;
+}
+
+TEST(Trainer, ChecksOfTheKernelsChangeNothingOfTheModel) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig unchecked = eventful_config();
+  unchecked.stats_interval = 0;
+  const Trained plain = train(unchecked, scene, temp / "plain"),
+                checked = train(checked_config(), scene, temp / "checked");
+  EXPECT_TRUE(checked.ply == plain.ply);
+  EXPECT_GE(log_lines(temp / "checked", "kernel_check").size(), 3u);
+  EXPECT_TRUE(log_lines(temp / "plain", "kernel_check").empty());
+  EXPECT_TRUE(log_lines(temp / "plain", "load_statistics").empty());
+  for (const nlohmann::json& line : log_lines(temp / "plain", "")) EXPECT_EQ(line.at("kernel"), "shared-memory");
+}
+
+TEST(Trainer, LogsChecksOfTheKernels) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  std::vector<std::string> messages;
+  TrainHooks hooks;
+  hooks.on_message = [&](const std::string& message) {
+    if (message.find("gaussian-wise") != std::string::npos) messages.push_back(message);
+  };
+  TrainConfig config = checked_config();
+  config.kernel_candidates = {"gaussian-wise", "shared-memory"};
+  Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  std::string kernel = "gaussian-wise";
+  std::size_t n_changes = 0;
+  const std::vector<nlohmann::json> checks = log_lines(temp.path(), "kernel_check");
+  ASSERT_FALSE(checks.empty());
+  EXPECT_EQ(checks.front()["iteration"], 1);
+  for (const nlohmann::json& check : checks) {
+    SCOPED_TRACE(check.dump());
+    EXPECT_EQ(check.at("pass"), "forward");
+    EXPECT_GE(check.at("views").get<int>(), 3);
+    EXPECT_LE(check.at("views").get<int>(), config.kernel_check_views);
+    for (const char* candidate : {"gaussian-wise", "shared-memory"}) {
+      EXPECT_GT(check.at("times_ms").at(candidate).get<double>(), 0);
+      EXPECT_GE(check.at("spread_ms").at(candidate).get<double>(), 0);
+    }
+    EXPECT_GT(check.at("cost_ms").get<double>(), 0);
+    EXPECT_FALSE(check.at("reason").get<std::string>().empty());
+    EXPECT_EQ(check.at("before"), kernel);
+    n_changes += check.at("after") != kernel;
+    kernel = check.at("after");
+  }
+  EXPECT_EQ(messages.size(), n_changes) << "one for each change";
+  EXPECT_EQ(log_lines(temp.path(), "").back().at("kernel"), kernel);
+  EXPECT_FALSE(log_lines(temp.path(), "").back().contains("backward_kernel")) << "the CPU has one";
+}
+
+TEST(Trainer, ResumesTheChoiceOfTheKernels) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = checked_config();
+  const Trained whole = train(config, scene, temp / "whole");
+  config.iterations = 8;  // between two checks
+  const Trained first = train(config, scene, temp / "halves");
+  config.iterations = 20;
+  const Trained second = train(config, scene, temp / "halves", first.result.checkpoint);
+  EXPECT_TRUE(second.ply == whole.ply);
+  const nlohmann::json kept =
+      read_checkpoint_header(second.result.checkpoint)["kernel_selection"]["forward"]["history"];
+  const std::vector<nlohmann::json> checks = log_lines(temp / "halves", "kernel_check");
+  ASSERT_EQ(kept.size(), checks.size());
+  for (std::size_t i = 0; i < checks.size(); ++i) {
+    EXPECT_EQ(kept[i]["iteration"], checks[i]["iteration"]);
+    EXPECT_EQ(kept[i]["times_ms"], checks[i]["times_ms"]);
+    EXPECT_TRUE(i == 0 || checks[i]["iteration"] > checks[i - 1]["iteration"]) << "done twice";
+  }
+}
+
+TEST(Trainer, LogsHowUnevenTheLoadIs) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  train(checked_config(), scene, temp.path());
+  const std::vector<nlohmann::json> lines = log_lines(temp.path(), "load_statistics");
+  EXPECT_EQ(iterations_of(lines), (std::vector<int>{1, 7, 14}));
+  for (const nlohmann::json& line : lines) {
+    EXPECT_EQ(line.at("view"), scene.train.front().name);
+    for (const char* what : {"tile_lists", "pixel_processed", "pixel_contributing"}) {
+      const nlohmann::json& load = line.at(what);
+      EXPECT_GT(load.at("max"), 0);
+      EXPECT_LE(load.at("median"), load.at("max"));
+      EXPECT_FALSE(load.at("log2_bins").empty());
+    }
+    EXPECT_LE(line["pixel_contributing"]["max"], line["pixel_processed"]["max"]);
+    EXPECT_LE(line["pixel_processed"]["max"], line["tile_lists"]["max"]);
+  }
 }
 
 TEST(Trainer, KeepsTheNewestCheckpoints) {

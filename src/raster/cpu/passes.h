@@ -22,6 +22,8 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
 /// Runs one of the schedules of forward_table.h.
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
 
+void count_load(const CountLoadArgs& args);
+
 void blend_backward(const BlendBackwardArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);

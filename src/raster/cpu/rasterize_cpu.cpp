@@ -31,6 +31,10 @@ struct Rasterizer::Impl {
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
+
+  BlendForwardArgs blend_args() const {
+    return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
+  }
 };
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -68,8 +72,9 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
   begin_stage(s.stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  blend_forward(settings.kernel, {splats, extents, s.bins, s.grid, settings.background, out,
-                                  s.transmittance.resize(n_pixels), s.last_ids.resize(n_pixels)});
+  s.transmittance.resize(n_pixels);
+  s.last_ids.resize(n_pixels);
+  blend_forward(settings.kernel, s.blend_args());
   end_stage(s.stages);
   s.n_gaussians = n;
 }
@@ -88,11 +93,25 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   end_stage(s.stages);
 }
 
+void Rasterizer::reblend(ForwardKernel kernel) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  blend_forward(kernel, impl_->blend_args());
+}
+
+void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
+}
+
 const std::int32_t* Rasterizer::radii() const {
   return impl_->radii.data();
 }
 const std::int32_t* Rasterizer::last_ids() const {
   return impl_->last_ids.data();
+}
+const Splat* Rasterizer::splats() const {
+  return impl_->splats.data();
 }
 BinnedSplats Rasterizer::bins() const {
   return impl_->bins;

@@ -26,11 +26,18 @@ class Rasterizer {
   /// Gradients of the last forward(). `gaussians` and the arrays it rendered into must be unchanged since.
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out);
 
+  /// Blends the splats of the last forward() again with another kernel, into the same arrays.
+  void reblend(ForwardKernel kernel);
+
+  /// Of the last forward(), into [H, W] each (CountLoadArgs).
+  void count_load(std::int32_t* processed, std::int32_t* contributing) const;
+
   /// [N] of the last forward(): 3 standard deviations in px, rounded up; 0 if the Gaussian was not seen.
   const std::int32_t* radii() const;
 
   /// Of the last forward(), for statistics and tests.
   const std::int32_t* last_ids() const;  // [H, W]
+  const Splat* splats() const;           // [M]
   BinnedSplats bins() const;
   TileGrid grid() const;
   std::int64_t n_splats() const;

@@ -91,6 +91,8 @@ struct BlendForwardCudaArgs {
   std::uint32_t* quad_words = nullptr;  // [n_buckets_max, pixels of a tile / 4] scratch of `combined`
 };
 
+void count_load(const CountLoadArgs& args, const LaunchContext& context);
+
 /// A splat's sums, padded to three 16-byte words for vector atomics.
 struct alignas(16) SplatGradSum {
   SplatGrad sum;

@@ -53,7 +53,44 @@ struct Rasterizer::Impl {
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
+
+  std::int64_t n_bucket_pixels() const {
+    return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
+  }
+  void blend_forward(ForwardKernel kernel, const LaunchContext& context);
+  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 };
+
+void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& context) {
+  std::int32_t* const task = next_task.resize(1, context);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(task, 0, sizeof(std::int32_t), context.stream));
+  const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
+                               background,    rendered,       transmittance.data(), last_ids.data()};
+  std::uint32_t* const words =
+      kernel == ForwardKernel::kCombined ? quad_words.resize(n_bucket_pixels() / 4, context) : nullptr;
+  kForwardTable[static_cast<std::size_t>(kernel)].launch({blend, binned.buckets, parts, task, words}, context);
+}
+
+void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
+                                      const LaunchContext& context) {
+  B3DGS_CHECK(parts.light != nullptr, "backward after a forward that kept nothing for it");
+  const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
+    SplatGradSum* const records = buffer.resize(count, context);
+    B3DGS_CUDA_CHECK(
+        cudaMemsetAsync(records, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
+    return records;
+  };
+  BlendBackwardCudaArgs args{};
+  args.blend = {binned.splats, binned.extents,       binned.bins,     grid, background,
+                rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
+  args.buckets = binned.buckets;
+  args.parts = parts;
+  args.bucket_ends = bucket_ends.resize(n_bucket_pixels(), context);
+  args.splat_grads = zeroed(splat_grads, n_splats);
+  if (deterministic) args.isect_grads = zeroed(isect_grads, binned.bins.n_isects);
+  kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+  if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
+}
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
 Rasterizer::~Rasterizer() = default;
@@ -105,28 +142,16 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                  context);
 
   begin_stage(s.stages, Stage::kBlendForward);
-  const std::int64_t n_parts = s.binned.buckets.n_max * (std::int64_t{settings.tile.width} * settings.tile.height);
   s.parts = {};
   s.backward_kernel = settings.backward_kernel;
   s.deterministic = settings.deterministic;
   if (settings.keep_for_backward) {
-    s.parts = {s.part_light.resize(n_parts, context), s.part_depth.resize(n_parts, context)};
+    s.parts = {s.part_light.resize(s.n_bucket_pixels(), context), s.part_depth.resize(s.n_bucket_pixels(), context)};
   }
-  std::uint32_t* const quad_words =
-      settings.kernel == ForwardKernel::kCombined ? s.quad_words.resize(n_parts / 4, context) : nullptr;
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  std::int32_t* const next_task = s.next_task.resize(1, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
-  const BlendForwardArgs blend{s.binned.splats,
-                               s.binned.extents,
-                               s.binned.bins,
-                               s.grid,
-                               settings.background,
-                               out,
-                               s.transmittance.resize(n_pixels, context),
-                               s.last_ids.resize(n_pixels, context)};
-  kForwardTable[static_cast<std::size_t>(settings.kernel)].launch(
-      {blend, s.binned.buckets, s.parts, next_task, quad_words}, context);
+  s.transmittance.resize(n_pixels, context);
+  s.last_ids.resize(n_pixels, context);
+  s.blend_forward(settings.kernel, context);
   end_stage(s.stages);
   s.n_gaussians = n;
 }
@@ -136,32 +161,33 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
-  B3DGS_CHECK(s.parts.light != nullptr, "backward after a forward that kept nothing for it");
   begin_stage(s.stages, Stage::kBlendBackward);
-  const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
-    SplatGradSum* const records = buffer.resize(count, context);
-    B3DGS_CUDA_CHECK(
-        cudaMemsetAsync(records, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
-    return records;
-  };
-  const std::int64_t n_ends = s.binned.buckets.n_max * (std::int64_t{s.grid.tile.width} * s.grid.tile.height);
-  BlendBackwardCudaArgs args{};
-  args.blend = {s.binned.splats, s.binned.extents,       s.binned.bins,     s.grid, s.background,
-                s.rendered,      s.transmittance.data(), s.last_ids.data(), grad,   nullptr};
-  args.buckets = s.binned.buckets;
-  args.parts = s.parts;
-  args.bucket_ends = s.bucket_ends.resize(n_ends, context);
-  args.splat_grads = zeroed(s.splat_grads, s.n_splats);
-  if (s.deterministic) args.isect_grads = zeroed(s.isect_grads, s.binned.bins.n_isects);
-  kBackwardTable[static_cast<std::size_t>(s.backward_kernel)].launch(args, context);
-  if (s.deterministic) {
-    sum_splat_grads({s.n_splats, s.binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
-  }
+  s.blend_backward(s.backward_kernel, grad, context);
   begin_stage(s.stages, Stage::kProjectBackward);
   project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
-                    args.splat_grads, out},
+                    s.splat_grads.data(), out},
                    context);
   end_stage(s.stages);
+}
+
+void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  impl_->blend_forward(kernel, context);
+}
+
+void Rasterizer::reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend_backward before any forward");
+  impl_->blend_backward(kernel, grad, context);
+}
+
+void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
+}
+
+const float* Rasterizer::splat_grads() const {
+  return reinterpret_cast<const float*>(impl_->splat_grads.data());
 }
 
 const std::int32_t* Rasterizer::radii() const {

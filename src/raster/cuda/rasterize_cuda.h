@@ -26,6 +26,17 @@ class Rasterizer {
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
                 const LaunchContext& context);
 
+  /// The blends of the last forward() alone, again with another kernel: into the same arrays, or into splat_grads().
+  /// Neither waits.
+  void reblend(ForwardKernel kernel, const LaunchContext& context);
+  void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
+
+  /// Of the last forward(), into device arrays [H, W] each (CountLoadArgs). Does not wait.
+  void count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const;
+
+  /// [M] what the last backward blend summed per splat, 12 floats each of which 10 count (SplatGrad); device memory.
+  const float* splat_grads() const;
+
   /// Device arrays of the last forward().
   const std::int32_t* radii() const;     // [N]
   const std::int32_t* last_ids() const;  // [H, W]

@@ -1,0 +1,30 @@
+// Times on a CUDA stream, between two events around each piece of work.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <memory>
+
+#include "adaptive/kernel_timer.h"
+
+namespace b3dgs {
+
+/// Borrows the stream, on which all measured work has to run.
+class CudaEventTimer final : public KernelTimer {
+ public:
+  explicit CudaEventTimer(cudaStream_t stream);
+  ~CudaEventTimer() override;
+
+  void measure(const std::function<void()>& work) override;
+  std::vector<double> finish() override;
+
+ private:
+  class Event;
+  struct Span;
+
+  cudaStream_t stream_;
+  std::vector<Span> spans_;  // events are kept from one finish() to the next
+  std::size_t n_used_ = 0;
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,289 @@
+#include "adaptive/kernel_selector.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <iterator>
+#include <limits>
+#include <set>
+
+#include "check.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Clocks and caches make two equal kernels differ by about this much.
+constexpr double kMinMargin = 0.01;
+/// Standard errors. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
+/// that is 5 % slower in under one check of a hundred.
+constexpr double kErrors = 3;
+/// Tracking goes over at once where the lead is larger by this than the margin, else after two checks in a row.
+constexpr double kClearLead = 0.1;
+/// Tracking: a settled choice is checked at most this many times more rarely. Density control rebuilds a scene within
+/// a few thousand iterations; looking more rarely would miss that.
+constexpr int kMaxBackOff = 4;
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  const std::size_t middle = values.size() / 2;
+  return values.size() % 2 == 1 ? values[middle] : 0.5 * (values[middle - 1] + values[middle]);
+}
+
+/// Standard deviation as the median absolute deviation gives it, for normal noise: an interrupted run does not count.
+double robust_deviation(const std::vector<double>& values) {
+  const double center = median(values);
+  std::vector<double> distances;
+  for (const double value : values) distances.push_back(std::fabs(value - center));
+  return 1.4826 * median(distances);
+}
+
+/// Of the median of n values; 1.2533 is the median's error over the mean's for normal noise.
+double standard_error_of_median(const std::vector<double>& values) {
+  return 1.2533 * robust_deviation(values) / std::sqrt(static_cast<double>(values.size()));
+}
+
+bool is_time(double ms) {
+  return std::isfinite(ms) && ms > 0;
+}
+
+std::vector<double> valid_times(const KernelMeasurement& measurement) {
+  std::vector<double> valid;
+  std::copy_if(measurement.ms.begin(), measurement.ms.end(), std::back_inserter(valid), is_time);
+  return valid;
+}
+
+/// "12.3 %"
+std::string percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
+  return text;
+}
+
+const char* policy_name(KernelPolicy policy) {
+  return policy == KernelPolicy::kPaper ? "paper" : "tracking";
+}
+
+KernelDecision decision_from_json(const Json& json) {
+  KernelDecision decision;
+  json.at("iteration").get_to(decision.iteration);
+  json.at("times_ms").get_to(decision.times_ms);
+  json.at("spread_ms").get_to(decision.spread_ms);
+  json.at("views").get_to(decision.views);
+  json.at("before").get_to(decision.before);
+  json.at("after").get_to(decision.after);
+  json.at("reason").get_to(decision.reason);
+  if (json.contains("refused")) json.at("refused").get_to(decision.refused);
+  json.at("cost_ms").get_to(decision.cost_ms);
+  return decision;
+}
+
+}  // namespace
+
+/// How much faster one kernel is than another, as natural logarithms of ratios: symmetric, unlike the ratios.
+struct KernelSelector::Lead {
+  double median = 0;  // > 0: the other one is faster
+  double margin = 0;
+  std::size_t n_pairs = 0;
+  bool counts() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
+};
+
+KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
+  const std::vector<std::string>& names = options_.candidates;
+  B3DGS_CHECK(!names.empty() && std::set<std::string>(names.begin(), names.end()).size() == names.size(),
+              "the candidates must be at least one and differ, found ", Json(names).dump());
+  B3DGS_CHECK(options_.interval >= 1, "check interval is ", options_.interval);
+  kernel_ = names.front();
+}
+
+bool KernelSelector::is_candidate(const std::string& kernel) const {
+  const std::vector<std::string>& names = options_.candidates;
+  return std::find(names.begin(), names.end(), kernel) != names.end() && refused_.count(kernel) == 0;
+}
+
+std::string KernelSelector::first_trusted() const {
+  for (const std::string& name : options_.candidates) {
+    if (is_candidate(name)) return name;
+  }
+  return options_.reference;
+}
+
+std::vector<std::string> KernelSelector::candidates() const {
+  std::vector<std::string> names{kernel_};
+  for (const std::string& name : options_.candidates) {
+    if (name != kernel_ && is_candidate(name)) names.push_back(name);
+  }
+  return names;
+}
+
+bool KernelSelector::is_finished() const {
+  if (candidates().size() < 2) return true;
+  return options_.policy == KernelPolicy::kPaper && kernel_ != options_.candidates.front();
+}
+
+bool KernelSelector::is_due(int iteration) const {
+  if (is_finished()) return false;
+  if (last_check_ == 0) return true;
+  const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
+  return iteration >= (last_check_ / options_.interval + back_off) * options_.interval;
+}
+
+KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& other,
+                                                       const KernelMeasurement& current) const {
+  std::vector<double> ratios;
+  for (std::size_t view = 0; view < std::min(other.ms.size(), current.ms.size()); ++view) {
+    if (!is_time(other.ms[view]) || !is_time(current.ms[view])) continue;
+    ratios.push_back(std::log(current.ms[view] / other.ms[view]));
+  }
+  if (ratios.empty()) return {};
+  return {median(ratios), std::max(kMinMargin, kErrors * standard_error_of_median(ratios)), ratios.size()};
+}
+
+const KernelDecision& KernelSelector::decide(int iteration, const std::vector<KernelMeasurement>& measurements,
+                                             double cost_ms) {
+  KernelDecision decision;
+  decision.iteration = iteration;
+  decision.before = kernel_;
+  decision.cost_ms = cost_ms;
+  for (const KernelMeasurement& measurement : measurements) {
+    const std::vector<double> ms = valid_times(measurement);
+    if (ms.empty()) continue;
+    decision.times_ms[measurement.kernel] = median(ms);
+    decision.spread_ms[measurement.kernel] = robust_deviation(ms);
+    decision.views = std::max(decision.views, static_cast<int>(ms.size()));
+  }
+  refuse_faulty(measurements, decision);
+  if (refused_.count(kernel_) > 0) {
+    leave_refused(measurements, decision);
+  } else {
+    choose(measurements, decision);
+  }
+  decision.after = kernel_;
+  last_check_ = iteration;
+  history_.push_back(std::move(decision));
+  return history_.back();
+}
+
+void KernelSelector::refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
+  for (const KernelMeasurement& measurement : measurements) {
+    if (measurement.fault.empty()) continue;
+    refused_[measurement.kernel] = measurement.fault;
+    decision.refused.push_back(measurement.kernel);
+    decision.reason +=
+        detail::concat(decision.reason.empty() ? "" : "; ", measurement.kernel, " is refused: ", measurement.fault);
+    if (challenger_ == measurement.kernel) challenger_.clear();
+  }
+}
+
+/// The kernel in use has been refused: the fastest of those that agree with the reference, else the reference itself.
+void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
+  double least_ms = std::numeric_limits<double>::infinity();
+  kernel_ = first_trusted();
+  for (const KernelMeasurement& measurement : measurements) {
+    const auto ms = decision.times_ms.find(measurement.kernel);
+    if (!is_candidate(measurement.kernel) || ms == decision.times_ms.end() || ms->second >= least_ms) continue;
+    least_ms = ms->second;
+    kernel_ = measurement.kernel;
+  }
+  back_off_ = 1;
+}
+
+void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
+  const auto current = std::find_if(measurements.begin(), measurements.end(),
+                                    [&](const KernelMeasurement& m) { return m.kernel == kernel_; });
+  std::string fastest;
+  Lead best;
+  for (const KernelMeasurement& other : measurements) {
+    if (current == measurements.end() || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
+    const Lead lead = lead_over_current(other, *current);
+    if (!lead.counts() || (!fastest.empty() && lead.median <= best.median)) continue;
+    fastest = other.kernel;
+    best = lead;
+  }
+  if (!decision.reason.empty()) decision.reason += "; ";
+  if (fastest.empty()) {
+    decision.reason += detail::concat("no two candidates have valid times of ", kMinViews, " views");
+    return;
+  }
+  decision.reason += answer(fastest, best);
+}
+
+/// Takes the challenger, or not; says why.
+std::string KernelSelector::answer(const std::string& challenger, const Lead& lead) {
+  const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
+                                             lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
+                                             percent(std::expm1(lead.margin)), ")");
+  if (lead.median <= lead.margin) {
+    back_off_ = std::min(2 * back_off_, kMaxBackOff);
+    challenger_.clear();
+    return figures;
+  }
+  back_off_ = 1;
+  const bool waits = options_.policy == KernelPolicy::kTracking && lead.median <= lead.margin + kClearLead &&
+                     challenger_ != challenger;
+  if (waits) {
+    challenger_ = challenger;
+    return figures + "; once more and it is used";
+  }
+  kernel_ = challenger;
+  challenger_.clear();
+  return figures;
+}
+
+nlohmann::ordered_json KernelSelector::to_json() const {
+  Json history = Json::array();
+  for (const KernelDecision& decision : history_) history.push_back(b3dgs::to_json(decision));
+  return {{"policy", policy_name(options_.policy)},
+          {"candidates", options_.candidates},
+          {"interval", options_.interval},
+          {"kernel", kernel_},
+          {"refused", refused_},
+          {"last_check", last_check_},
+          {"challenger", challenger_},
+          {"back_off", back_off_},
+          {"history", std::move(history)}};
+}
+
+void KernelSelector::restore(const nlohmann::ordered_json& json) {
+  KernelSelector read(options_);
+  for (const Json& decision : json.at("history")) read.history_.push_back(decision_from_json(decision));
+  if (options_.candidates.size() > 1) json.at("refused").get_to(read.refused_);
+  read.kernel_ = read.first_trusted();
+  const auto kernel = json.at("kernel").get<std::string>();
+  const bool same_candidates = json.at("candidates").get<std::vector<std::string>>() == options_.candidates;
+  if (same_candidates && (read.is_candidate(kernel) || kernel == options_.reference)) {
+    read.kernel_ = kernel;
+    json.at("last_check").get_to(read.last_check_);
+    json.at("challenger").get_to(read.challenger_);
+    read.back_off_ = std::clamp(json.at("back_off").get<int>(), 1, kMaxBackOff);
+  }
+  *this = std::move(read);
+}
+
+std::string describe_change(const KernelDecision& decision, bool is_final) {
+  std::string text;
+  for (const auto& [kernel, ms] : decision.times_ms) {
+    char time[48];
+    std::snprintf(time, sizeof time, " %.3g ms", ms);
+    text += (text.empty() ? "" : ", ") + kernel + time;
+  }
+  if (!decision.refused.empty()) {
+    text = decision.reason + (text.empty() ? "" : " (" + text + ")");
+  } else if (decision.before == decision.after) {
+    return "";
+  }
+  return detail::concat("iteration ", decision.iteration, ": ", text, ": ", decision.after,
+                        is_final ? " from here on" : " for now");
+}
+
+nlohmann::ordered_json to_json(const KernelDecision& decision) {
+  Json json = {{"iteration", decision.iteration}, {"times_ms", decision.times_ms}, {"spread_ms", decision.spread_ms},
+               {"views", decision.views},         {"before", decision.before},     {"after", decision.after},
+               {"reason", decision.reason},       {"cost_ms", decision.cost_ms}};
+  if (!decision.refused.empty()) json["refused"] = decision.refused;
+  return json;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,105 @@
+// Which of several kernels for one pass to use next: a state machine that is told iterations and times. It knows no
+// clock, no device and no kernel but by name.
+//
+// A check compares the candidates view by view: for each view the ratio of two kernels' times, and of these ratios the
+// median. Views differ far more from each other than two runs of one view do, so pairs say more than averages. A kernel
+// counts as faster only where the median leads by more than the margin: a hundredth, or three standard errors of the
+// median if those are more.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace b3dgs {
+
+enum class KernelPolicy {
+  kPaper,     // the first candidate until a check finds it slower; then the fastest other one, for good
+  kTracking,  // keeps checking and may go back, with hysteresis; checks thin out while nothing changes
+};
+
+struct KernelSelectorOptions {
+  KernelPolicy policy = KernelPolicy::kPaper;
+  std::vector<std::string> candidates;  // the first is the one to start with; a single one is fixed
+  std::string reference;                // what to use if every candidate is refused
+  int interval = 1000;                  // iterations between two checks
+};
+
+/// One candidate as a check found it.
+struct KernelMeasurement {
+  std::string kernel;
+  std::vector<double> ms;  // by view, the same views in the same order for all candidates
+  std::string fault;       // why what it computes cannot be trusted; empty if it can
+};
+
+/// A check and what came of it.
+struct KernelDecision {
+  int iteration = 0;
+  std::map<std::string, double> times_ms;   // median over the views
+  std::map<std::string, double> spread_ms;  // robust standard deviation over the views
+  int views = 0;
+  std::string before, after;  // kernel in use
+  std::string reason;
+  std::vector<std::string> refused;  // by this check
+  double cost_ms = 0;                // of the check itself
+};
+
+class KernelSelector {
+ public:
+  /// The names of `options` are different from each other.
+  explicit KernelSelector(KernelSelectorOptions options);
+
+  /// The kernel in use.
+  const std::string& kernel() const { return kernel_; }
+
+  /// What a check has to measure, the kernel in use first.
+  std::vector<std::string> candidates() const;
+
+  /// Whether to measure before this iteration's step. The first check comes before the very first step, the others at
+  /// multiples of the interval.
+  bool is_due(int iteration) const;
+
+  /// No more checks: one candidate is left, or the paper's policy has gone over.
+  bool is_finished() const;
+
+  /// Decides, and keeps the record. Times that are missing, zero or not finite do not count; with fewer than
+  /// kMinViews pairs everything stays as it is.
+  const KernelDecision& decide(int iteration, const std::vector<KernelMeasurement>& measurements, double cost_ms);
+
+  const std::vector<KernelDecision>& history() const { return history_; }
+
+  /// The whole state, and back. Options that have changed in between count: with another policy or interval the choice
+  /// goes on from the kernel in use; with other candidates it starts anew, and only history and refusals stay. A single
+  /// candidate is used whatever was found before.
+  /// @throws nlohmann::json::exception if it is not what to_json() gives
+  nlohmann::ordered_json to_json() const;
+  void restore(const nlohmann::ordered_json& json);
+
+  static constexpr int kMinViews = 3;  // fewer say nothing about their spread
+
+ private:
+  struct Lead;
+  Lead lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
+  void refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
+  void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
+  void leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
+  std::string answer(const std::string& challenger, const Lead& lead);
+  bool is_candidate(const std::string& kernel) const;  // and not refused
+  std::string first_trusted() const;
+
+  KernelSelectorOptions options_;
+  std::string kernel_;
+  std::map<std::string, std::string> refused_;  // kernel: why
+  int last_check_ = 0;                          // iteration; 0: none yet
+  std::string challenger_;                      // tracking: was faster in the last check, not yet gone over to
+  int back_off_ = 1;                            // tracking: intervals to the next check
+  std::vector<KernelDecision> history_;
+};
+
+/// One line for the user where a check changes something, else "".
+std::string describe_change(const KernelDecision& decision, bool is_final);
+
+nlohmann::ordered_json to_json(const KernelDecision& decision);
+
+}  // namespace b3dgs

@@ -1,0 +1,27 @@
+// How unevenly work is spread: a distribution of counts in a few numbers and a histogram.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+namespace b3dgs {
+
+/// Of non-negative counts; all zero, without bins, if there were none. A quantile q is the value at place
+/// floor(q (n - 1)) of the sorted ones.
+struct LoadStatistics {
+  std::int64_t n = 0;
+  std::int64_t min = 0, median = 0, p90 = 0, p99 = 0, max = 0;
+  double mean = 0;
+  double gini = 0;                      // 0: all are equal, towards 1: one has it all
+  std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: values in [2^(k-1), 2^k); up to that of the maximum
+};
+
+/// `values` are at least 0. Count is int32_t or int64_t.
+template <class Count>
+LoadStatistics load_statistics(const Count* values, std::int64_t n);
+
+/// {"min", "median", "p90", "p99", "max", "mean", "gini", "log2_bins"}
+nlohmann::ordered_json to_json(const LoadStatistics& statistics);
+
+}  // namespace b3dgs

@@ -1,0 +1,365 @@
+// The choice of a kernel over invented times.
+#include "adaptive/kernel_selector.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "check.h"
+#include "support/expect_error.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+KernelSelectorOptions options_of(KernelPolicy policy, std::vector<std::string> candidates = {"balanced", "usual"}) {
+  return {policy, std::move(candidates), "plain", 1000};
+}
+
+/// Five views of very different cost, all of them `ms` times that.
+KernelMeasurement steady(const std::string& kernel, double ms) {
+  return {kernel, {ms * 1.0, ms * 5.0, ms * 0.4, ms * 2.0, ms * 1.5}, ""};
+}
+
+/// Runs the checks that are due up to `last`; times are given by the iteration. Returns the iterations of the checks.
+template <class Times>
+std::vector<int> run(KernelSelector& selector, int first, int last, Times&& times) {
+  std::vector<int> checked;
+  for (int iteration = first; iteration <= last; ++iteration) {
+    if (!selector.is_due(iteration)) continue;
+    selector.decide(iteration, times(iteration), 1.0);
+    checked.push_back(iteration);
+  }
+  return checked;
+}
+
+/// The balanced kernel takes 1 until `inflection`, then 2; the usual one 1.5.
+auto inflection_at(int inflection) {
+  return [=](int iteration) {
+    return std::vector<KernelMeasurement>{steady("balanced", iteration < inflection ? 1.0 : 2.0), steady("usual", 1.5)};
+  };
+}
+
+TEST(PaperPolicy, GoesOverAtTheFirstCheckAfterTheInflectionAndNeverLooksAgain) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_EQ(selector.kernel(), "balanced");
+  EXPECT_EQ(run(selector, 1, 9000, inflection_at(2300)), (std::vector<int>{1, 1000, 2000, 3000}));
+  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_TRUE(selector.is_finished());
+  ASSERT_EQ(selector.history().size(), 4u);
+  EXPECT_EQ(selector.history()[2].after, "balanced");
+  EXPECT_EQ(selector.history()[3].before, "balanced");
+  EXPECT_EQ(selector.history()[3].after, "usual");
+}
+
+TEST(PaperPolicy, GoesOverBeforeTheFirstStepWhereTheLoadIsEven) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_EQ(run(selector, 1, 5000, inflection_at(0)), (std::vector<int>{1}));
+  EXPECT_EQ(selector.kernel(), "usual");
+}
+
+TEST(PaperPolicy, StaysAndKeepsCheckingWhereThereIsNoInflection) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_EQ(run(selector, 1, 4500, inflection_at(1 << 30)), (std::vector<int>{1, 1000, 2000, 3000, 4000}));
+  EXPECT_EQ(selector.kernel(), "balanced");
+  EXPECT_FALSE(selector.is_finished());
+}
+
+TEST(PaperPolicy, TakesTheFastestOfSeveral) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c", "d"}));
+  selector.decide(1, {steady("a", 2), steady("b", 1.5), steady("c", 1.1), steady("d", 1.2)}, 0);
+  EXPECT_EQ(selector.kernel(), "c");
+}
+
+TEST(PaperPolicy, IsNotMovedByATie) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  run(selector, 1, 3000, [](int) {
+    return std::vector<KernelMeasurement>{steady("balanced", 1.0), steady("usual", 1.0)};
+  });
+  EXPECT_EQ(selector.kernel(), "balanced");
+}
+
+TEST(PaperPolicy, IsNotMovedByALeadWithinAHundredth) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  selector.decide(1, {steady("balanced", 1.009), steady("usual", 1.0)}, 0);
+  EXPECT_EQ(selector.kernel(), "balanced");
+  selector.decide(1000, {steady("balanced", 1.012), steady("usual", 1.0)}, 0);
+  EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
+}
+
+TEST(Margin, GrowsWithTheScatterOfTheRatios) {
+  // The median leads by 5 %, but views disagree by far more.
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  selector.decide(1, {{"balanced", {1.05, 1.4, 0.8, 1.2, 0.9}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "balanced");
+  selector.decide(1000, {{"balanced", {1.05, 1.06, 1.04, 1.05, 1.05}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "usual");
+}
+
+/// How often one check of five views takes the second kernel, with 3 % noise on every time.
+double share_taken(double second_ms) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise(0, 0.03);
+  constexpr int kTrials = 4000;
+  int n_taken = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    KernelSelector selector(options_of(KernelPolicy::kPaper));
+    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", second_ms)};
+    for (KernelMeasurement& one : measured) {
+      for (double& ms : one.ms) ms *= std::exp(noise(random));
+    }
+    selector.decide(1, measured, 0);
+    n_taken += selector.kernel() == "usual";
+  }
+  return static_cast<double>(n_taken) / kTrials;
+}
+
+TEST(Margin, NoiseHardlyEverTakesASlowerKernel) {
+  EXPECT_LT(share_taken(1.0), 0.08) << "where it makes no difference";
+  EXPECT_LT(share_taken(1.05), 0.01);
+  EXPECT_GT(share_taken(0.8), 0.95) << "while a clear lead is seen";
+}
+
+TEST(Margin, AnInterruptedRunDoesNotCount) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  KernelMeasurement usual = steady("usual", 1.0);
+  usual.ms[2] *= 40;
+  selector.decide(1, {steady("balanced", 1.3), usual}, 0);
+  EXPECT_EQ(selector.kernel(), "usual");
+}
+
+TEST(Times, ThatAreNoTimesDoNotCount) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  for (const double wrong : {kNan, 0.0, -1.0, std::numeric_limits<double>::infinity()}) {
+    // Two views are left: too few.
+    selector.decide(1, {steady("balanced", 3), {"usual", {wrong, wrong, wrong, 2.0, 1.5}, ""}}, 0);
+    EXPECT_EQ(selector.kernel(), "balanced");
+    EXPECT_NE(selector.history().back().reason.find("valid times"), std::string::npos);
+  }
+  selector.decide(1000, {steady("balanced", 3), {"usual", {kNan, 5.0, 0.0, 2.0, 1.5}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "usual") << "three views are enough";
+  EXPECT_EQ(selector.history().back().times_ms.at("usual"), 2.0);
+  EXPECT_EQ(selector.history().back().times_ms.count("balanced"), 1u);
+}
+
+TEST(Times, MayBeMissingAltogether) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  selector.decide(1, {}, 0);
+  selector.decide(1000, {steady("usual", 1)}, 0);
+  selector.decide(2000, {{"balanced", {}, ""}, {"usual", {}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "balanced");
+  EXPECT_FALSE(selector.is_due(2001));
+  EXPECT_EQ(selector.history().size(), 3u);
+}
+
+TEST(TrackingPolicy, WantsASmallLeadTwiceInARow) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  const auto usual_leads = [](double share) {
+    return std::vector<KernelMeasurement>{steady("balanced", 1 + share), steady("usual", 1)};
+  };
+  selector.decide(1, usual_leads(0.05), 0);
+  EXPECT_EQ(selector.kernel(), "balanced");
+  selector.decide(1000, usual_leads(-0.05), 0);
+  selector.decide(2000, usual_leads(0.05), 0);
+  EXPECT_EQ(selector.kernel(), "balanced") << "not in a row";
+  selector.decide(3000, usual_leads(0.05), 0);
+  EXPECT_EQ(selector.kernel(), "usual");
+}
+
+TEST(TrackingPolicy, GoesOverAtOnceForALargeLead) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  selector.decide(1, {steady("balanced", 1.3), steady("usual", 1)}, 0);
+  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_FALSE(selector.is_finished());
+}
+
+TEST(TrackingPolicy, GoesBackAfterAResetMakesTheLoadUneven) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  const auto times = [](int iteration) {
+    const bool uneven = iteration < 1500 || (iteration >= 3000 && iteration < 5500);
+    return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.0 : 2.0), steady("usual", 1.5)};
+  };
+  std::map<int, std::string> after;
+  for (const int iteration : run(selector, 1, 12000, times)) (void)iteration;
+  for (const KernelDecision& decision : selector.history()) after[decision.iteration] = decision.after;
+  EXPECT_EQ(after.at(1), "balanced");
+  EXPECT_EQ(selector.kernel(), "usual");
+  int n_changes = 0;
+  for (const KernelDecision& decision : selector.history()) n_changes += decision.before != decision.after;
+  EXPECT_EQ(n_changes, 3) << "there, back, and there again";
+}
+
+TEST(TrackingPolicy, NeverFlipsToAndFroOnNoise) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise(0, 0.02);
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  run(selector, 1, 300000, [&](int) {
+    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", 1)};
+    for (KernelMeasurement& one : measured) {
+      for (double& ms : one.ms) ms *= std::exp(noise(random));
+    }
+    return measured;
+  });
+  int n_changes = 0;
+  for (const KernelDecision& decision : selector.history()) n_changes += decision.before != decision.after;
+  EXPECT_LE(n_changes, 2) << "in " << selector.history().size() << " checks";
+}
+
+TEST(TrackingPolicy, ChecksMoreRarelyWhileNothingChanges) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  EXPECT_EQ(run(selector, 1, 16000, inflection_at(1 << 30)), (std::vector<int>{1, 2000, 6000, 10000, 14000}));
+  selector.decide(18000, inflection_at(0)(18000), 0);
+  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_FALSE(selector.is_due(18999));
+  EXPECT_TRUE(selector.is_due(19000)) << "a change is looked at again soon";
+}
+
+TEST(Refusal, OfAChallengerIsForGood) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
+  selector.decide(1, {steady("a", 1.0), {"b", {}, "its image differs"}, steady("c", 1.2)}, 0);
+  EXPECT_EQ(selector.kernel(), "a");
+  EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"a", "c"}));
+  EXPECT_EQ(selector.history().back().refused, (std::vector<std::string>{"b"}));
+  EXPECT_NE(selector.history().back().reason.find("b is refused: its image differs"), std::string::npos);
+  selector.decide(2000, {steady("a", 9.0), steady("b", 0.1), steady("c", 8.0)}, 0);
+  EXPECT_EQ(selector.kernel(), "c") << "refused before, whatever its times";
+}
+
+TEST(Refusal, OfTheKernelInUseLeavesItForTheFastestThatAgrees) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
+  selector.decide(1, {{"a", {}, "wrong"}, steady("b", 1.4), steady("c", 1.2)}, 0);
+  EXPECT_EQ(selector.kernel(), "c");
+  EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"c", "b"}));
+}
+
+TEST(Refusal, OfOneOfTwoEndsTheChecks) {
+  for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
+    KernelSelector first(options_of(policy)), second(options_of(policy));
+    first.decide(1, {{"balanced", {}, "wrong"}, {"usual", {}, ""}}, 0);
+    EXPECT_EQ(first.kernel(), "usual");
+    EXPECT_TRUE(first.is_finished());
+    second.decide(1, {{"balanced", {}, ""}, {"usual", {}, "wrong"}}, 0);
+    EXPECT_EQ(second.kernel(), "balanced");
+    EXPECT_TRUE(second.is_finished());
+  }
+}
+
+TEST(Refusal, OfAllLeavesTheReference) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  selector.decide(1, {{"balanced", {}, "wrong"}, {"usual", {}, "wrong too"}}, 0);
+  EXPECT_EQ(selector.kernel(), "plain");
+  EXPECT_FALSE(selector.is_due(1000));
+}
+
+TEST(FixedKernel, IsNeverChecked) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking, {"usual"}));
+  EXPECT_EQ(selector.kernel(), "usual");
+  for (const int iteration : {1, 1000, 2000}) EXPECT_FALSE(selector.is_due(iteration));
+}
+
+TEST(Selector, RefusesCandidatesThatRepeat) {
+  EXPECT_TRUE(test::fails_with<LogicError>({"differ", "[\"a\",\"a\"]"}, [] {
+    KernelSelector(options_of(KernelPolicy::kPaper, {"a", "a"}));
+  }));
+}
+
+/// As through a checkpoint file.
+KernelSelector restored(const KernelSelector& selector, const KernelSelectorOptions& options) {
+  KernelSelector copy(options);
+  copy.restore(nlohmann::ordered_json::parse(selector.to_json().dump()));
+  return copy;
+}
+
+TEST(Restored, ContinuesLikeOneThatNeverStopped) {
+  for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
+    const auto times = [](int iteration) {
+      const bool uneven = iteration < 2600 || (iteration > 7000 && iteration < 9000);
+      return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.46 : 1.55), steady("usual", 1.5)};
+    };
+    KernelSelector whole(options_of(policy));
+    run(whole, 1, 20000, times);
+    for (const int stop : {1, 700, 1000, 3400, 5000, 12345}) {  // in the middle of an interval, and at a check
+      KernelSelector first(options_of(policy));
+      run(first, 1, stop, times);
+      KernelSelector second = restored(first, options_of(policy));
+      EXPECT_EQ(second.to_json(), first.to_json());
+      run(second, stop + 1, 20000, times);
+      EXPECT_EQ(second.to_json(), whole.to_json()) << "stopped at " << stop;
+    }
+  }
+}
+
+TEST(Restored, NeverRepeatsAFinishedDecision) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  run(selector, 1, 3000, inflection_at(1500));
+  KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper));
+  EXPECT_EQ(copy.kernel(), "usual");
+  for (int iteration = 3001; iteration <= 9000; ++iteration) ASSERT_FALSE(copy.is_due(iteration));
+}
+
+TEST(Restored, WithAnotherPolicyGoesOnFromTheKernelInUse) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  run(selector, 1, 3000, inflection_at(1500));
+  KernelSelector tracking = restored(selector, options_of(KernelPolicy::kTracking));
+  EXPECT_EQ(tracking.kernel(), "usual");
+  EXPECT_TRUE(tracking.is_due(3001)) << "its last check is long ago";
+  tracking.decide(3001, inflection_at(1 << 30)(0), 0);
+  EXPECT_EQ(tracking.kernel(), "balanced");
+  EXPECT_FALSE(restored(tracking, options_of(KernelPolicy::kPaper)).is_finished());
+}
+
+TEST(Restored, WithAnotherIntervalKeepsToThatOne) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  run(selector, 1, 1400, inflection_at(1 << 30));
+  KernelSelectorOptions options = options_of(KernelPolicy::kPaper);
+  options.interval = 300;
+  const KernelSelector copy = restored(selector, options);
+  EXPECT_FALSE(copy.is_due(1199));
+  EXPECT_TRUE(copy.is_due(1401));
+}
+
+TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b"}));
+  selector.decide(1, {{"a", {}, "wrong"}, steady("b", 1)}, 0);
+  const KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper, {"a", "c", "d"}));
+  EXPECT_EQ(copy.kernel(), "c");
+  EXPECT_EQ(copy.candidates(), (std::vector<std::string>{"c", "d"}));
+  EXPECT_EQ(copy.history().size(), 1u);
+  const KernelSelector fixed = restored(selector, options_of(KernelPolicy::kPaper, {"a"}));
+  EXPECT_EQ(fixed.kernel(), "a") << "whoever names a kernel gets it";
+  const KernelSelector anew = restored(fixed, options_of(KernelPolicy::kTracking, {"b", "c"}));
+  EXPECT_EQ(anew.kernel(), "b");
+  EXPECT_TRUE(anew.is_due(17));
+}
+
+TEST(Restored, FromSomethingElseIsAnError) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_THROW(selector.restore({{"kernel", "usual"}}), nlohmann::json::exception);
+  EXPECT_THROW(selector.restore({{"history", {{{"iteration", "one"}}}}}), nlohmann::json::exception);
+  EXPECT_EQ(selector.kernel(), "balanced");
+}
+
+/// The line for the user after a check.
+std::string message_of(KernelSelector& selector, int iteration, const std::vector<KernelMeasurement>& measured) {
+  const KernelDecision decision = selector.decide(iteration, measured, 0);
+  return describe_change(decision, selector.is_finished());
+}
+
+TEST(Message, SaysWhatChangedAndWhatTookHowLong) {
+  const KernelMeasurement balanced{"balanced", {1.24, 1.25, 1.23}, ""}, usual{"usual", {1.02, 1.03, 1.01}, ""};
+  KernelSelector paper(options_of(KernelPolicy::kPaper)), tracking(options_of(KernelPolicy::kTracking));
+  EXPECT_EQ(message_of(paper, 2000, {balanced, usual}),
+            "iteration 2000: balanced 1.24 ms, usual 1.02 ms: usual from here on");
+  EXPECT_EQ(message_of(tracking, 2000, {balanced, usual}),
+            "iteration 2000: balanced 1.24 ms, usual 1.02 ms: usual for now");
+  EXPECT_EQ(message_of(tracking, 3000, {balanced, usual}), "");
+  const std::string refusal = message_of(tracking, 4000, {{"balanced", {}, ""}, {"usual", {}, "wrong"}});
+  EXPECT_NE(refusal.find("usual is refused: wrong"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("balanced from here on"), std::string::npos) << refusal;
+}
+
+}  // namespace
+}  // namespace b3dgs
