@@ -8,6 +8,7 @@
 #include "app/bench_devices.h"
 #include "app/bench_report.h"
 #include "app/bench_scalar_loop.h"
+#include "check.h"
 #include "parallel.h"
 #include "raster/cpu/forward_table.h"
 #include "raster/cpu/passes.h"
@@ -17,13 +18,13 @@ namespace b3dgs {
 namespace {
 
 /// One run to warm up, then `repeat` timed ones.
-Timing time_runs(int repeat, const std::function<void()>& run) {
+Timing time_runs(int repeat, const std::function<void()>& body) {
   using Clock = std::chrono::steady_clock;
-  run();
+  body();
   std::vector<double> ms;
   for (int i = 0; i < repeat; ++i) {
     const Clock::time_point start = Clock::now();
-    run();
+    body();
     ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
   }
   return summarize(std::move(ms));
@@ -43,10 +44,10 @@ struct BenchFrame {
   BinnedSplats bins{};
   BlendForwardArgs forward{};
 
-  BenchFrame(const BenchConfig& config, const BenchScene& scene);
+  BenchFrame(const BenchRun& run, const BenchScene& scene);
 };
 
-BenchFrame::BenchFrame(const BenchConfig& config, const BenchScene& scene) {
+BenchFrame::BenchFrame(const BenchRun& run, const BenchScene& scene) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::size_t n_pixels = static_cast<std::size_t>(scene.view.width) * static_cast<std::size_t>(scene.view.height);
   splats.resize(n);
@@ -58,8 +59,8 @@ BenchFrame::BenchFrame(const BenchConfig& config, const BenchScene& scene) {
   transmittance.resize(n_pixels);
   last_ids.resize(n_pixels);
 
-  const Culling culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-  const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, {config.tile_width, config.tile_height});
+  const Culling culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
+  const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, {run.tile_width, run.tile_height});
   project = {scene.arrays(), scene.view,    scene.cloud.sh_degree, kNearPlane,  culling,
              grid,           splats.data(), extents.data(),        radii.data()};
   n_splats = cpu::project(project);
@@ -70,21 +71,25 @@ BenchFrame::BenchFrame(const BenchConfig& config, const BenchScene& scene) {
       transmittance.data(), last_ids.data()};
 }
 
-nlohmann::ordered_json bench_kernels(const BenchConfig& config, BenchFrame& frame) {
-  ComparisonTable table("forward kernel");
+Timing time_forward(const BenchRun& run, const BenchFrame& frame, ForwardKernel kernel) {
+  return time_runs(run.repeat, [&] { cpu::blend_forward(kernel, frame.forward); });
+}
+
+nlohmann::ordered_json compare_kernels(const BenchRun& run, BenchFrame& frame) {
+  ComparisonTable table("forward kernel", {});
   for (const ForwardKernelName& kernel : kForwardKernels) {
-    const auto run = cpu::kForwardTable[static_cast<std::size_t>(kernel.kernel)];
-    table.add(std::string(kernel.name), time_runs(config.repeat, [&] { run(frame.forward); }), frame.color);
+    const Timing timing = time_forward(run, frame, kernel.kernel);
+    table.add({std::string(kernel.name), timing, frame.color, {}});
   }
 
   // One thread against one thread: what vectors and staging bring by themselves.
   const int threads = thread_count();
   set_thread_count(1);
-  const int few = std::min(config.repeat, 3);
+  const int few = std::min(run.repeat, 3);
   const Timing shared = time_runs(few, [&] { cpu::blend_forward(ForwardKernel::kSharedMemory, frame.forward); });
   const Timing scalar = time_runs(few, [&] { blend_forward_scalar_loop(frame.forward); });
   set_thread_count(threads);
-  table.add("scalar loop, 1T", scalar, frame.color);
+  table.add({"scalar loop, 1T", scalar, frame.color, {}});
   const double speedup = scalar.median_ms / shared.median_ms;
   std::printf("shared-memory on one thread: %.1f ms, %.2f x the scalar loop with libm exp\n", shared.median_ms,
               speedup);
@@ -93,7 +98,7 @@ nlohmann::ordered_json bench_kernels(const BenchConfig& config, BenchFrame& fram
            {{"shared_memory_ms", shared.median_ms}, {"scalar_loop_ms", scalar.median_ms}, {"speedup", speedup}}}};
 }
 
-nlohmann::ordered_json bench_passes(const BenchConfig& config, const BenchScene& scene, BenchFrame& frame) {
+nlohmann::ordered_json time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::vector<float> grad_color(frame.color.size(), 1.0f / static_cast<float>(frame.color.size()));
   std::vector<SplatGrad> isect_grads(static_cast<std::size_t>(frame.bins.n_isects));
@@ -118,8 +123,8 @@ nlohmann::ordered_json bench_passes(const BenchConfig& config, const BenchScene&
       frame.n_splats,          frame.bins.slot_offsets, isect_grads.data(),      grads};
 
   PassTable table("pass");
-  const auto add = [&](const char* name, const std::function<void()>& run) {
-    table.add(name, time_runs(config.repeat, run));
+  const auto add = [&](const char* name, const std::function<void()>& body) {
+    table.add(name, time_runs(run.repeat, body));
   };
   add("project", [&] { cpu::project(frame.project); });
   add("bin", [&] { cpu::bin(frame.bin, frame.bin_buffers); });
@@ -130,23 +135,36 @@ nlohmann::ordered_json bench_passes(const BenchConfig& config, const BenchScene&
   return table.rows();
 }
 
-}  // namespace
-
-nlohmann::ordered_json bench_cpu(const BenchConfig& config, const BenchScene& scene) {
-  BenchFrame frame(config, scene);
+nlohmann::ordered_json lists_of(const BenchFrame& frame) {
   std::vector<long long> lengths;
   for (std::int32_t tile = 0; tile < frame.forward.grid.n_tiles(); ++tile) {
     lengths.push_back(frame.bins.tile_offsets[tile + 1] - frame.bins.tile_offsets[tile]);
   }
-  const nlohmann::ordered_json lists = list_statistics(std::move(lengths));
+  return list_statistics(std::move(lengths));
+}
+
+}  // namespace
+
+nlohmann::ordered_json bench_kernels_cpu(const BenchRun& run, const BenchScene& scene) {
+  BenchFrame frame(run, scene);
+  const nlohmann::ordered_json lists = lists_of(frame);
   std::printf("%lld seen; CPU, %d threads\n", static_cast<long long>(frame.n_splats), thread_count());
   print_list_statistics(lists);
-  nlohmann::ordered_json report = bench_kernels(config, frame);
-  report["passes"] = bench_passes(config, scene, frame);
+  nlohmann::ordered_json report = compare_kernels(run, frame);
+  report["passes"] = time_passes(run, scene, frame);
   report["lists"] = lists;
   report["n_splats"] = frame.n_splats;
   report["threads"] = thread_count();
   return report;
+}
+
+ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene) {
+  const BenchFrame frame(run, scene);
+  ForwardTimes times{detail::concat("CPU, ", thread_count(), " threads"), lists_of(frame), {}};
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    times.rows.push_back({std::string(kernel.name), time_forward(run, frame, kernel.kernel)});
+  }
+  return times;
 }
 
 }  // namespace b3dgs

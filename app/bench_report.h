@@ -1,10 +1,12 @@
 // Figures of a benchmark: medians with their spread, differences, and the tables and JSON they go into.
 #pragma once
 
+#include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
+#include "raster/cuda/kernel_resources.h"
 
 namespace b3dgs {
 
@@ -15,26 +17,54 @@ struct Timing {
 /// Median and range of single runs; `ms` is not empty.
 Timing summarize(std::vector<double> ms);
 
+nlohmann::ordered_json to_json(const Timing& timing);
+
 /// Lengths of the tiles' lists, which are what balancing has to even out: mean, median, p90, p99, max, Gini.
+/// `lengths` is not empty.
 nlohmann::ordered_json list_statistics(std::vector<long long> lengths);
 void print_list_statistics(const nlohmann::ordered_json& statistics);
 
+/// Largest |a - b|; infinite if one of the values is not a number.
 double largest_difference(const std::vector<float>& a, const std::vector<float>& b);
+
+/// Largest difference over the largest magnitude of `reference`; 0 if both hold nothing but zeros.
+double relative_difference(const std::vector<float>& values, const std::vector<float>& reference);
+
+struct NamedArray {
+  std::string name;
+  std::vector<float> values;
+};
+
+/// What one alternative for a pass did.
+struct Measurement {
+  std::string name;
+  Timing timing;
+  std::vector<float> image;                          // compared as it is
+  std::vector<NamedArray> gradients;                 // one a parameter, each compared relative to its largest value
+  std::optional<cuda::KernelResources> resources{};  // of CUDA kernels
+};
+
+/// What is shown of the rows besides their times; what is not shown need not be measured.
+struct ComparisonColumns {
+  bool image = true;
+  bool gradients = false;
+  bool resources = false;
+};
 
 /// Rows of alternatives for one pass, compared with the first of them.
 class ComparisonTable {
  public:
   /// Prints the head of the table.
-  explicit ComparisonTable(const std::string& title);
+  ComparisonTable(const std::string& title, const ComparisonColumns& columns);
 
-  /// `output` is what the alternative computed: its largest difference from the first one's is shown.
-  void add(const std::string& name, const Timing& timing, const std::vector<float>& output);
+  /// Prints the row.
+  void add(Measurement measurement);
 
   const nlohmann::ordered_json& rows() const { return rows_; }
 
  private:
-  std::vector<float> first_output_;
-  double first_ms_ = 0;
+  ComparisonColumns columns_;
+  std::optional<Measurement> first_;
   nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
 };
 

@@ -1,16 +1,21 @@
 #include "app/bench_scenes.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "scene/ply.h"
 #include "scene/scene.h"
+#include "train/cameras_json.h"
 #include "train/evaluate.h"
 #include "train/gaussian_model.h"
+#include "train/model_folder.h"
 
 namespace b3dgs {
 namespace {
+
+namespace fs = std::filesystem;
 
 BenchScene make_street_bench(const BenchConfig& config) {
   SynthConfig synth;
@@ -24,44 +29,71 @@ BenchScene make_street_bench(const BenchConfig& config) {
   return {"street", splats_from_points(street.points, 3), to_pinhole_view(street.cameras.front())};
 }
 
-/// Gaussians spread evenly over the image, log-normal sizes of about 1.7 px, mixed opacities and shapes, SH degree 3:
-/// no tile has much more to do than another.
-BenchScene make_balanced_bench(const BenchConfig& config) {
-  constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8, kMedianSigma = 1.7;
-  Random random(config.seed);
-  BenchScene scene{"balanced", {}, {}};
-  SplatCloud& cloud = scene.cloud;
-  cloud.sh_degree = 3;
-  for (std::int64_t i = 0; i < config.points; ++i) {
-    const double z = kNearest + kDepthRange * random.uniform();
-    const double x = (random.uniform() - 0.5) * config.width / kFocal * z;
-    const double y = (random.uniform() - 0.5) * config.height / kFocal * z;
-    for (const double coordinate : {x, y, z}) cloud.means.push_back(static_cast<float>(coordinate));
-    const double log_sigma = std::log(kMedianSigma * z / kFocal) + 0.5 * random.normal();
-    for (int k = 0; k < 3; ++k) cloud.log_scales.push_back(static_cast<float>(log_sigma + 0.3 * random.normal()));
-    for (int k = 0; k < 4; ++k) cloud.quats.push_back(static_cast<float>(random.normal()));
-    cloud.logit_opacities.push_back(static_cast<float>(1.5 * random.normal()));
-    for (int k = 0; k < 3; ++k) cloud.sh0.push_back(static_cast<float>(random.normal()));
-    for (int k = 0; k < 45; ++k) cloud.shN.push_back(static_cast<float>(0.1 * random.normal()));
-  }
-  Camera camera;
-  camera.width = config.width;
-  camera.height = config.height;
-  camera.fx = camera.fy = kFocal;
-  camera.cx = 0.5 * config.width;
-  camera.cy = 0.5 * config.height;
-  scene.view = to_pinhole_view(camera);
-  return scene;
+/// Distance from the centre, in half images, that has as much of the Gaussians' law within it as `distance` has of the
+/// even law. Within the core the density is constant. With this core the law of skew 1 is that of `street`'s points.
+double skewed_distance(double distance, double skew) {
+  constexpr double kCore = 0.05;
+  if (skew == 0) return distance;
+  const double exponent = 2 - 2 * skew;  // of the mass beyond the core
+  const bool is_logarithmic = std::abs(exponent) < 1e-9;
+  const double slope = 2 * std::pow(kCore, 2 * skew);  // density 1 in the core
+  const double core = kCore * kCore;
+  const double beyond = is_logarithmic ? -slope * std::log(kCore) : slope * (1 - std::pow(kCore, exponent)) / exponent;
+  const double mass = distance * distance * (core + beyond);
+  if (mass <= core) return std::sqrt(mass);
+  const double rest = (mass - core) / slope;
+  return is_logarithmic ? kCore * std::exp(rest) : std::pow(std::pow(kCore, exponent) + exponent * rest, 1 / exponent);
 }
 
-BenchScene make_colmap_bench(const BenchConfig& config) {
+/// The folder's own Gaussians and cameras; each is read only if it is wanted.
+struct FolderContent {
+  SplatCloud cloud;
+  std::vector<NamedCamera> cameras;
+};
+
+FolderContent read_model(const BenchConfig& config, const ModelFolder& folder) {
+  FolderContent content;
+  if (config.ply.empty()) content.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
+  if (config.cameras.empty()) content.cameras = read_cameras_json(folder.cameras());
+  return content;
+}
+
+FolderContent read_colmap(const BenchConfig& config) {
   SceneOptions options;
   options.source_path = config.scene;
   options.images = config.images;
   options.load_images = false;
   const Scene scene = load_scene(options);
-  return {config.scene, config.ply.empty() ? splats_from_points(scene.points, 3) : read_splat_ply(config.ply),
-          to_pinhole_view(scene.train.front().camera)};
+  FolderContent content;
+  if (config.ply.empty()) content.cloud = splats_from_points(scene.points, 3);
+  for (const View& view : scene.train) content.cameras.push_back({view.name, view.camera});
+  return content;
+}
+
+const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::string& name) {
+  if (name.empty()) return cameras.front().camera;
+  const auto found =
+      std::find_if(cameras.begin(), cameras.end(), [&](const NamedCamera& camera) { return camera.name == name; });
+  if (found == cameras.end()) {
+    input_error("command line: view ", name, ": no camera has an image of that name; the first is ",
+                cameras.front().name);
+  }
+  return found->camera;
+}
+
+BenchScene read_bench_scene(const BenchConfig& config) {
+  FolderContent content;
+  if (config.ply.empty() || config.cameras.empty()) {
+    const ModelFolder folder(config.scene);
+    content = folder.ply_iterations().empty() ? read_colmap(config) : read_model(config, folder);
+  }
+  BenchScene scene;
+  scene.name = config.ply.empty() ? config.scene : config.ply;
+  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splat_ply(config.ply);
+  if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
+  scene.view = to_pinhole_view(choose_view(content.cameras, config.view));
+  if (scene.cloud.size() == 0) input_error(scene.name, ": has no points to start from; name a model with --ply");
+  return scene;
 }
 
 }  // namespace
@@ -73,12 +105,45 @@ GaussianArrays BenchScene::arrays() const {
           cloud.sh0.data(),   cloud.shN.data()};
 }
 
-BenchScene make_bench_scene(const BenchConfig& config) {
-  BenchScene scene = config.scene == "street"     ? make_street_bench(config)
-                     : config.scene == "balanced" ? make_balanced_bench(config)
-                                                  : make_colmap_bench(config);
-  if (scene.cloud.size() == 0) input_error(config.scene, ": has no points to start from; name a model with --ply");
+BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
+  constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8, kMedianSigma = 1.7;
+  Random random(run.seed);
+  BenchScene scene{"balanced", {}, {}};
+  SplatCloud& cloud = scene.cloud;
+  cloud.sh_degree = spread.sh_degree;
+  const int n_rest = 3 * (sh_coefficient_count(spread.sh_degree) - 1);
+  for (std::int64_t i = 0; i < spread.points; ++i) {
+    const double z = kNearest + kDepthRange * random.uniform();
+    const double u = random.uniform() - 0.5, v = random.uniform() - 0.5;
+    const double distance = 2 * std::max({std::abs(u), std::abs(v), 1e-12});
+    const double scale = skewed_distance(distance, spread.skew) / distance;
+    const double x = scale * u * run.width / kFocal * z, y = scale * v * run.height / kFocal * z;
+    for (const double coordinate : {x, y, z}) cloud.means.push_back(static_cast<float>(coordinate));
+    const double log_sigma = std::log(kMedianSigma * z / kFocal) + 0.5 * random.normal();
+    for (int k = 0; k < 3; ++k) cloud.log_scales.push_back(static_cast<float>(log_sigma + 0.3 * random.normal()));
+    for (int k = 0; k < 4; ++k) cloud.quats.push_back(static_cast<float>(random.normal()));
+    cloud.logit_opacities.push_back(static_cast<float>(1.5 * random.normal()));
+    for (int k = 0; k < 3; ++k) cloud.sh0.push_back(static_cast<float>(random.normal()));
+    for (int k = 0; k < n_rest; ++k) cloud.shN.push_back(static_cast<float>(0.1 * random.normal()));
+  }
+  Camera camera;
+  camera.width = run.width;
+  camera.height = run.height;
+  camera.fx = camera.fy = kFocal;
+  camera.cx = 0.5 * run.width;
+  camera.cy = 0.5 * run.height;
+  scene.view = to_pinhole_view(camera);
   return scene;
+}
+
+BenchScene make_bench_scene(const BenchConfig& config) {
+  const bool is_street = config.scene == "street", is_made_up = is_street || config.scene == "balanced";
+  if (is_made_up && config.ply.empty() != config.cameras.empty()) {
+    input_error("command line: --ply and --cameras go together, or with a COLMAP or model folder that has the other");
+  }
+  if (!is_made_up || !config.ply.empty()) return read_bench_scene(config);
+  return is_street ? make_street_bench(config)
+                   : make_spread_scene({config.points, config.skew, SpreadConfig().sh_degree}, config);
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// What the benchmark renders: a model, a camera and the degree of its colours.
+// What the benchmark renders: Gaussians and a camera, made up or from files.
 #pragma once
 
 #include <string>
@@ -9,11 +9,8 @@
 
 namespace b3dgs {
 
-struct BenchConfig {
-  std::string scene = "street";
-  std::string ply;
-  std::string images = "images";
-  std::int64_t points = 1500000;
+/// How every benchmark measures.
+struct BenchRun {
   int width = 960, height = 540;          // px
   int tile_width = 16, tile_height = 16;  // px
   std::string culling = "ellipse";
@@ -25,25 +22,60 @@ struct BenchConfig {
 };
 
 template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"scene"}, c.scene, Any{},
-        "street (a road in its first iteration), balanced (Gaussians spread evenly over the image), or a COLMAP "
-        "folder: its "
-        "points as training starts from them, seen by its first view");
-  field(Option{"ply"}, c.ply, Any{}, "with a COLMAP folder: Gaussians of this PLY instead of the points");
-  field(Option{"images", 'i'}, c.images, Any{}, "with a COLMAP folder: its image folder");
-  field(Option{"points"}, c.points, AtLeast{1}, "of street and balanced: number of Gaussians");
-  field(Option{"width"}, c.width, InRange{1, 16384}, "of street and balanced: image width, px");
-  field(Option{"height"}, c.height, InRange{1, 16384}, "of street and balanced: image height, px");
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"width"}, c.width, InRange{1, 16384}, "of made-up scenes: image width, px");
+  field(Option{"height"}, c.height, InRange{1, 16384}, "of made-up scenes: image height, px");
   field(Option{"tile_width"}, c.tile_width, InRange{1, 32}, "px");
   field(Option{"tile_height"}, c.tile_height, InRange{1, 32}, "px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the 3-sigma square");
-  field(Option{"seed"}, c.seed, AtLeast{0}, "of street and balanced");
+  field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
   field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed runs after one warm-up; the median is shown");
   field(Option{"device"}, c.device, OneOf{{"cpu", "cuda"}}, "what to time");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
   field(Option{"json"}, c.json, Any{}, "write all figures to this file as well");
+}
+
+/// The fields that a benchmark's config inherits.
+template <class Config, class Visitor>
+void visit_run_fields(Config& c, Visitor&& field) {
+  visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
+}
+
+/// Gaussians spread over the image by one law.
+struct SpreadConfig {
+  std::int64_t points = 1500000;
+  /// Outside a small core, density falls with the distance from the image's centre (the larger of |x| and |y|, each in
+  /// half images) to the power of -2 skew. 0: even; 1: as a road's points crowd at the horizon, where each doubling of
+  /// the distance holds as many.
+  double skew = 0;
+  int sh_degree = 3;
+};
+
+struct BenchConfig : BenchRun {
+  std::string scene = "street";
+  std::string ply;
+  std::string cameras;
+  std::string view;
+  std::string images = "images";
+  std::int64_t points = SpreadConfig().points;
+  double skew = 0;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"scene"}, c.scene, Any{},
+        "street (a road in its first iteration), balanced (Gaussians spread over the image, evenly or by --skew), a "
+        "COLMAP folder (its points as training starts from them), or a model folder (its last PLY)");
+  field(Option{"ply"}, c.ply, Any{}, "Gaussians of this PLY instead of the folder's");
+  field(Option{"cameras"}, c.cameras, Any{}, "camera from this cameras.json instead of the folder's");
+  field(Option{"view"}, c.view, Any{}, "the camera of this image; without it the first");
+  field(Option{"images", 'i'}, c.images, Any{}, "of a COLMAP folder: its image folder");
+  field(Option{"points"}, c.points, AtLeast{1}, "of street and balanced: number of Gaussians");
+  field(Option{"skew"}, c.skew, InRange{0, 2},
+        "of balanced: density falls as distance from the image's centre to the power -2 skew; 0 is even, 1 crowds as "
+        "street does");
+  visit_run_fields(c, field);
 }
 
 struct BenchScene {
@@ -56,5 +88,9 @@ struct BenchScene {
 
 /// @throws InputError if a folder or file cannot be used.
 BenchScene make_bench_scene(const BenchConfig& config);
+
+/// The scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew changes where the Gaussians
+/// are, and nothing else about them.
+BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

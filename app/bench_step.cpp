@@ -63,14 +63,6 @@ class StepTimes {
   std::vector<StageTimes> steps_, rounds_;
 };
 
-Json stage_row(const char* name, const Timing& timing, double share) {
-  return {{"stage", name},
-          {"median_ms", timing.median_ms},
-          {"min_ms", timing.min_ms},
-          {"max_ms", timing.max_ms},
-          {"share", share}};
-}
-
 /// The table of stages, and the same as JSON.
 class StageTable {
  public:
@@ -86,7 +78,9 @@ class StageTable {
     const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms_;
     std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%", name, timing.median_ms, timing.min_ms, timing.max_ms,
                 100 * share);
-    Json row = stage_row(name, timing, share);
+    Json row = {{"stage", name}};
+    row.update(to_json(timing));
+    row["share"] = share;
     if (has_floor_ && floor_ms) {
       std::printf(" %10.3f", *floor_ms);
       row["floor_ms"] = *floor_ms;
@@ -145,7 +139,9 @@ Json show_rounds(const std::vector<StageTimes>& rounds) {
   const Timing timing = summarize(ms);
   std::printf("%-16s %10.3f %10.3f .. %9.3f  of %zu rounds\n", "density control", timing.median_ms, timing.min_ms,
               timing.max_ms, ms.size());
-  return {{"count", ms.size()}, {"median_ms", timing.median_ms}, {"min_ms", timing.min_ms}, {"max_ms", timing.max_ms}};
+  Json json = {{"count", ms.size()}};
+  json.update(to_json(timing));
+  return json;
 }
 
 double mean_pixels(const Scene& scene) {

@@ -22,7 +22,7 @@ std::string with_underscores(std::string word) {
 }
 
 bool is_list(const OptionSpec& spec) {
-  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNames;
+  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNumbers || spec.kind == ValueKind::kNames;
 }
 
 bool is_truth_value(const std::string& word) {
@@ -145,6 +145,11 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
       for (const std::string& word : words) values.push_back(to_number<int>(spec, word));
       return values;
     }
+    case ValueKind::kNumbers: {
+      nlohmann::json values = nlohmann::json::array();
+      for (const std::string& word : words) values.push_back(to_number<double>(spec, word));
+      return values;
+    }
     case ValueKind::kNames:
       return split_at_commas(words);
   }
@@ -162,6 +167,8 @@ const char* value_name(const OptionSpec& spec) {
       return "X";
     case ValueKind::kInts:
       return "N ...";
+    case ValueKind::kNumbers:
+      return "X ...";
     case ValueKind::kNames:
       return "NAME ...";
     case ValueKind::kText:

@@ -4,17 +4,19 @@
 #include "app/bench_devices.h"
 #include "app/cli.h"
 #include "app/commands.h"
-#include "check.h"
 #include "parallel.h"
 #include "scene/atomic_file.h"
 
 namespace b3dgs {
+namespace {
 
-int run_bench(const std::vector<std::string>& words) {
-  if (!words.empty() && words.front() == "step") return run_bench_step({words.begin() + 1, words.end()});
+int run_bench_kernels(const std::vector<std::string>& words) {
   BenchConfig config;
-  CommandLine line("bench",
-                   "Times the blending kernels and the passes of one view: b3dgs bench [street|balanced|SCENE].");
+  CommandLine line(
+      "bench",
+      "Times the blending kernels and the passes of one view: b3dgs bench [kernels] [street|balanced|SCENE|"
+      "MODEL]. b3dgs bench step: a training step by stage. b3dgs bench sweep: the forward kernels over a grid of "
+      "numbers and skews.");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
@@ -24,20 +26,21 @@ int run_bench(const std::vector<std::string>& words) {
   std::printf("%s: %lld Gaussians, %d x %d px, tiles of %d x %d px\n", scene.name.c_str(),
               static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height, config.tile_width,
               config.tile_height);
-  nlohmann::ordered_json report;
-  if (config.device == "cpu") {
-    report = bench_cpu(config, scene);
-  } else {
-#if B3DGS_HAS_CUDA
-    report = bench_cuda(config, scene);
-#else
-    input_error("--device cuda: this build has no CUDA kernels; use --device cpu");
-#endif
-  }
+  nlohmann::ordered_json report = bench_kernels(config, scene);
   report["config"] = config_to_json(config);
   report["n_gaussians"] = scene.cloud.size();
   if (!config.json.empty()) write_file(config.json, report.dump(2) + "\n");
   return 0;
+}
+
+}  // namespace
+
+int run_bench(const std::vector<std::string>& words) {
+  const std::string what = words.empty() ? "" : words.front();
+  const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
+  if (what == "sweep") return run_bench_sweep(rest());
+  if (what == "step") return run_bench_step(rest());
+  return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 
 }  // namespace b3dgs

@@ -17,6 +17,7 @@ int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
 int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
-int run_bench_step(const std::vector<std::string>& words);  // what `bench step` does
+int run_bench_sweep(const std::vector<std::string>& words);  // what `bench sweep` does
+int run_bench_step(const std::vector<std::string>& words);   // what `bench step` does
 
 }  // namespace b3dgs

@@ -26,12 +26,14 @@ body { margin: 0 auto; padding: 40px 24px 64px; max-width: 844px; background: va
   font: 15px/1.55 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
 h1 { font-size: 26px; line-height: 1.3; margin: 0 0 12px; font-weight: 650; text-wrap: balance; }
 h2 { font-size: 18px; margin: 44px 0 8px; font-weight: 650; }
+h1, p { overflow-wrap: anywhere; }
 p { margin: 8px 0; } .soft, figcaption { color: var(--soft); font-size: 13.5px; }
 figure { margin: 18px 0 24px; } figcaption { margin-top: 6px; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 14px 0; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 5px 18px 5px 0; text-align: right; border-bottom: 1px solid var(--grid); vertical-align: top; }
-th:first-child, td:first-child { text-align: left; } th { color: var(--soft); font-weight: 500; }
+table.figures td, table.figures th { white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; white-space: normal !important; } th { color: var(--soft); font-weight: 500; }
 table.words th, table.words td { text-align: left; } tr.marked td { background: var(--mark); font-weight: 600; }
 svg.chart { display: block; width: 100%; height: auto; overflow: visible; font: 12px system-ui, "DejaVu Sans", sans-serif; }
 .tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); }

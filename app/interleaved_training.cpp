@@ -2,8 +2,10 @@
 
 #include <algorithm>
 
+#include "app/device.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
+#include "train/image_store.h"
 
 namespace b3dgs {
 namespace {
@@ -40,7 +42,14 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, int seed, c
       iterations_(plan.base.iterations),
       chunk_(plan.chunk),
       label_("seed " + std::to_string(seed)) {
-  for (const Configuration& configuration : plan.configurations()) add(plan, configuration, seed, scene);
+  std::vector<Configuration> configurations = plan.configurations();
+  // What each would take by itself is half of what is free, the second one less than the first: all get the same here.
+  const auto budget = static_cast<double>(image_budget(-1, choose_device(plan.base.device)));
+  for (Configuration& configuration : configurations) {
+    double& image_cache_gb = configuration.config.image_cache_gb;
+    if (image_cache_gb < 0) image_cache_gb = 1e-9 * budget / static_cast<double>(configurations.size());
+    add(plan, configuration, seed, scene);
+  }
 }
 
 void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, int seed,

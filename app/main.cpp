@@ -83,6 +83,7 @@ int report(const std::string& message, ExitCode code) {
 int report_out_of_memory() {
   return report(
       "out of memory; take smaller images (-r 2), limit the Gaussians (--max_gaussians), "
+      "keep fewer images on the GPU (--image_cache_gb 1), "
       "or continue from the last checkpoint (--resume auto) with more memory free",
       kFailed);
 }

@@ -13,7 +13,7 @@ constexpr int kWidth = 760;                 // px
 constexpr double kLeft = 58, kBottom = 38;  // px
 constexpr std::size_t kMostPoints = 300;    // of a curve: more than the picture can show
 constexpr std::size_t kMostDirectLabels = 4;
-constexpr double kLabelHeight = 15;
+constexpr double kLabelHeight = 15, kWidestLabel = 200;
 
 /// As many points at most: means over runs of equal length, the first and the last as they are.
 std::vector<ChartPoint> thin(const std::vector<ChartPoint>& points) {
@@ -37,11 +37,11 @@ class LineChartPainter {
  public:
   explicit LineChartPainter(const LineChart& chart) : chart_(chart) {
     drop_what_cannot_be_drawn();
-    is_labelled_directly_ =
-        chart_.bands.empty() && chart_.series.size() > 1 && chart_.series.size() <= kMostDirectLabels;
     double widest = 0;
     for (const ChartSeries& series : chart_.series) widest = std::max(widest, svg::text_width(series.name));
-    right_ = kWidth - (is_labelled_directly_ ? std::min(widest, 200.0) + 14 : 14);
+    is_labelled_directly_ = chart_.bands.empty() && chart_.series.size() > 1 &&
+                            chart_.series.size() <= kMostDirectLabels && widest <= kWidestLabel;
+    right_ = kWidth - (is_labelled_directly_ ? widest + 14 : 14);
   }
 
   std::string paint() {

@@ -12,6 +12,11 @@ target_compile_options(b3dgs_options INTERFACE
 target_compile_options(b3dgs_options INTERFACE
   $<$<COMPILE_LANGUAGE:CUDA>:--extended-lambda -lineinfo -Xcompiler=-Wall,-Wextra,-ffp-contract=off>)
 
+if(B3DGS_PTXAS_REPORTS)
+  target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CUDA>:-Xptxas=-v>)
+  set_property(GLOBAL PROPERTY RULE_LAUNCH_COMPILE ${PROJECT_SOURCE_DIR}/scripts/keep_ptxas_report.sh)
+endif()
+
 if(B3DGS_SANITIZE)
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
     -fno-sanitize-recover=all -fno-omit-frame-pointer>)

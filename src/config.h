@@ -6,7 +6,7 @@
 //
 // Command-line flags, help, JSON in both directions, range checks and the comparison at resume are visitors over that
 // list, so an option, its default and its range exist once. Member types: bool, int, std::int64_t, double, std::string,
-// std::vector<int>, std::vector<std::string>.
+// std::vector<int>, std::vector<double>, std::vector<std::string>.
 #pragma once
 
 #include <algorithm>
@@ -83,10 +83,10 @@ inline std::string violation(const SomeOf& choice, const std::vector<std::string
   for (const std::string& name : choice.values) names += (names.empty() ? "" : ", ") + name;
   return detail::concat("at least ", choice.least, " different ones of ", names);
 }
-template <class Constraint>
-std::string violation(const Constraint& constraint, const std::vector<int>& values) {
+template <class Constraint, class Number>
+std::string violation(const Constraint& constraint, const std::vector<Number>& values) {
   if constexpr (!std::is_same_v<Constraint, Any>) {
-    for (int value : values) {
+    for (Number value : values) {
       if (std::string wanted = violation(constraint, static_cast<double>(value)); !wanted.empty()) return wanted;
     }
   }

@@ -55,6 +55,14 @@ std::vector<double> valid_times(const KernelMeasurement& measurement) {
   return valid;
 }
 
+const KernelMeasurement* find_measurement(const std::vector<KernelMeasurement>& measurements,
+                                          const std::string& kernel) {
+  for (const KernelMeasurement& measurement : measurements) {
+    if (measurement.kernel == kernel) return &measurement;
+  }
+  return nullptr;
+}
+
 /// "12.3 %"
 std::string percent(double share) {
   char text[32];
@@ -141,6 +149,16 @@ KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& 
   return {median(ratios), std::max(kMinMargin, kErrors * standard_error_of_median(ratios)), ratios.size()};
 }
 
+bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
+  const KernelMeasurement* const current = find_measurement(measurements, kernel_);
+  return current != nullptr &&
+         std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
+           if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
+           const Lead lead = lead_over_current(other, *current);
+           return lead.counts() && std::fabs(lead.median) > 2 * lead.margin;
+         });
+}
+
 const KernelDecision& KernelSelector::decide(int iteration, const std::vector<KernelMeasurement>& measurements,
                                              double cost_ms) {
   KernelDecision decision;
@@ -191,12 +209,11 @@ void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measure
 }
 
 void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
-  const auto current = std::find_if(measurements.begin(), measurements.end(),
-                                    [&](const KernelMeasurement& m) { return m.kernel == kernel_; });
+  const KernelMeasurement* const current = find_measurement(measurements, kernel_);
   std::string fastest;
   Lead best;
   for (const KernelMeasurement& other : measurements) {
-    if (current == measurements.end() || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
+    if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
     const Lead lead = lead_over_current(other, *current);
     if (!lead.counts() || (!fastest.empty() && lead.median <= best.median)) continue;
     fastest = other.kernel;

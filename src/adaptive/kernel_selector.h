@@ -63,6 +63,10 @@ class KernelSelector {
   /// No more checks: one candidate is left, or the paper's policy has gone over.
   bool is_finished() const;
 
+  /// Whether the times so far leave no doubt: every candidate is ahead of the kernel in use, or behind it, by twice the
+  /// margin. More views would cost time and change nothing.
+  bool is_clear(const std::vector<KernelMeasurement>& measurements) const;
+
   /// Decides, and keeps the record. Times that are missing, zero or not finite do not count; with fewer than
   /// kMinViews pairs everything stays as it is.
   const KernelDecision& decide(int iteration, const std::vector<KernelMeasurement>& measurements, double cost_ms);

@@ -64,6 +64,23 @@ B3DGS_BLEND_FN Real exp2_of(Real a) {
   using std::exp2;
   return exp2(a);
 }
+template <class Real>
+B3DGS_BLEND_FN Real reciprocal_of(Real a) {
+  return Real(1.0f) / a;
+}
+#if defined(__CUDA_ARCH__)
+// One instruction each. Its 2 ulp are far below what a kernel may differ by, and the powers here are never denormal.
+template <>
+__device__ __forceinline__ float exp2_of(float a) {
+  float result;
+  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(a));
+  return result;
+}
+template <>
+__device__ __forceinline__ float reciprocal_of(float a) {
+  return __fdividef(1.0f, a);
+}
+#endif
 
 /// Where a splat is and how it falls off; exponents in base 2 as in Splat (args.h).
 template <class Real>
@@ -152,26 +169,27 @@ struct BlendGrad {
   Real q;       // dL/d(ln alpha), 0 where the cap holds
 };
 
-// Two ways of visiting a pixel's splats again. `value` is the dot product of the gradient by the pixel with what the
-// splat shows there, colour and depth. With S = what lies behind the splat, seen through the loss,
+// The backward pass visits a pixel's splats again, from the last to the first. `value` is the dot product of the
+// gradient by the pixel with what the splat shows there, colour and depth. With S = what lies behind the splat, seen
+// through the loss,
 //   dL/d(alpha) = T value - S / (1 - alpha).
 // The pixel's own alpha, 1 - final transmittance, acts like a background that takes light away: it is part of S from
 // the start, and of no value. (As a value of 1 for every splat its gradient would be a difference of nearly equal
-// sums.) Back to front S is summed and exact; front to back it is what is left of the whole, and where little light is
-// left the rounding of the whole shows. The second is for schedules that start in the middle of a list.
+// sums.) Back to front S is summed and keeps its digits; front to back it would be what is left of the whole, and where
+// little light is left the rounding of the whole would show.
 
-/// A pixel while its splats are visited back to front.
+/// A pixel while its splats are visited back to front, from the end of its list or of any part of it.
 template <class Real>
 struct ReverseState {
-  Real transmittance;  // behind the next splat; starts as the final one
-  Real behind;         // S; starts as final transmittance times (dot(gradient, background) - gradient by alpha)
+  Real transmittance;  // behind the next splat to be visited; the final one at the end of the list
+  Real behind;  // S; at the end of the list final transmittance times (dot(gradient, background) - gradient by alpha)
 };
 
 /// Passes one splat that was blended where `blended` holds.
 template <class Real>
 B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mask<Real> blended,
                                                   const Alpha<Real>& alpha, Real value) {
-  const Real inverse = Real(1.0f) / (Real(1.0f) - alpha.alpha);
+  const Real inverse = reciprocal_of(Real(1.0f) - alpha.alpha);
   const Real before = pixel.transmittance * inverse;
   BlendGrad<Real> grad;
   grad.weight = select(blended, before * alpha.alpha, Real(0.0f));
@@ -179,29 +197,6 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
   grad.q = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
   pixel.behind = multiply_add(grad.weight, value, pixel.behind);
   pixel.transmittance = select(blended, before, pixel.transmittance);
-  return grad;
-}
-
-/// A pixel while its splats are visited front to back.
-template <class Real>
-struct BackwardState {
-  Real transmittance;  // before the next splat
-  // S and the next splat's part; starts as the dot product of the gradient with colour and depth of the whole pixel,
-  // less gradient by alpha times final transmittance.
-  Real remaining;
-};
-
-/// Passes one splat that was blended where `blended` holds.
-template <class Real>
-B3DGS_BLEND_FN BlendGrad<Real> blend_over_backward(BackwardState<Real>& pixel, Mask<Real> blended,
-                                                   const Alpha<Real>& alpha, Real value) {
-  const Real one_minus_alpha = Real(1.0f) - alpha.alpha;
-  BlendGrad<Real> grad;
-  grad.weight = select(blended, pixel.transmittance * alpha.alpha, Real(0.0f));
-  pixel.remaining = pixel.remaining - grad.weight * value;
-  const Real grad_alpha = pixel.transmittance * value - pixel.remaining / one_minus_alpha;
-  grad.q = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
-  pixel.transmittance = select(blended, pixel.transmittance * one_minus_alpha, pixel.transmittance);
   return grad;
 }
 

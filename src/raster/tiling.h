@@ -142,19 +142,35 @@ B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& gri
           detail::floor_clamped((e.mean_x + right - 0.5f) / width, -1, grid.columns - 1) + 1};
 }
 
+/// Rows of tiles that a splat may touch, and the columns it touches in each.
+struct TileRows {
+  Culling culling;
+  std::int32_t begin, end;  // half-open
+  TileSpan square;          // the columns of all rows, if culling is kSquare
+  EllipseRows ellipse;      // else
+  /// Empty where the ellipse misses the row.
+  B3DGS_HD TileSpan span(const TileGrid& grid, std::int32_t row) const {
+    return culling == Culling::kSquare ? square : ellipse_tiles_in_row(ellipse, grid, row);
+  }
+};
+
+B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
+                            std::int32_t radius) {
+  if (culling == Culling::kSquare) {
+    const Rect tiles = square_tiles(grid, splat.mean_x, splat.mean_y, static_cast<float>(radius));
+    return {culling, tiles.y_begin, tiles.y_end, {tiles.x_begin, tiles.x_end}, {}};
+  }
+  const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
+  return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
+}
+
 /// Calls visit(row, span) for each row of tiles in which the splat touches tiles.
 template <class Visit>
 B3DGS_HD void visit_tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                               std::int32_t radius, Visit&& visit) {
-  if (culling == Culling::kSquare) {
-    const Rect tiles = square_tiles(grid, splat.mean_x, splat.mean_y, static_cast<float>(radius));
-    for (std::int32_t row = tiles.y_begin; row < tiles.y_end; ++row) visit(row, TileSpan{tiles.x_begin, tiles.x_end});
-    return;
-  }
-  const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
-  const EllipseRows rows = make_ellipse_rows(splat, extent);
-  for (std::int32_t row = tiles.y_begin; row < tiles.y_end; ++row) {
-    const TileSpan span = ellipse_tiles_in_row(rows, grid, row);
+  const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
+  for (std::int32_t row = rows.begin; row < rows.end; ++row) {
+    const TileSpan span = rows.span(grid, row);
     if (span.begin < span.end) visit(row, span);
   }
 }

@@ -60,6 +60,14 @@ void make_resident(TrainView& view, const View& photograph, torch::Device device
 
 }  // namespace
 
+std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device) {
+  if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) return cuda::free_device_bytes() / 2;
+#endif
+  return 0;  // a CPU's photographs stay where they are
+}
+
 #if B3DGS_TORCH_CUDA
 
 struct ImageStore::Streamed {

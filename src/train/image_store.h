@@ -24,6 +24,9 @@ struct TrainView {
   std::int64_t n_valid = 0;  // px
 };
 
+/// Bytes for --image_cache_gb on a device; for -1 half of what a GPU has free now.
+std::int64_t image_budget(double image_cache_gb, torch::Device device);
+
 class ImageStore {
  public:
   static constexpr std::size_t kLookAhead = 2;  // views that are uploaded while another is in use

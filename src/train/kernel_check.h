@@ -33,8 +33,8 @@ struct KernelCheckInput {
 
 class KernelChecks {
  public:
-  /// A check uses no more views than fit into this share of the time between two checks, but at least
-  /// KernelSelector::kMinViews.
+  /// A check uses no more views than fit into this share of the time between two checks, and stops where there is no
+  /// doubt left, but takes at least KernelSelector::kMinViews.
   static constexpr double kCostShare = 0.005;
 
   /// `timer` is the device's own unless given. The CPU has one backward kernel: nothing is chosen there.

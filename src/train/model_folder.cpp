@@ -9,6 +9,7 @@
 #include "check.h"
 #include "scene/atomic_file.h"
 #include "scene/ply.h"
+#include "train/cameras_json.h"
 
 namespace b3dgs {
 namespace {
@@ -49,19 +50,6 @@ Json read_results(const fs::path& path) {
   std::ifstream file(path);
   Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
   return json.is_object() ? json : Json::object();
-}
-
-Json camera_entry(std::size_t id, const View& view) {
-  const Camera& camera = view.camera;
-  const std::array<double, 9>& r = camera.cam_from_world.rotation;
-  return {{"id", id},
-          {"img_name", view.name},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"position", camera.center()},
-          {"rotation", {{r[0], r[3], r[6]}, {r[1], r[4], r[7]}, {r[2], r[5], r[8]}}},  // camera to world
-          {"fy", camera.fy},
-          {"fx", camera.fx}};
 }
 
 /// A Python string literal.
@@ -115,11 +103,7 @@ void ModelFolder::create() const {
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
   write_point_ply(root_ / "input.ply", scene.points);
-  Json cameras = Json::array();
-  for (const std::vector<View>* views : {&scene.test, &scene.train}) {
-    for (const View& view : *views) cameras.push_back(camera_entry(cameras.size(), view));
-  }
-  write_json(root_ / "cameras.json", cameras, -1);
+  write_json(cameras(), cameras_to_json(scene), -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json(root_ / "config.json", config_to_json(config), 2);
 }

@@ -18,6 +18,7 @@ class ModelFolder {
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path ply(int iteration) const;         // point_cloud/iteration_N/point_cloud.ply
   std::filesystem::path checkpoint(int iteration) const;  // checkpoints/iteration_N.b3dgs
+  std::filesystem::path cameras() const { return root_ / "cameras.json"; }
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
   /// Iterations that have a PLY, or a checkpoint file (valid or not), ascending.

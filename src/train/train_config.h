@@ -26,9 +26,9 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string device = "auto";
-  // On the GPU. Scenes of a few hundred photographs at the default 1600 px take 1 to 3 GB: all of them stay there, and
-  // on a card with 24 GB two thirds of it are left to the Gaussians.
-  double image_cache_gb = 8;
+  // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of what a GPU has free holds nearly every
+  // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
+  double image_cache_gb = -1;
 
   // Model and picture
   int sh_degree = 3;
@@ -107,8 +107,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "start from the Gaussians (or points) of this PLY instead of the scene's points");
   field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to train; auto takes a GPU if there is one");
-  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{0},
-        "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead");
+  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
+        "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead; -1: as "
+        "many as fit in half of the memory that is free");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");
@@ -166,8 +167,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "what adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
         "iterations between two measurements of the candidates; one more comes before the first step");
-  field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
-        "coming views on which the candidates are measured; fewer where that would take over 0.5 % of the training");
+  field(
+      Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
+      "coming views on which the candidates are measured; fewer where those leave no doubt, or cost over 0.5 % of the "
+      "training");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward blending kernel, on the GPU; adaptive measures and chooses, with the forward kernel's policy");
   field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "unit of binning, px");

@@ -55,7 +55,7 @@ struct Trainer::Impl {
         rasterizer(device),
         loss(device),
         kernels(config, device),
-        images(scene.train, device, static_cast<std::int64_t>(std::min(1e9 * config.image_cache_gb, 9e18))),
+        images(scene.train, device, image_budget(config.image_cache_gb, device)),
         timer(make_stage_clock(device)) {
     if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
@@ -395,6 +395,7 @@ TrainResult Trainer::run_until(int iteration) {
     result.output_s += seconds_since(start);
   }
   own.timed([&] { own.wait_for_device(); });
+  wait();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;

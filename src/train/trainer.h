@@ -27,7 +27,7 @@ struct TrainHooks {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
-  // If set, every step is timed stage by stage, and told as soon as the device has got through it.
+  // If set, every step is timed stage by stage, and told some time after the device has got through it.
   std::function<void(const StageTimes&)> on_stage_times;
 };
 
@@ -72,7 +72,7 @@ class Trainer {
   /// One iteration with its density control; nothing is written. For benchmarks.
   void step();
 
-  /// Waits until the device is done with all steps, and tells their times.
+  /// Waits until the device is done with all steps, and tells the times that have not been told.
   void wait();
 
   std::int64_t n_gaussians() const;

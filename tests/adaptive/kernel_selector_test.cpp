@@ -131,6 +131,16 @@ TEST(Margin, AnInterruptedRunDoesNotCount) {
   EXPECT_EQ(selector.kernel(), "usual");
 }
 
+TEST(Clear, IsWhatMoreViewsWouldNotChange) {
+  const KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
+  EXPECT_TRUE(selector.is_clear({steady("a", 1), steady("b", 1.1), steady("c", 0.5)}));
+  EXPECT_FALSE(selector.is_clear({steady("a", 1), steady("b", 1.1), steady("c", 0.99)}));
+  EXPECT_FALSE(selector.is_clear({steady("a", 1), {"b", {2.0, 10.0}, ""}})) << "two views";
+  EXPECT_FALSE(selector.is_clear({steady("a", 1), {"b", {1.4, 5.0, 0.8, 2.3, 1.4}, ""}})) << "views disagree";
+  EXPECT_FALSE(selector.is_clear({steady("b", 1)})) << "nothing of the kernel in use";
+  EXPECT_TRUE(selector.is_clear({steady("a", 1), steady("b", 2), {"c", {}, "wrong"}}));
+}
+
 TEST(Times, ThatAreNoTimesDoNotCount) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   for (const double wrong : {kNan, 0.0, -1.0, std::numeric_limits<double>::infinity()}) {

@@ -51,9 +51,24 @@ TEST_P(RasterizeCudaTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) 
                                      std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
                                      std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
       SCOPED_TRACE(testing::Message() << name << ", " << backward.name);
-      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad));
+      const TermSizes terms(judge, grad);
+      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad), &terms);
     }
   }
+}
+
+TEST_P(RasterizeCudaTest, SumsInAFixedOrderAgreeAndRepeatBitForBit) {
+  const TestScene scene = GetParam().build();
+  RenderSettings settings = settings_of(scene);
+  settings.deterministic = true;
+  const Judge judge(scene, settings);
+  CudaView first(scene, settings), second(scene, settings);
+  DenseGradients found = first.backward(judge.grad), again = second.backward(judge.grad);
+  expect_same_gradients(found, judge, judge.gradients);
+  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+    EXPECT_TRUE(found.parameters.all()[i]->equal(*again.parameters.all()[i])) << GaussianTensors::kNames[i];
+  }
+  EXPECT_TRUE(found.means2d.equal(again.means2d));
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCudaTest, testing::ValuesIn(test_scenes()),

@@ -92,6 +92,12 @@ TEST(ImageStore, OnTheCpuIsTheScenesOwnImagesWhateverTheBudget) {
   }
 }
 
+TEST(ImageStore, CountsItsBudgetInDecimalGigabytes) {
+  EXPECT_EQ(image_budget(0, torch::kCPU), 0);
+  EXPECT_EQ(image_budget(1.5, torch::kCPU), 1500000000);
+  EXPECT_GT(image_budget(1e30, torch::kCPU), std::int64_t{1} << 60);
+}
+
 TEST(ImageStore, RefusesPhotographsOfAnotherSizeThanTheCamera) {
   Scene scene = test::make_tiny_scene();
   scene.train[1].camera.width += 1;

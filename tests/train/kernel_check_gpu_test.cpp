@@ -44,7 +44,7 @@ TEST(KernelChecksOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   EXPECT_EQ(done[1].decision.times_ms.size(), kBackwardKernels.size());
   for (const KernelCheck& check : done) {
     EXPECT_TRUE(check.decision.refused.empty()) << check.decision.reason;
-    EXPECT_EQ(check.decision.views, static_cast<int>(cameras.size()));
+    EXPECT_GE(check.decision.views, KernelSelector::kMinViews);
     for (const auto& [kernel, ms] : check.decision.times_ms) EXPECT_GT(ms, 0) << kernel;
   }
 }

@@ -61,7 +61,7 @@ TEST_F(KernelChecksTest, GoOverToTheKernelThatTakesLessTime) {
   const std::vector<KernelCheck> done = own.check(1, input());
   ASSERT_EQ(done.size(), 1u) << "the CPU has one backward kernel";
   EXPECT_STREQ(done[0].pass, "forward");
-  EXPECT_EQ(done[0].decision.views, 5);
+  EXPECT_EQ(done[0].decision.views, 3) << "no more are needed to see twice the time";
   EXPECT_EQ(done[0].decision.times_ms.at("combined"), 2.0);
   EXPECT_EQ(done[0].decision.times_ms.at("shared-memory"), 1.0);
   EXPECT_EQ(done[0].message, "iteration 1: combined 2 ms, shared-memory 1 ms: shared-memory from here on");
@@ -76,6 +76,10 @@ TEST_F(KernelChecksTest, StayWithTheBalancedKernelWhileItIsFaster) {
   EXPECT_EQ(own.check(1, input())[0].message, "");
   EXPECT_EQ(own.forward_name(), "combined");
   EXPECT_TRUE(own.is_due(1000));
+}
+
+TEST_F(KernelChecksTest, TakeAllViewsWhereThereIsDoubt) {
+  EXPECT_EQ(checks(1.015, 1.0).check(1, input()).front().decision.views, 5);
 }
 
 TEST_F(KernelChecksTest, TakeFewerViewsWhereManyWouldCostTooMuch) {

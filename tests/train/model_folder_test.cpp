@@ -13,6 +13,7 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "train/cameras_json.h"
 #include "train/tiny_scene.h"
 
 namespace b3dgs {
@@ -48,6 +49,51 @@ TEST(ModelFolder, WritesWhatTheOriginalsToolsRead) {
   EXPECT_NEAR(cameras[0]["position"][1], -1, 1e-12);
   EXPECT_NEAR(cameras[0]["rotation"][0][2], -3 / std::sqrt(10.0), 1e-12);
   EXPECT_NEAR(cameras[0]["rotation"][1][2], 1 / std::sqrt(10.0), 1e-12);
+}
+
+TEST(ModelFolder, ReadsItsCamerasBack) {
+  Scene scene = test::make_tiny_scene();
+  scene.train[0].camera.cx += 3.25;  // the original's file could not say this
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  folder.write_inputs({}, scene);
+  const std::vector<NamedCamera> cameras = read_cameras_json(folder.cameras());
+  ASSERT_EQ(cameras.size(), 8u);
+  EXPECT_EQ(cameras[2].name, "view1.png");
+  const Camera &read = cameras[2].camera, &written = scene.train[0].camera;
+  EXPECT_EQ(read.width, written.width);
+  EXPECT_EQ(read.fy, written.fy);
+  EXPECT_EQ(read.cx, written.cx);
+  for (std::size_t i = 0; i < 9; ++i) {
+    EXPECT_EQ(read.cam_from_world.rotation[i], written.cam_from_world.rotation[i]);
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(read.cam_from_world.translation[i], written.cam_from_world.translation[i], 1e-12);
+  }
+}
+
+TEST(ModelFolder, ReadsTheOriginalsCamerasAndRefusesWrongOnes) {
+  const test::TempDir temp;
+  const auto write = [&](const std::string& more) {
+    test::write_bytes(temp / "cameras.json",
+                      R"([{"id": 0, "img_name": "a", "width": 60, "height": 40, "fx": 50, "fy": 51, )" + more + "}]");
+  };
+  const std::string pose = R"("position": [1, 2, 3], "rotation": [[1, 0, 0], [0, 0, 1], [0, -1, 0]])";
+  write(pose);
+  const Camera camera = read_cameras_json(temp / "cameras.json").at(0).camera;
+  EXPECT_EQ(camera.cx, 30);
+  EXPECT_EQ(camera.cy, 20);
+  EXPECT_EQ(camera.center(), (std::array<double, 3>{1, 2, 3}));
+
+  const auto read = [&] { read_cameras_json(temp / "cameras.json"); };
+  write(R"("position": [1, 2, 3])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "rotation[3][3]"}, read));
+  write(R"("position": [1, 2, 3], "rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "rotation"}, read));
+  test::write_bytes(temp / "cameras.json", "{}");
+  EXPECT_TRUE(test::fails_with<InputError>({"cameras.json", "list of cameras"}, read));
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"none.json", "cannot be opened"}, [&] { read_cameras_json(temp / "none.json"); }));
 }
 
 TEST(ModelFolder, AddsResultsByIteration) {

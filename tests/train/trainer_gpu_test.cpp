@@ -112,6 +112,7 @@ TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
   EXPECT_EQ(ImageStore(scene.train, device, 3 * 7920).n_resident(), 3);
   EXPECT_EQ(ImageStore(scene.train, device, 3 * 7920 - 1).n_resident(), 2);
   EXPECT_EQ(ImageStore(scene.train, device, 1 << 30).n_resident(), 6);
+  EXPECT_GT(image_budget(-1, device), 100 << 20);
   ImageStore store(scene.train, device, 2 * 7920);
   for (const std::int32_t i : {5, 0, 3, 3, 2, 4, 1, 5}) {
     const TrainView view = store.take(i, {4, 2});

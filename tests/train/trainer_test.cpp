@@ -306,7 +306,7 @@ TEST(Trainer, RendersAsTheOptionsSay) {
   };
   EXPECT_TRUE(refused({{"tile", "8x8"}}, "tile must be one of 16x16, 16x8"));
   EXPECT_TRUE(refused({{"backward_kernel", "naive"}}, "backward_kernel must be one of per-pixel, per-splat"));
-  EXPECT_TRUE(refused({{"image_cache_gb", -1}}, "image_cache_gb must be at least 0"));
+  EXPECT_TRUE(refused({{"image_cache_gb", -2}}, "image_cache_gb must be at least -1"));
 }
 
 TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) {

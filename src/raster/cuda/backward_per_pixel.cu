@@ -12,7 +12,7 @@ namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads, true> batch;
+  __shared__ float4 places[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
   __shared__ std::int32_t tile_last;
   const BlendBackwardArgs& blend = args.blend;
@@ -24,9 +24,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
   ReverseState<float> state{1, 0};
   if (at.inside) {
     state.transmittance = blend.transmittance[pixel];
-    state.behind = state.transmittance * (g.color.x * blend.background.x + g.color.y * blend.background.y +
-                                          g.color.z * blend.background.z) -
-                   alpha_part(blend, pixel);
+    state.behind = light_behind_all(blend, pixel, g);
   }
 
   if (threadIdx.x == 0) tile_last = -1;
@@ -42,22 +40,21 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     if (entry >= 0) {
       const std::int32_t id = blend.bins.splat_ids[first + entry];
       ids[threadIdx.x] = id;
-      batch.place[threadIdx.x] = load_place(blend.splats, id).v;
-      batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
-      batch.color[threadIdx.x] = load_color(blend.splats, id).v;
+      places[threadIdx.x] = load_place(blend.splats, id).v;
+      conics[threadIdx.x] = load_conic(blend.splats, id).v;
+      colors[threadIdx.x] = load_color(blend.splats, id).v;
     }
     __syncthreads();  // the new one is complete
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
-      const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
+      const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
       const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
       const bool blended = reach.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
       SplatGrad grad{};
       if (blended) {
-        const float4 color = batch.color[j];
-        const float value =
-            g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * batch.place[j].w;
+        const float4 color = colors[j];
+        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
         const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
         accumulate(grad, reach, part, g.color, g.depth);
       }
@@ -71,10 +68,18 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 }  // namespace
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  B3DGS_CHECK(args.isect_grads == nullptr, "the per-pixel backward pass has no fixed order of sums; per-splat has");
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources backward_per_pixel_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(backward_per_pixel_kernel<pixels.value>, pixels.value); });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

@@ -1,10 +1,12 @@
 // Backward blend, per splat: a warp owns a bucket of 32 list entries, a lane one splat, and the tile's pixels stream
-// through the lanes. Pixel t enters lane 0 with its state from before the bucket; each step hands (transmittance,
-// remaining) to the next lane, so that every splat sees the pixel in the order of the list. Gradients stay in registers
-// until the end, and a splat's tile costs three vector atomics.
+// through the lanes. A pixel enters the last lane with its state behind the bucket; each step hands (transmittance,
+// behind) to the lane before, so that every splat sees the pixel in the reverse order of the list. Gradients stay in
+// registers until the end, and a splat's tile costs three vector atomics.
 //
 // Buckets are of one size whatever the tile's list, so the launch is balanced by construction. Pixels that finished
 // before the bucket, and sub-tiles of 8 x 4 that no splat of it reaches, never enter the stream.
+//
+// A first kernel sums each pixel's bucket parts from the back, to what lies behind each bucket.
 
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/launch.cuh"
@@ -15,15 +17,63 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kWarps = 4;
-constexpr int kRing = 128;  // entries: 31 still in the lanes behind lane 0, up to 31 left ahead, 32 just added
+constexpr int kRing = 128;  // entries: 31 still in the lanes before the last, up to 31 left ahead, 32 just added
 
 /// Pixels on their way through the lanes of one warp.
 struct PixelRing {
   float2 center[kRing];
   std::int32_t last[kRing];
-  float2 state[kRing];  // transmittance, remaining
+  float2 state[kRing];  // transmittance, behind
   float4 color[kRing];  // gradient by red, green, blue; by depth
 };
+
+constexpr int kChunks = 8;  // of a pixel's buckets, summed at the same time
+
+/// What a bucket shows at a pixel, seen through the loss.
+template <bool kWithDepth>
+__device__ __forceinline__ float seen_through_loss(const BlendBackwardCudaArgs& args, std::int64_t kept, float4 part,
+                                                   const PixelGrad& g) {
+  float seen = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
+  if constexpr (kWithDepth) seen += g.depth * __ldg(args.parts.depth + kept);
+  return seen;
+}
+
+/// What lies behind each bucket of each pixel. A block takes 32 pixels of a tile, a lane each; its warps take one chunk
+/// of the pixel's buckets each, first for the chunk's sum, then, knowing what lies behind the chunk, bucket by bucket.
+template <int kTilePixels, bool kWithDepth>
+__global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const BlendBackwardCudaArgs args) {
+  constexpr int kGroups = kTilePixels / kWarpSize;
+  __shared__ float chunk_sums[kChunks][kWarpSize];
+  const BlendBackwardArgs& blend = args.blend;
+  const auto tile = static_cast<std::int32_t>(blockIdx.x) / kGroups;
+  const int chunk = static_cast<int>(threadIdx.x) / kWarpSize, lane = lane_id();
+  const TilePixel at = tile_pixel(blend.grid, tile, static_cast<std::int32_t>(blockIdx.x) % kGroups * kWarpSize + lane);
+  const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
+  const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
+  const PixelGrad g = last >= 0 ? load_pixel_grad(blend, pixel) : PixelGrad{};
+
+  const std::int32_t n = last >= 0 ? last / kWarpSize + 1 : 0, per_chunk = (n + kChunks - 1) / kChunks;
+  const std::int32_t begin = chunk * per_chunk, end = begin + per_chunk < n ? begin + per_chunk : n;
+  const std::int64_t first = args.buckets.offsets[tile] * kTilePixels + at.index;
+  float sum = 0;
+#pragma unroll 8
+  for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
+    const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
+    sum += seen_through_loss<kWithDepth>(args, kept, __ldg(args.parts.light + kept), g);
+  }
+  chunk_sums[chunk][lane] = sum;
+  __syncthreads();
+  if (last < 0) return;
+  float behind = light_behind_all(blend, pixel, g);
+  for (int later = kChunks - 1; later > chunk; --later) behind += chunk_sums[later][lane];
+#pragma unroll 8
+  for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
+    const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
+    const float4 part = __ldg(args.parts.light + kept);
+    args.bucket_ends[kept] = make_float2(part.x, behind);
+    behind += seen_through_loss<kWithDepth>(args, kept, part, g);
+  }
+}
 
 template <int kTilePixels, bool kWithDepth>
 __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(const BlendBackwardCudaArgs args) {
@@ -33,8 +83,8 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   const int lane = lane_id();
 
   const std::int64_t bucket = static_cast<std::int64_t>(blockIdx.x) * kWarps + threadIdx.x / kWarpSize;
-  if (bucket >= args.n_buckets_max) return;
-  const std::int32_t tile = args.tile_of_bucket[bucket];
+  if (bucket >= args.buckets.n_max) return;
+  const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   if (tile < 0) return;
   const auto start = static_cast<std::int32_t>((bucket - args.buckets.offsets[tile]) * kWarpSize);
   const std::int64_t first = blend.bins.tile_offsets[tile];
@@ -44,7 +94,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   SplatShape<float> shape{};
   float4 color{};
   float depth = 0;
-  Vec2f extent{};
+  float2 extent{};
   std::int32_t id = -1;
   if (own_position < n) {
     id = blend.bins.splat_ids[first + own_position];
@@ -52,12 +102,12 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     shape = make_splat_shape(place, load_conic(blend.splats, id));
     color = load_color(blend.splats, id).v;
     depth = place.v.w;
-    extent = blend.extents[id];
+    extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
   }
 
   SplatGrad sum{};
-  BackwardState<float> state{};
-  int step = 0;      // entry that is in lane 0
+  ReverseState<float> state{};
+  int step = 0;      // entry that is in the last lane
   int produced = 0;  // entries in the ring so far
   int group = 0;     // next sub-tile to look at
   constexpr int kGroups = kTilePixels / kWarpSize;
@@ -67,8 +117,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     ++group;
     // Does any splat of the bucket reach the sub-tile? Lane 0 holds its upper left pixel.
     const float left = __shfl_sync(kFullWarp, at.center_x(), 0), top = __shfl_sync(kFullWarp, at.center_y(), 0);
-    const bool reaches = id >= 0 && shape.mean_x + extent.x >= left && shape.mean_x - extent.x <= left + 7 &&
-                         shape.mean_y + extent.y >= top && shape.mean_y - extent.y <= top + 3;
+    const bool reaches = id >= 0 && reaches_sub_tile(shape.mean_x, shape.mean_y, extent, left, top);
     if (__ballot_sync(kFullWarp, reaches) == 0) return;
     const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
     const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
@@ -76,16 +125,10 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     const unsigned living = __ballot_sync(kFullWarp, alive);
     if (alive) {
       const PixelGrad g = load_pixel_grad(blend, pixel);
-      const std::int64_t kept = bucket * kTilePixels + at.index;
-      const float4 light = args.buckets.light[kept];
-      const float* const shown = blend.rendered.color + 3 * pixel;
-      float remaining = g.color.x * (shown[0] - light.y) + g.color.y * (shown[1] - light.z) +
-                        g.color.z * (shown[2] - light.w) - alpha_part(blend, pixel);
-      if constexpr (kWithDepth) remaining += g.depth * (blend.rendered.depth[pixel] - args.buckets.depth[kept]);
       const int slot = (produced + __popc(living & ((1u << lane) - 1))) % kRing;
       ring.center[slot] = make_float2(at.center_x(), at.center_y());
       ring.last[slot] = last;
-      ring.state[slot] = make_float2(light.x, remaining);
+      ring.state[slot] = args.bucket_ends[bucket * kTilePixels + at.index];
       ring.color[slot] = make_float4(g.color.x, g.color.y, g.color.z, g.depth);
     }
     produced += __popc(living);
@@ -93,13 +136,13 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   };
 
   const auto advance = [&] {
-    state.transmittance = __shfl_up_sync(kFullWarp, state.transmittance, 1);
-    state.remaining = __shfl_up_sync(kFullWarp, state.remaining, 1);
-    const int entry = step - lane;
+    state.transmittance = __shfl_down_sync(kFullWarp, state.transmittance, 1);
+    state.behind = __shfl_down_sync(kFullWarp, state.behind, 1);
+    const int entry = step - (kWarpSize - 1 - lane);
     const int slot = entry & (kRing - 1);
     ++step;
     if (entry < 0 || entry >= produced) return;
-    if (lane == 0) {
+    if (lane == kWarpSize - 1) {
       const float2 entering = ring.state[slot];
       state = {entering.x, entering.y};
     }
@@ -109,7 +152,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     const float4 g = ring.color[slot];
     float value = g.x * color.x + g.y * color.y + g.z * color.z;
     if constexpr (kWithDepth) value += g.w * depth;
-    const BlendGrad<float> part = blend_over_backward(state, true, evaluate_alpha(reach.power), value);
+    const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
     accumulate(sum, reach, part, make_float3(g.x, g.y, g.z), g.w);
   };
 
@@ -123,25 +166,43 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     for (const int end = produced + kWarpSize - 1; step < end;) advance();
   }
   if (id < 0) return;
-  if (sum.q != 0 || sum.red != 0 || sum.green != 0 || sum.blue != 0 || sum.depth != 0) {
+  if (sum.q == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
+  if (args.isect_grads != nullptr) {
+    args.isect_grads[blend.bins.isect_slots[first + own_position]] = {sum, {0, 0}};
+  } else {
     atomic_add(args.splat_grads + id, sum);
   }
+}
+
+template <int kTilePixels, bool kWithDepth>
+void launch(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  const int n_groups = args.blend.grid.n_tiles() * (kTilePixels / kWarpSize);
+  sum_behind_kernel<kTilePixels, kWithDepth><<<n_groups, kChunks * kWarpSize, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  const auto blocks = static_cast<unsigned>((args.buckets.n_max + kWarps - 1) / kWarps);
+  backward_per_splat_kernel<kTilePixels, kWithDepth><<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace
 
 void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  if (args.n_buckets_max == 0) return;
-  const auto blocks = static_cast<unsigned>((args.n_buckets_max + kWarps - 1) / kWarps);
-  const bool with_depth = args.blend.grad.depth != nullptr;
+  if (args.buckets.n_max == 0) return;
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    if (with_depth) {
-      backward_per_splat_kernel<pixels.value, true><<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
+    if (args.blend.grad.depth != nullptr) {
+      launch<pixels.value, true>(args, context);
     } else {
-      backward_per_splat_kernel<pixels.value, false><<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
+      launch<pixels.value, false>(args, context);
     }
   });
-  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources backward_per_splat_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(backward_per_splat_kernel<pixels.value, false>, kWarps * kWarpSize);
+  });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

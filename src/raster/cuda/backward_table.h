@@ -4,6 +4,7 @@
 #include <array>
 
 #include "raster/backward_kernel.h"
+#include "raster/cuda/kernel_resources.h"
 #include "raster/cuda/passes.h"
 
 namespace b3dgs::cuda {
@@ -11,8 +12,19 @@ namespace b3dgs::cuda {
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 
+/// Resources of the schedule's kernel, for gradients by colour alone, as in training.
+KernelResources backward_per_pixel_resources(const TileShape& tile);
+KernelResources backward_per_splat_resources(const TileShape& tile);
+
+struct BackwardRow {
+  void (*launch)(const BlendBackwardCudaArgs& args, const LaunchContext& context);
+  KernelResources (*resources)(const TileShape& tile);
+};
+
 /// Indexed by BackwardKernel.
-inline constexpr std::array<void (*)(const BlendBackwardCudaArgs&, const LaunchContext&), kBackwardKernels.size()>
-    kBackwardTable{launch_backward_per_pixel, launch_backward_per_splat};
+inline constexpr std::array<BackwardRow, kBackwardKernels.size()> kBackwardTable{{
+    {launch_backward_per_pixel, backward_per_pixel_resources},
+    {launch_backward_per_splat, backward_per_splat_resources},
+}};
 
 }  // namespace b3dgs::cuda

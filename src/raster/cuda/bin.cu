@@ -58,61 +58,96 @@ struct EmitArgs {
   std::int32_t* rank_of_gaussian;  // [N] out
   TileKey* tiles;                  // [n_isects] out
   std::int32_t* isect_ranks;       // [n_isects] out
+  std::int32_t* slots;             // [n_isects] out: 0, 1, 2, ...; null if slots are not kept
 };
 
-/// Copies each splat to its rank and writes its pairs to its slots.
-template <class TileKey>
-__global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<TileKey> args) {
-  const std::int64_t rank = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+/// A splat whose pairs are emitted: what tile_rows asks for, and where its pairs begin.
+struct Emitted {
   Splat splat{};
   Vec2f extent{};
-  std::int32_t radius = 0;
+  std::int32_t radius = 0, rank = 0;
   std::int64_t first = 0;
-  int pairs = 0;
-  if (rank < args.n_splats) {
+};
+
+__device__ __forceinline__ Emitted emitted_of_lane(const Emitted& own, int lane) {
+  Emitted other;
+  other.splat.mean_x = __shfl_sync(kFullWarp, own.splat.mean_x, lane);
+  other.splat.mean_y = __shfl_sync(kFullWarp, own.splat.mean_y, lane);
+  other.splat.log2_opacity = __shfl_sync(kFullWarp, own.splat.log2_opacity, lane);
+  other.splat.conic_xx = __shfl_sync(kFullWarp, own.splat.conic_xx, lane);
+  other.splat.conic_xy = __shfl_sync(kFullWarp, own.splat.conic_xy, lane);
+  other.splat.conic_yy = __shfl_sync(kFullWarp, own.splat.conic_yy, lane);
+  other.extent = {__shfl_sync(kFullWarp, own.extent.x, lane), __shfl_sync(kFullWarp, own.extent.y, lane)};
+  other.radius = __shfl_sync(kFullWarp, own.radius, lane);
+  other.rank = __shfl_sync(kFullWarp, own.rank, lane);
+  other.first = __shfl_sync(kFullWarp, own.first, lane);
+  return other;
+}
+
+template <class TileKey>
+__device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, std::int32_t rank, std::int32_t row,
+                                         TileSpan span, std::int64_t slot) {
+  for (std::int32_t column = span.begin; column < span.end; ++column, ++slot) {
+    args.tiles[slot] = static_cast<TileKey>(row * args.grid.columns + column);
+    args.isect_ranks[slot] = rank;
+    if (args.slots != nullptr) args.slots[slot] = static_cast<std::int32_t>(slot);
+  }
+}
+
+/// A splat by all lanes: a lane takes a row of tiles, and a prefix sum tells where its pairs go.
+template <class TileKey>
+__device__ __forceinline__ void emit_by_warp(const EmitArgs<TileKey>& args, const Emitted& e) {
+  const TileRows rows = tile_rows(args.grid, args.culling, e.splat, e.extent, e.radius);
+  std::int64_t slot = e.first;
+  for (std::int32_t begin = rows.begin; begin < rows.end; begin += kWarpSize) {
+    const std::int32_t row = begin + lane_id();
+    const TileSpan span = row < rows.end ? rows.span(args.grid, row) : TileSpan{0, 0};
+    const int length = span.begin < span.end ? span.end - span.begin : 0;
+    const int up_to_own = warp_prefix_sum(length);
+    emit_row(args, e.rank, row, span, slot + up_to_own - length);
+    slot += __shfl_sync(kFullWarp, up_to_own, kWarpSize - 1);
+  }
+}
+
+/// Copies each splat to its rank and writes its pairs to its slots. A warp takes runs of ranks that lie far apart:
+/// splats at one depth are often of one size, and a warp of large ones would be the last to end.
+template <class TileKey>
+__global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<TileKey> args) {
+  constexpr int kRun = 8;  // ranks: 32 bytes of indices
+  const std::int64_t warps = (args.n_splats + kWarpSize - 1) / kWarpSize;
+  const std::int64_t warp = (static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x) / kWarpSize;
+  const std::int64_t rank = (lane_id() / kRun * warps + warp) * kRun + lane_id() % kRun;
+  Emitted own;
+  std::int64_t pairs = 0;
+  if (warp < warps && rank < args.n_splats) {
     const std::int32_t gaussian = args.visible_sorted[rank];
-    splat = args.projected.splats[gaussian];
-    extent = args.projected.extents[gaussian];
-    radius = args.projected.radii[gaussian];
-    args.splats[rank] = splat;
-    args.extents[rank] = extent;
-    args.rank_of_gaussian[gaussian] = static_cast<std::int32_t>(rank);
-    first = args.slot_offsets[rank];
-    pairs = static_cast<int>(args.slot_offsets[rank + 1] - first);
+    own = {args.projected.splats[gaussian], args.projected.extents[gaussian], args.projected.radii[gaussian],
+           static_cast<std::int32_t>(rank), args.slot_offsets[rank]};
+    args.splats[rank] = own.splat;
+    args.extents[rank] = own.extent;
+    args.rank_of_gaussian[gaussian] = own.rank;
+    pairs = args.slot_offsets[rank + 1] - own.first;
   }
   if (pairs > 0 && pairs <= kTilesPerThread) {
-    std::int64_t slot = first;
-    visit_tile_rows(args.grid, args.culling, splat, extent, radius, [&](std::int32_t row, TileSpan span) {
-      for (std::int32_t column = span.begin; column < span.end; ++column, ++slot) {
-        args.tiles[slot] = static_cast<TileKey>(row * args.grid.columns + column);
-        args.isect_ranks[slot] = static_cast<std::int32_t>(rank);
-      }
+    std::int64_t slot = own.first;
+    visit_tile_rows(args.grid, args.culling, own.splat, own.extent, own.radius, [&](std::int32_t row, TileSpan span) {
+      emit_row(args, own.rank, row, span, slot);
+      slot += span.end - span.begin;
     });
   }
-  // Large splats one after the other, each by all lanes: every lane walks the rows, and shares their columns.
   for (unsigned large = __ballot_sync(kFullWarp, pairs > kTilesPerThread); large != 0; large &= large - 1) {
-    const int owner = __ffs(large) - 1;
-    Splat shared_splat;
-    shared_splat.mean_x = __shfl_sync(kFullWarp, splat.mean_x, owner);
-    shared_splat.mean_y = __shfl_sync(kFullWarp, splat.mean_y, owner);
-    shared_splat.log2_opacity = __shfl_sync(kFullWarp, splat.log2_opacity, owner);
-    shared_splat.conic_xx = __shfl_sync(kFullWarp, splat.conic_xx, owner);
-    shared_splat.conic_xy = __shfl_sync(kFullWarp, splat.conic_xy, owner);
-    shared_splat.conic_yy = __shfl_sync(kFullWarp, splat.conic_yy, owner);
-    const Vec2f shared_extent{__shfl_sync(kFullWarp, extent.x, owner), __shfl_sync(kFullWarp, extent.y, owner)};
-    const std::int32_t shared_radius = __shfl_sync(kFullWarp, radius, owner);
-    std::int64_t slot = __shfl_sync(kFullWarp, first, owner);
-    const auto shared_rank = static_cast<std::int32_t>(rank - lane_id() + owner);
-    visit_tile_rows(args.grid, args.culling, shared_splat, shared_extent, shared_radius,
-                    [&](std::int32_t row, TileSpan span) {
-                      for (std::int32_t column = span.begin + lane_id(); column < span.end; column += kWarpSize) {
-                        const std::int64_t own = slot + column - span.begin;
-                        args.tiles[own] = static_cast<TileKey>(row * args.grid.columns + column);
-                        args.isect_ranks[own] = shared_rank;
-                      }
-                      slot += span.end - span.begin;
-                    });
+    emit_by_warp(args, emitted_of_lane(own, __ffs(large) - 1));
   }
+}
+
+/// Slots of the sorted pairs to what the lists hold: splats and, beside them, slots.
+__global__ void __launch_bounds__(kThreads)
+    gather_slots_kernel(const std::int32_t* slots, const std::int32_t* isect_ranks, std::int64_t n_isects,
+                        std::int32_t* splat_ids, std::int64_t* isect_slots) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i >= n_isects) return;
+  splat_ids[i] = isect_ranks[slots[i]];
+  isect_slots[i] = slots[i];
 }
 
 /// Position t of tile_offsets: the first pair whose tile is at least t.
@@ -179,10 +214,19 @@ void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, 
   if (args.n_splats > 0) {
     emit_pairs_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(emit);
     B3DGS_CUDA_CHECK_LAUNCH();
+    const std::int32_t* const values = args.keep_slots ? emit.slots : emit.isect_ranks;
+    std::int32_t* const sorted_values =
+        args.keep_slots ? buffers.slots_sorted.resize(args.n_isects, context) : splat_ids;
     run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-      return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, emit.isect_ranks, splat_ids,
-                                             args.n_isects, 0, bits_for(n_tiles), context.stream);
+      return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, values, sorted_values, args.n_isects,
+                                             0, bits_for(n_tiles), context.stream);
     });
+    if (args.keep_slots) {
+      gather_slots_kernel<<<blocks_for(args.n_isects), kThreads, 0, context.stream>>>(
+          sorted_values, emit.isect_ranks, args.n_isects, splat_ids,
+          buffers.isect_slots.resize(args.n_isects, context));
+      B3DGS_CUDA_CHECK_LAUNCH();
+    }
   }
   find_tiles_kernel<<<blocks_for(args.n_isects + 1), kThreads, 0, context.stream>>>(sorted, args.n_isects, n_tiles,
                                                                                     tile_offsets);
@@ -225,12 +269,13 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
   const auto sort = [&](auto& keys, auto& sorted) {
     using TileKey = std::remove_pointer_t<decltype(keys.data())>;
-    const EmitArgs<TileKey> emit{args.projected,   visible_sorted,
-                                 slot_offsets,     n,
-                                 args.grid,        args.culling,
-                                 splats,           extents,
-                                 rank_of_gaussian, keys.resize(args.n_isects, context),
-                                 isect_ranks};
+    const EmitArgs<TileKey> emit{
+        args.projected,   visible_sorted,
+        slot_offsets,     n,
+        args.grid,        args.culling,
+        splats,           extents,
+        rank_of_gaussian, keys.resize(args.n_isects, context),
+        isect_ranks,      args.keep_slots ? buffers.slots.resize(args.n_isects, context) : nullptr};
     sort_pairs_by_tile(args, emit, sorted, buffers, tile_offsets, context);
   };
   if (n_tiles <= 1 << 16) {
@@ -246,10 +291,12 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
   name_buckets_kernel<<<blocks_for((n_tiles + std::int64_t{1}) * kWarpSize), kThreads, 0, context.stream>>>(
       bucket_offsets, n_tiles, n_buckets_max, tile_of_bucket);
   B3DGS_CUDA_CHECK_LAUNCH();
-  return {splats,           extents,
-          rank_of_gaussian, {tile_offsets, buffers.splat_ids.data(), nullptr, slot_offsets, args.n_isects},
-          bucket_offsets,   tile_of_bucket,
-          n_buckets_max};
+  return {splats,
+          extents,
+          rank_of_gaussian,
+          {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.isect_slots.data() : nullptr, slot_offsets,
+           args.n_isects},
+          {bucket_offsets, tile_of_bucket, n_buckets_max}};
 }
 
 }  // namespace b3dgs::cuda

@@ -4,19 +4,19 @@
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/tile_blend.cuh"
+#include "raster/cuda/pixel_wise.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendForwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads, false> batch;
+  __shared__ StagedBatch<kThreads> batch;
   __shared__ std::int32_t ticket;
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
   for (std::int32_t tile = take_task(args.next_task, ticket); tile < n_tiles;
        tile = take_task(args.next_task, ticket)) {
-    blend_tile_pixelwise(args, batch, tile, static_cast<std::int32_t>(threadIdx.x));
+    blend_tile_pixelwise(args, batch, tile);
   }
 }
 
@@ -28,6 +28,13 @@ void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContex
     kernel<<<resident_blocks(kernel, pixels.value, context), pixels.value, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_dynamic_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(forward_dynamic_kernel<pixels.value>, pixels.value); });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

@@ -3,29 +3,65 @@
 // list is read once per pixel; the block of the crowded tile is still the longest.
 
 #include "raster/cuda/forward_table.h"
+#include "raster/cuda/gaussian_wise.cuh"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/tile_blend.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
-template <int kThreads>
+/// One pixel by a whole warp. Needs no shared memory and no barrier.
+template <bool kKeepParts>
+__device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at) {
+  const BlendForwardArgs& blend = args.blend;
+  const std::int64_t first = blend.bins.tile_offsets[tile];
+  const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
+  GaussianWisePixel<kKeepParts> pixel(args, tile, at);
+  // Every lane runs every round: the bound is a whole number of groups, entries beyond the list do not contribute.
+  for (std::int32_t group = 0; group < n && !pixel.is_finished(); group += kWarpSize) {
+    const std::int32_t entry = group + lane_id();
+    const std::int32_t id = blend.bins.splat_ids[first + (entry < n ? entry : n - 1)];
+    const SplatShape<float> shape = make_splat_shape(load_place(blend.splats, id), load_conic(blend.splats, id));
+    const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
+    const bool contributes = reach.contributes && entry < n;
+    if (!__any_sync(kFullWarp, contributes)) continue;
+    pixel.blend({contributes, reach.power, entry}, [&] {
+      const float4 color = load_color(blend.splats, id).v;
+      return make_float4(color.x, color.y, color.z, __ldg(&blend.splats[id].depth));
+    });
+  }
+  pixel.store();
+}
+
+template <int kThreads, bool kKeepParts>
 __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const BlendForwardCudaArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t begin = static_cast<std::int32_t>(threadIdx.x) / kWarpSize * kWarpSize;
   for (std::int32_t i = begin; i < begin + kWarpSize; ++i) {
     const TilePixel at = tile_pixel(args.blend.grid, tile, i);
-    if (at.inside) blend_pixel_gaussian_wise(args, tile, at);
+    if (at.inside) blend_pixel<kKeepParts>(args, tile, at);
   }
 }
 
 }  // namespace
 
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context) {
+  const int n_tiles = args.blend.grid.n_tiles();
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    forward_gaussian_wise_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+    if (args.parts.light != nullptr) {
+      forward_gaussian_wise_kernel<pixels.value, true><<<n_tiles, pixels.value, 0, context.stream>>>(args);
+    } else {
+      forward_gaussian_wise_kernel<pixels.value, false><<<n_tiles, pixels.value, 0, context.stream>>>(args);
+    }
   });
   B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, false>, pixels.value);
+  });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

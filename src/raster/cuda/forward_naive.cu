@@ -4,15 +4,15 @@
 
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/tile_blend.cuh"
+#include "raster/cuda/pixel_wise.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_naive_kernel(const BlendForwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads, false> batch;
-  blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(threadIdx.x));
+  __shared__ StagedBatch<kThreads> batch;
+  blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x));
 }
 
 }  // namespace
@@ -22,6 +22,13 @@ void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext&
     forward_naive_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_naive_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(forward_naive_kernel<pixels.value>, pixels.value); });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

@@ -3,6 +3,7 @@
 
 #include <array>
 
+#include "raster/cuda/kernel_resources.h"
 #include "raster/cuda/passes.h"
 #include "raster/forward_kernel.h"
 
@@ -14,11 +15,25 @@ void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const Launch
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context);
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context);
 
+/// Resources of the schedule's kernel; of the longest-running one if it launches several.
+KernelResources forward_naive_resources(const TileShape& tile);
+KernelResources forward_dynamic_resources(const TileShape& tile);
+KernelResources forward_gaussian_wise_resources(const TileShape& tile);
+KernelResources forward_combined_resources(const TileShape& tile);
+KernelResources forward_shared_memory_resources(const TileShape& tile);
+
+struct ForwardRow {
+  void (*launch)(const BlendForwardCudaArgs& args, const LaunchContext& context);
+  KernelResources (*resources)(const TileShape& tile);
+};
+
 /// Indexed by ForwardKernel. Tiles of 16 x 8 and 16 x 16 px.
-inline constexpr std::array<void (*)(const BlendForwardCudaArgs&, const LaunchContext&), kForwardKernels.size()>
-    kForwardTable{
-        launch_forward_naive,    launch_forward_dynamic,       launch_forward_gaussian_wise,
-        launch_forward_combined, launch_forward_shared_memory,
-    };
+inline constexpr std::array<ForwardRow, kForwardKernels.size()> kForwardTable{{
+    {launch_forward_naive, forward_naive_resources},
+    {launch_forward_dynamic, forward_dynamic_resources},
+    {launch_forward_gaussian_wise, forward_gaussian_wise_resources},
+    {launch_forward_combined, forward_combined_resources},
+    {launch_forward_shared_memory, forward_shared_memory_resources},
+}};
 
 }  // namespace b3dgs::cuda

@@ -3,6 +3,7 @@
 
 #include "check.h"
 #include "raster/cuda/device_buffer.h"
+#include "raster/cuda/kernel_resources.h"
 #include "raster/tiling.h"
 
 namespace b3dgs::cuda {
@@ -26,6 +27,23 @@ int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
   int per_multiprocessor = 0;
   B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_multiprocessor, kernel, threads, 0));
   return per_multiprocessor * context.n_multiprocessors;
+}
+
+/// What blocks of `threads` threads of a __global__ function take on the current device.
+template <class Kernel>
+KernelResources kernel_resources(Kernel kernel, int threads) {
+  cudaFuncAttributes attributes{};
+  B3DGS_CUDA_CHECK(cudaFuncGetAttributes(&attributes, kernel));
+  int device = 0, blocks = 0, threads_max = 0;
+  B3DGS_CUDA_CHECK(cudaGetDevice(&device));
+  B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&threads_max, cudaDevAttrMaxThreadsPerMultiProcessor, device));
+  B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, threads, 0));
+  return {threads,
+          attributes.numRegs,
+          static_cast<int>(attributes.sharedSizeBytes),
+          static_cast<int>(attributes.localSizeBytes),
+          blocks * threads,
+          threads_max};
 }
 
 }  // namespace b3dgs::cuda

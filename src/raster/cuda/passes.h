@@ -40,7 +40,8 @@ struct BinBuffers {
   DeviceBuffer<std::int32_t> visible, visible_sorted, rank_of_gaussian, isect_ranks, splat_ids, tile_of_bucket;
   DeviceBuffer<std::uint16_t> tiles16, tiles16_sorted;
   DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
-  DeviceBuffer<std::int64_t> slot_offsets, tile_offsets, bucket_offsets;
+  DeviceBuffer<std::int32_t> slots, slots_sorted;
+  DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<unsigned char> temporary;  // CUB's
@@ -51,6 +52,14 @@ struct BinCudaArgs {
   std::int64_t n_gaussians = 0, n_splats = 0, n_isects = 0;
   TileGrid grid{};
   Culling culling = Culling::kEllipse;
+  bool keep_slots = false;  // fill isect_slots
+};
+
+/// Runs of 32 entries of a tile's list.
+struct Buckets {
+  const std::int64_t* offsets = nullptr;         // [n_tiles + 1] first bucket of each tile
+  const std::int32_t* tile_of_bucket = nullptr;  // [n_max], -1 beyond the last bucket
+  std::int64_t n_max = 0;                        // bound on their number that the host knows
 };
 
 /// Splats in order of depth, and the tiles' lists of them.
@@ -58,26 +67,28 @@ struct BinnedView {
   const Splat* splats = nullptr;                   // [M] nearest first; equal depths in the order of the Gaussians
   const Vec2f* extents = nullptr;                  // [M]
   const std::int32_t* rank_of_gaussian = nullptr;  // [N] place in `splats`; undefined where radii is 0
-  BinnedSplats bins{};                             // isect_slots is null: slots are kept by emission order, see below
-  const std::int64_t* bucket_offsets = nullptr;    // [n_tiles + 1] first bucket (32 entries) of each tile
-  const std::int32_t* tile_of_bucket = nullptr;    // [n_buckets_max], -1 beyond the last bucket
-  std::int64_t n_buckets_max = 0;                  // bound on their number that the host knows
+  BinnedSplats bins{};                             // isect_slots is null unless asked for
+  Buckets buckets{};
 };
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context);
 
-/// What the per-splat backward pass needs from the forward pass: each pixel before each bucket of 32 list entries. A
-/// state is written only where it is asked for again: pixels still alive, and for Gaussian-wise schedules buckets in
-/// which a splat contributes.
-struct BucketStates {
-  const std::int64_t* offsets = nullptr;  // [n_tiles + 1] first bucket of each tile; null: no states are kept
-  float4* light = nullptr;                // [n_buckets, tile pixels row by row] transmittance, red, green, blue
-  float* depth = nullptr;                 // likewise
+/// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket of 32 list entries
+/// adds to it. Written up to the bucket of the pixel's last splat. A bucket's own part, not the sum so far: what lies
+/// behind a bucket is then a sum of parts, where a difference of two sums would lose the digits of what little light
+/// shows.
+struct BucketParts {
+  // [n_buckets, tile pixels row by row] transmittance behind the bucket (undefined if none of its splats was blended);
+  // red, green, blue that it adds. Null: no parts are kept.
+  float4* light = nullptr;
+  float* depth = nullptr;  // likewise: depth that it adds
 };
 
 struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
-  BucketStates buckets{};
-  std::int32_t* next_task = nullptr;  // [1] the pool's counter, 0 at the start
+  Buckets buckets{};
+  BucketParts parts{};
+  std::int32_t* next_task = nullptr;    // [1] the pool's counter, 0 at the start
+  std::uint32_t* quad_words = nullptr;  // [n_buckets_max, pixels of a tile / 4] scratch of `combined`
 };
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);
@@ -90,12 +101,24 @@ struct alignas(16) SplatGradSum {
 static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 
 struct BlendBackwardCudaArgs {
-  BlendBackwardArgs blend{};
-  BucketStates buckets{};
-  const std::int32_t* tile_of_bucket = nullptr;  // [n_buckets_max], -1 beyond the last bucket
-  std::int64_t n_buckets_max = 0;
+  BlendBackwardArgs blend{};  // its isect_grads are not used
+  Buckets buckets{};
+  BucketParts parts{};
+  float2* bucket_ends = nullptr;        // [n_buckets_max, tile pixels] scratch of the per-splat pass
   SplatGradSum* splat_grads = nullptr;  // [M] added to; zero before
+  // [n_isects] by slot, zero before; null: gradients go to splat_grads with atomics, in an order that changes from run
+  // to run. The per-splat pass alone can fill it.
+  SplatGradSum* isect_grads = nullptr;
 };
+
+/// Adds each splat's records, which lie together, in one order: the way to equal bits twice.
+struct SumSplatGradsArgs {
+  std::int64_t n_splats = 0;
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const SplatGradSum* isect_grads = nullptr;   // [n_isects] by slot
+  SplatGradSum* splat_grads = nullptr;         // [M] out
+};
+void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
 struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};

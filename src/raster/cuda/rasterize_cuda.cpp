@@ -33,9 +33,11 @@ struct Rasterizer::Impl {
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<std::int32_t> radii, n_tiles, last_ids, next_task;
   DeviceBuffer<ViewCounts> counts;
-  DeviceBuffer<float4> state_light;
-  DeviceBuffer<float> state_depth, transmittance;
-  DeviceBuffer<SplatGradSum> splat_grads;
+  DeviceBuffer<float4> part_light;
+  DeviceBuffer<float> part_depth, transmittance;
+  DeviceBuffer<float2> bucket_ends;
+  DeviceBuffer<std::uint32_t> quad_words;
+  DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
 
@@ -43,34 +45,51 @@ struct Rasterizer::Impl {
   PinholeView view{};
   int sh_degree = 0;
   BackwardKernel backward_kernel{};
+  bool deterministic = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
-  BucketStates buckets{};
+  BucketParts parts{};
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
 
+  std::int64_t n_bucket_pixels() const {
+    return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
+  }
   void blend_forward(ForwardKernel kernel, const LaunchContext& context);
   void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 };
 
 void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task.data(), 0, sizeof(std::int32_t), context.stream));
+  std::int32_t* const task = next_task.resize(1, context);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(task, 0, sizeof(std::int32_t), context.stream));
   const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
                                background,    rendered,       transmittance.data(), last_ids.data()};
-  kForwardTable[static_cast<std::size_t>(kernel)]({blend, buckets, next_task.data()}, context);
+  std::uint32_t* const words =
+      kernel == ForwardKernel::kCombined ? quad_words.resize(n_bucket_pixels() / 4, context) : nullptr;
+  kForwardTable[static_cast<std::size_t>(kernel)].launch({blend, binned.buckets, parts, task, words}, context);
 }
 
 void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
                                       const LaunchContext& context) {
-  B3DGS_CHECK(buckets.offsets != nullptr, "backward after a forward that kept nothing for it");
-  SplatGradSum* const sums = splat_grads.resize(n_splats, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, static_cast<std::size_t>(n_splats) * sizeof(SplatGradSum), context.stream));
-  const BlendBackwardArgs blend{binned.splats, binned.extents,       binned.bins,     grid, background,
-                                rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
-  kBackwardTable[static_cast<std::size_t>(kernel)]({blend, buckets, binned.tile_of_bucket, binned.n_buckets_max, sums},
-                                                   context);
+  B3DGS_CHECK(parts.light != nullptr, "backward after a forward that kept nothing for it");
+  const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
+    SplatGradSum* const records = buffer.resize(count, context);
+    B3DGS_CUDA_CHECK(
+        cudaMemsetAsync(records, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
+    return records;
+  };
+  BlendBackwardCudaArgs args{};
+  args.blend = {binned.splats, binned.extents,       binned.bins,     grid, background,
+                rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
+  args.buckets = binned.buckets;
+  args.parts = parts;
+  args.bucket_ends = bucket_ends.resize(n_bucket_pixels(), context);
+  args.splat_grads = zeroed(splat_grads, n_splats);
+  if (deterministic) args.isect_grads = zeroed(isect_grads, binned.bins.n_isects);
+  kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+  if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
 }
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -86,6 +105,9 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
               settings.sh_degree, " of at most ", gaussians.sh_degree_max);
   B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "splats carry 32-bit indices; n_gaussians is ",
               gaussians.n_gaussians);
+  B3DGS_CHECK(
+      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
+      "sums in a fixed order need the per-splat backward pass");
   B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
@@ -115,20 +137,20 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   }
   s.n_splats = counts.n_splats;
   begin_stage(s.stages, Stage::kBin);
-  s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling}, s.bin_buffers, context);
+  const bool keep_slots = settings.deterministic && settings.keep_for_backward;
+  s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
+                 context);
 
   begin_stage(s.stages, Stage::kBlendForward);
-  s.buckets = {};
+  s.parts = {};
   s.backward_kernel = settings.backward_kernel;
+  s.deterministic = settings.deterministic;
   if (settings.keep_for_backward) {
-    const std::int64_t n_states = s.binned.n_buckets_max * (std::int64_t{settings.tile.width} * settings.tile.height);
-    s.buckets = {s.binned.bucket_offsets, s.state_light.resize(n_states, context),
-                 s.state_depth.resize(n_states, context)};
+    s.parts = {s.part_light.resize(s.n_bucket_pixels(), context), s.part_depth.resize(s.n_bucket_pixels(), context)};
   }
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   s.transmittance.resize(n_pixels, context);
   s.last_ids.resize(n_pixels, context);
-  s.next_task.resize(1, context);
   s.blend_forward(settings.kernel, context);
   end_stage(s.stages);
   s.n_gaussians = n;

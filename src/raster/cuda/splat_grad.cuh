@@ -55,9 +55,12 @@ __device__ __forceinline__ PixelGrad load_pixel_grad(const BlendBackwardArgs& ar
   return g;
 }
 
-/// Gradient by the pixel's alpha times its final transmittance.
-__device__ __forceinline__ float alpha_part(const BlendBackwardArgs& args, std::int64_t pixel) {
-  return args.grad.alpha != nullptr ? args.grad.alpha[pixel] * args.transmittance[pixel] : 0.0f;
+/// What lies behind all splats of a pixel, seen through the loss: S in blend.h at the end of the list.
+__device__ __forceinline__ float light_behind_all(const BlendBackwardArgs& args, std::int64_t pixel,
+                                                  const PixelGrad& g) {
+  const float shown = g.color.x * args.background.x + g.color.y * args.background.y + g.color.z * args.background.z;
+  const float by_alpha = args.grad.alpha != nullptr ? args.grad.alpha[pixel] : 0.0f;
+  return args.transmittance[pixel] * (shown - by_alpha);
 }
 
 }  // namespace b3dgs::cuda

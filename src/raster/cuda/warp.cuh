@@ -16,8 +16,48 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
+/// Four sums at once, in half the exchanges: lanes give away two of the values they have, then one, and at last gather.
+__device__ __forceinline__ float4 warp_sum(float4 value) {
+  const int lane = lane_id();
+  const bool upper = (lane & 1) != 0, far = (lane & 2) != 0;
+  float a = upper ? value.z : value.x, b = upper ? value.w : value.y;
+  a += __shfl_xor_sync(kFullWarp, upper ? value.x : value.z, 1);
+  b += __shfl_xor_sync(kFullWarp, upper ? value.y : value.w, 1);
+  float sum = far ? b : a;
+  sum += __shfl_xor_sync(kFullWarp, far ? a : b, 2);
+#pragma unroll
+  for (int offset = 4; offset < kWarpSize; offset *= 2) sum += __shfl_xor_sync(kFullWarp, sum, offset);
+  // Lane 0 has x, lane 2 y, lane 1 z, lane 3 w.
+  return make_float4(__shfl_sync(kFullWarp, sum, 0), __shfl_sync(kFullWarp, sum, 2), __shfl_sync(kFullWarp, sum, 1),
+                     __shfl_sync(kFullWarp, sum, 3));
+}
+
+/// Bit l of what lane k gets is bit k of what lane l brings.
+__device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
+  const int lane = lane_id();
+  unsigned mask = 0x0000ffffu;
+#pragma unroll
+  for (int distance = 16; distance > 0; distance /= 2) {
+    const unsigned other = __shfl_xor_sync(kFullWarp, bits, distance);
+    bits = (lane & distance) == 0 ? (bits & mask) | ((other & mask) << distance)
+                                  : (bits & ~mask) | ((other & ~mask) >> distance);
+    mask ^= mask << (distance / 2);
+  }
+  return bits;
+}
+
 __device__ __forceinline__ int warp_max(int value) {
   return __reduce_max_sync(kFullWarp, value);
+}
+
+/// Sum of the lanes up to and including each.
+__device__ __forceinline__ int warp_prefix_sum(int value) {
+#pragma unroll
+  for (int distance = 1; distance < kWarpSize; distance *= 2) {
+    const int before = __shfl_up_sync(kFullWarp, value, distance);
+    if (lane_id() >= distance) value += before;
+  }
+  return value;
 }
 
 /// Product of the lanes up to and including each.

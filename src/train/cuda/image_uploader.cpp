@@ -6,6 +6,12 @@
 
 namespace b3dgs::cuda {
 
+std::int64_t free_device_bytes() {
+  std::size_t free = 0, total = 0;
+  B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
+  return static_cast<std::int64_t>(free);
+}
+
 ImageUploader::ImageUploader(int n_slots, std::int64_t slot_bytes) : slot_bytes_(slot_bytes) {
   try {
     // Not bound to the default stream's order: LibTorch computes there.

@@ -9,6 +9,9 @@
 
 namespace b3dgs::cuda {
 
+/// Of the current device, now.
+std::int64_t free_device_bytes();
+
 class ImageUploader {
  public:
   /// Slots of slot_bytes each. Memory is the uploader's own, not an allocator's that would hand it on.
