@@ -104,7 +104,9 @@ struct TermSizes {
     means2d = means2d.sqrt();
     constexpr std::size_t kLogScales = 1, kQuats = 2;
     static_assert(GaussianTensors::kNames[kLogScales] == std::string_view("log_scales"));
-    parameters[kLogScales] = parameters[kLogScales] + parameters[kQuats] * row_norms(judge.leaves.quats.detach());
+    const torch::Tensor whole = row_norms(dense_gradients(judge.leaves, judge.view, grad).parameters.quats);
+    const torch::Tensor rotation = torch::maximum(parameters[kQuats], whole) * row_norms(judge.leaves.quats.detach());
+    parameters[kLogScales] = parameters[kLogScales] + rotation;
   }
 };
 

@@ -30,10 +30,11 @@ TEST(ReblendCuda, BackwardKernelsSumTheSame) {
   const TestScene scene = anisotropic_cloud();
   CudaView view(scene, settings_of(scene));
   const torch::Tensor nothing = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
-  const DeviceArray<float> grad = to_device(uneven_grad(scene.view, nothing).color);
+  const RenderedViewGrad uneven = uneven_grad(scene.view, nothing);
+  const DeviceArray<float> grad = to_device(uneven.color), grad_depth = to_device(uneven.depth);
   std::vector<torch::Tensor> sums;
   for (const BackwardKernelName& kernel : kBackwardKernels) {
-    view.rasterizer().reblend_backward(kernel.kernel, {grad.data(), nullptr, nullptr}, view.context());
+    view.rasterizer().reblend_backward(kernel.kernel, {grad.data(), grad_depth.data(), nullptr}, view.context());
     torch::Tensor host = torch::empty({view.rasterizer().n_splats(), 12});
     B3DGS_CUDA_CHECK(
         cudaMemcpy(host.data_ptr<float>(), view.rasterizer().splat_grads(), host.nbytes(), cudaMemcpyDeviceToHost));
