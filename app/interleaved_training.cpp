@@ -5,6 +5,7 @@
 #include "app/device.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
+#include "scene/remove_tree.h"
 #include "train/image_store.h"
 
 namespace b3dgs {
@@ -22,10 +23,7 @@ TrainConfig run_config(const Configuration& configuration, const ModelFolder& fo
 class TemporaryFolder {
  public:
   explicit TemporaryFolder(fs::path path) : path_(std::move(path)) {}
-  ~TemporaryFolder() {
-    std::error_code error;
-    fs::remove_all(path_, error);
-  }
+  ~TemporaryFolder() { remove_tree(path_); }
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
   const fs::path& path() const { return path_; }

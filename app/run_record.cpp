@@ -6,6 +6,7 @@
 #include "app/model.h"
 #include "scene/atomic_file.h"
 #include "scene/image_io.h"
+#include "scene/remove_tree.h"
 #include "train/gaussian_model.h"
 
 namespace b3dgs {
@@ -93,8 +94,7 @@ void write_run_record(RunRecord record, Trainer& trainer, const Scene& scene, co
 }
 
 void remove_run_record(const ModelFolder& folder) {
-  std::error_code error;
-  fs::remove_all(report_folder(folder), error);
+  remove_tree(report_folder(folder));
 }
 
 }  // namespace b3dgs

@@ -3,6 +3,7 @@
 #include <csignal>
 
 #include "app/run_record.h"
+#include "scene/remove_tree.h"
 
 namespace b3dgs {
 namespace {
@@ -43,7 +44,7 @@ bool holds_model(const ModelFolder& folder) {
 
 void remove_model(const ModelFolder& folder) {
   std::error_code error;
-  for (const int iteration : folder.ply_iterations()) fs::remove_all(folder.ply(iteration).parent_path(), error);
+  for (const int iteration : folder.ply_iterations()) remove_tree(folder.ply(iteration).parent_path());
   for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
   for (const fs::path& file :
        {folder.log(), folder.root() / "results.json", folder.root() / "per_view.json", folder.root() / "report.html"}) {

@@ -1,6 +1,8 @@
 #include "data_synth/synth_writer.h"
 
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <string>
 #include <system_error>
@@ -9,6 +11,7 @@
 #include "scene/colmap.h"
 #include "scene/image_io.h"
 #include "scene/ply.h"
+#include "scene/remove_tree.h"
 
 namespace b3dgs {
 namespace {
@@ -29,8 +32,7 @@ void prepare_folder(const fs::path& folder) {
                 "), and is left alone; name an empty or new folder");
   }
   for (const char* part : {"images", "sparse", "truth.ply"}) {
-    fs::remove_all(folder / part, error);
-    if (error) io_error((folder / part).string(), ": cannot be removed: ", error.message());
+    if (!remove_tree(folder / part)) io_error((folder / part).string(), ": cannot be removed: ", std::strerror(errno));
   }
 }
 

@@ -69,8 +69,8 @@ struct BadScene {
 
 const std::vector<BadScene>& bad_scenes() {
   static const std::vector<BadScene> rows{
-      {"NoSuchFolder", [](const fs::path& s) { fs::remove_all(s); }, {"scene"}},
-      {"NoModel", [](const fs::path& s) { fs::remove_all(s / "sparse"); }, {"scene"}},
+      {"NoSuchFolder", [](const fs::path& s) { remove_tree(s); }, {"scene"}},
+      {"NoModel", [](const fs::path& s) { remove_tree(s / "sparse"); }, {"scene"}},
       {"NoCamerasFile", [](const fs::path& s) { fs::remove(s / "sparse/0/cameras.bin"); }, {"cameras"}},
       {"NoPointsFile", [](const fs::path& s) { fs::remove(s / "sparse/0/points3D.bin"); }, {"points3D"}},
       {"EmptyImagesFile", [](const fs::path& s) { fs::resize_file(s / "sparse/0/images.bin", 0); }, {"images.bin"}},
@@ -96,7 +96,7 @@ const std::vector<BadScene>& bad_scenes() {
        {"cameras.bin"}},
       {"NoImageOnDisk",
        [](const fs::path& s) {
-         fs::remove_all(s / "images");
+         remove_tree(s / "images");
          fs::create_directories(s / "images");
        },
        {"images"}},

@@ -120,7 +120,7 @@ TEST_F(EndToEnd, APlyIsRenderedWithTheCamerasOfAScene) {
 
 TEST_F(EndToEnd, ASignalLeavesACheckpointThatContinues) {
   for (const auto& [signal, code] : {std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
-    fs::remove_all(model());
+    remove_tree(model());
     const Outcome stopped = train_and_signal(signal);
     ASSERT_EQ(stopped.exit_code, code) << stopped.err;
     EXPECT_NE(stopped.out.find("--resume"), std::string::npos) << stopped.out;

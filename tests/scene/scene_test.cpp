@@ -259,7 +259,7 @@ TEST_F(LoadScene, FindsTheModelWithoutANumberedFolder) {
   write_images(line_model(2));
   write(line_model(2), "sparse");
   EXPECT_EQ(load().train.size(), 2u);
-  fs::remove_all(folder_ / "sparse");
+  remove_tree(folder_ / "sparse");
   EXPECT_TRUE(refuses({folder_.path().string(), "sparse/0", "found none"}));
   write(line_model(2), "");
   EXPECT_EQ(load().train.size(), 2u);

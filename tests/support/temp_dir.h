@@ -8,6 +8,8 @@
 #include <string>
 #include <system_error>
 
+#include "scene/remove_tree.h"
+
 namespace b3dgs::test {
 
 class TempDir {
@@ -17,10 +19,7 @@ class TempDir {
     if (!::mkdtemp(name.data())) throw std::system_error(errno, std::generic_category(), name);
     path_ = name;
   }
-  ~TempDir() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
+  ~TempDir() { remove_tree(path_); }
   TempDir(const TempDir&) = delete;
   TempDir& operator=(const TempDir&) = delete;
 
