@@ -162,9 +162,10 @@ double run_steps(Trainer& trainer, int n) {
 Json report_steps(const StepTimes& times, const TrainConfig& config, const StepSize& size, double wall_ms) {
   const torch::Device device = choose_device(config.device);
   const bool has_floor = device.is_cuda();
-  std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %s px, %s, SH degree %d; %zu steps\n%s\n",
-              config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels,
-              config.tile.c_str(), config.kernel.c_str(), size.sh_degree, times.steps().size(),
+  const TileShape tile = tile_shape(config);
+  std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
+              config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels, tile.width,
+              tile.height, config.kernel.c_str(), size.sh_degree, times.steps().size(),
               describe_device(device).c_str());
   Json report;
   report["stages"] = show_stages(times.steps(), size, has_floor);

@@ -13,6 +13,9 @@
 
 namespace b3dgs {
 
+/// The tile that the options ask for, on the device they name ("auto" counts as the CPU).
+TileShape tile_shape(const TrainConfig& config);
+
 /// How views of a model are rendered where nothing is random. `sh_degree` is at most that of its Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 

@@ -57,6 +57,11 @@ struct Trainer::Impl {
         kernels(config, device),
         images(scene.train, device, image_budget(config.image_cache_gb, device)),
         timer(make_stage_clock(device)) {
+    if (device.is_cuda() && config.deterministic &&
+        evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
+      input_error("--deterministic: the backward kernel ", config.backward_kernel,
+                  " adds up in an order that changes from run to run; use --backward_kernel per-splat");
+    }
     if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
 
@@ -64,7 +69,6 @@ struct Trainer::Impl {
   void begin();
   void check_kernels(int iteration);
   void step();
-  void wait_for_device() const;
   void settle_loss();
   [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
   void differentiate(const TrainView& view);
@@ -139,10 +143,6 @@ void Trainer::Impl::begin() {
     say(detail::concat("all ", config.iterations, " iterations are done; more need a larger --iterations"));
     result.ply = folder.ply(state.iteration);
   }
-}
-
-void Trainer::Impl::wait_for_device() const {
-  if (device.is_cuda()) torch::cuda::synchronize();
 }
 
 RenderSettings Trainer::Impl::step_settings() {
@@ -394,7 +394,7 @@ TrainResult Trainer::run_until(int iteration) {
     if (plan.checkpoint || result.interrupted) own.write_checkpoint();
     result.output_s += seconds_since(start);
   }
-  own.timed([&] { own.wait_for_device(); });
+  if (own.device.is_cuda()) own.timed([] { torch::cuda::synchronize(); });
   wait();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();

@@ -304,7 +304,7 @@ TEST(Trainer, RendersAsTheOptionsSay) {
   const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
     return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
   };
-  EXPECT_TRUE(refused({{"tile", "8x8"}}, "tile must be one of 16x16, 16x8"));
+  EXPECT_TRUE(refused({{"tile", "8x8"}}, "tile must be one of auto, 16x16, 16x8"));
   EXPECT_TRUE(refused({{"backward_kernel", "naive"}}, "backward_kernel must be one of per-pixel, per-splat"));
   EXPECT_TRUE(refused({{"image_cache_gb", -2}}, "image_cache_gb must be at least -1"));
 }
