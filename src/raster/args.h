@@ -66,6 +66,7 @@ struct RenderSettings {
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
   bool deterministic = false;                                  // sums in a fixed order on CUDA; the CPU always does
   bool keep_for_backward = true;    // false saves memory and time where no gradient is wanted
+  bool depth_gradient = true;       // false saves on CUDA what a gradient by depth would need
   StageRecorder* stages = nullptr;  // told which pass begins, of the backward passes too; null: nobody asks
 };
 

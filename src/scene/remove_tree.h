@@ -1,7 +1,7 @@
 // Removing a folder with everything in it.
 //
-// Not std::filesystem::remove_all: LibTorch of the Python packages carries a C++ library of its own inside, and where it
-// is loaded that function resolves to a broken copy and crashes.
+// Not std::filesystem::remove_all: LibTorch of the Python packages carries a C++ library of its own inside, and where
+// it is loaded that function resolves to a broken copy and crashes.
 #pragma once
 
 #include <filesystem>

@@ -29,6 +29,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.kernel = *kernel;
   settings.backward_kernel = *backward_kernel;
   settings.deterministic = config.deterministic;
+  settings.depth_gradient = false;  // the loss looks at colours
   return settings;
 }
 

@@ -3,6 +3,7 @@
 #include "raster/cpu/rasterize_cpu.h"
 
 #include "check.h"
+#include "raster/args_check.h"
 #include "raster/cpu/buffer.h"
 #include "raster/cpu/forward_table.h"
 #include "raster/cpu/passes.h"
@@ -44,14 +45,11 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                          const ImageArrays& out) {
-  B3DGS_CHECK(view.width > 0 && view.height > 0, "image is ", view.width, " x ", view.height);
+  check_render_args(gaussians, view, settings);
   B3DGS_CHECK(settings.tile.width > 0 && settings.tile.width <= kMaxTileSide && settings.tile.height > 0 &&
                   settings.tile.height <= kMaxTileSide,
               "tile is ", settings.tile.width, " x ", settings.tile.height, ", its sides must be from 1 to ",
               kMaxTileSide);
-  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree ",
-              settings.sh_degree, " of at most ", gaussians.sh_degree_max);
-  B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
   s.n_gaussians = -1;  // until this pass has succeeded

@@ -80,7 +80,7 @@ struct BucketParts {
   // [n_buckets, tile pixels row by row] transmittance behind the bucket (undefined if none of its splats was blended);
   // red, green, blue that it adds. Null: no parts are kept.
   float4* light = nullptr;
-  float* depth = nullptr;  // likewise: depth that it adds
+  float* depth = nullptr;  // likewise: depth that it adds; null: no gradient by depth will be asked for
 };
 
 struct BlendForwardCudaArgs {

@@ -2,8 +2,7 @@
 
 #include "raster/cuda/rasterize_cuda.h"
 
-#include <limits>
-
+#include "raster/args_check.h"
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/passes.h"
@@ -74,6 +73,7 @@ void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& 
 void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
                                       const LaunchContext& context) {
   B3DGS_CHECK(parts.light != nullptr, "backward after a forward that kept nothing for it");
+  B3DGS_CHECK(grad.depth == nullptr || parts.depth != nullptr, "gradient by depth after a forward without it");
   const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
     SplatGradSum* const records = buffer.resize(count, context);
     B3DGS_CUDA_CHECK(
@@ -99,16 +99,10 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                          const ImageArrays& out, const LaunchContext& context) {
-  constexpr std::int64_t kIndexMax = std::numeric_limits<std::int32_t>::max() - 1;
-  B3DGS_CHECK(view.width > 0 && view.height > 0, "image is ", view.width, " x ", view.height);
-  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree ",
-              settings.sh_degree, " of at most ", gaussians.sh_degree_max);
-  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "splats carry 32-bit indices; n_gaussians is ",
-              gaussians.n_gaussians);
+  check_render_args(gaussians, view, settings);
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
       "sums in a fixed order need the per-splat backward pass");
-  B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
   s.n_gaussians = -1;  // until this pass has succeeded
@@ -146,7 +140,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.backward_kernel = settings.backward_kernel;
   s.deterministic = settings.deterministic;
   if (settings.keep_for_backward) {
-    s.parts = {s.part_light.resize(s.n_bucket_pixels(), context), s.part_depth.resize(s.n_bucket_pixels(), context)};
+    s.parts.light = s.part_light.resize(s.n_bucket_pixels(), context);
+    if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
   }
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   s.transmittance.resize(n_pixels, context);

@@ -69,7 +69,7 @@ __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& ar
   const std::int64_t bucket = args.buckets.offsets[tile] + position / kWarpSize;
   const std::int64_t at = bucket * (shape.width * shape.height) + pixel_index;
   args.parts.light[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
-  args.parts.depth[at] = part.depth;
+  if (args.parts.depth != nullptr) args.parts.depth[at] = part.depth;
 }
 
 /// The next task of the pool, for all threads of the block. Two barriers: the ticket is there; everyone has read it.
