@@ -66,6 +66,8 @@ class KernelChecks {
   class BackwardBlend;
   KernelCheck check_pass(const char* pass, int iteration, KernelSelector& selector, BlendPass& blend,
                          const std::vector<PinholeView>& views, double budget_ms);
+  /// Compares what the candidates compute on the prepared view; a fault is why one is not to be used.
+  static void find_faults(BlendPass& blend, std::vector<KernelMeasurement>& candidates);
   std::vector<KernelMeasurement> measure(const KernelSelector& selector, BlendPass& blend,
                                          const std::vector<PinholeView>& views, double budget_ms);
   KernelTimer& timer();
