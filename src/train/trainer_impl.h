@@ -1,0 +1,102 @@
+// What a training holds, shared by the sources of the trainer: trainer.cpp (its life), trainer_step.cpp (a step) and
+// trainer_outputs.cpp (what is measured and saved).
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "check.h"
+#include "train/image_store.h"
+#include "train/kernel_check.h"
+#include "train/loss.h"
+#include "train/output_plan.h"
+#include "train/stage_timer.h"
+#include "train/train_log.h"
+#include "train/train_state.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+
+inline double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+struct Trainer::Impl {
+  Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
+      : config(config),
+        scene(scene),
+        folder(std::move(folder)),
+        hooks(std::move(hooks)),
+        device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
+        rasterizer(device),
+        loss(device),
+        kernels(config, device),
+        images(scene.train, device, image_budget(config.image_cache_gb, device)),
+        timer(make_stage_clock(device)) {
+    if (device.is_cuda() && config.deterministic &&
+        evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
+      input_error("--deterministic: the backward kernel ", config.backward_kernel,
+                  " adds up in an order that changes from run to run; use --backward_kernel per-splat");
+    }
+    if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
+  }
+
+  void start();
+  void begin();
+  void check_kernels(int iteration);
+  void step();
+  void settle_loss();
+  [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
+  void differentiate(const TrainView& view);
+  void control_density();
+  void collect_times(const std::vector<StageTimes>& known);
+  void log_load();
+  void write_outputs(const OutputPlan& plan);
+  void write_checkpoint();
+  void report(const char* activity) const;
+  void say(const std::string& message) const {
+    if (hooks.on_message) hooks.on_message(message);
+  }
+  RenderSettings step_settings();
+  /// Counts what `work` takes as time of training.
+  template <class Work>
+  void timed(Work&& work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    const double seconds = seconds_since(start);
+    result.train_s += seconds;
+    state.elapsed_s += seconds;
+  }
+  bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
+
+  const TrainConfig config;
+  const Scene& scene;
+  const ModelFolder folder;
+  const TrainHooks hooks;
+  const torch::Device device;
+
+  Rasterizer rasterizer;
+  ImageLoss loss;
+  KernelChecks kernels;
+  ImageStore images;
+  StageTimer timer;
+  StageAverage stages;
+  GaussianTensors grads;
+  TrainState state;
+  TrainResult result;
+  /// A step whose loss the host has not read yet.
+  struct Unsettled {
+    int iteration = 0;
+    std::string view;
+  };
+  std::optional<Unsettled> unsettled;
+  std::unique_ptr<TrainLog> log;
+  int logged_iteration = 0;  // of the last line
+  double logged_s = 0;       // result.train_s at the last line
+  int staged_iteration = 0;  // of the last line with times of the stages
+};
+
+}  // namespace b3dgs

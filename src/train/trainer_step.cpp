@@ -1,0 +1,136 @@
+// A step, in order: rates and SH degree, view, render, loss, gradients, Adam; then what is measured and saved; then
+// density control; then the checkpoint.
+//
+// The original differs in two places. It runs density control before Adam, and since that replaces the parameters, the
+// gradients of such a step are lost; here they are used. And it leaves out Adam in the very last iteration; here every
+// iteration is alike, so that a run that is resumed to go further is the same as one that never stopped. Either is one
+// step in a hundred or fewer. What it measures and saves at an iteration is the model before
+// that iteration's density control, as here: an opacity reset would otherwise be seen in the figures.
+
+#include <cmath>
+
+#include "train/densifier.h"
+#include "train/gaussian_model.h"
+#include "train/initial_splats.h"
+#include "train/lr_schedule.h"
+#include "train/random.h"
+#include "train/trainer_impl.h"
+
+namespace b3dgs {
+
+void Trainer::Impl::start() {
+  const SplatCloud cloud = initial_splats(config, scene);
+  state.sh_degree = std::min(cloud.sh_degree, config.sh_degree);
+  state.gaussians = to_tensors(cloud, config.sh_degree, device);
+  state.adam = make_adam_state(state.gaussians);
+  state.statistics = make_density_statistics(state.gaussians.size(), device);
+  if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
+    say(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
+                       config.max_gaussians, ": none are added"));
+  }
+}
+
+RenderSettings Trainer::Impl::step_settings() {
+  RenderSettings settings = kernels.apply(evaluation_settings(config, state.sh_degree));
+  settings.stages = &timer;
+  if (config.random_background) {
+    const auto color =
+        random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
+    settings.background = {color[0], color[1], color[2]};
+  }
+  return settings;
+}
+
+void Trainer::Impl::settle_loss() {
+  if (!unsettled) return;
+  const auto [iteration, view] = *std::exchange(unsettled, std::nullopt);
+  const double value = loss.value().loss;
+  if (!std::isfinite(value)) fail(iteration, view, detail::concat("the loss is ", value));
+  state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+}
+
+void Trainer::Impl::fail(int iteration, const std::string& view, const std::string& reason) const {
+  const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
+  throw NumericError(
+      detail::concat("iteration ", iteration, ", view ", view, ": ", reason, "; last checkpoint: ", last));
+}
+
+/// Loss and gradients of one view; statistics for density control.
+void Trainer::Impl::differentiate(const TrainView& view) {
+  RenderedView rendered;
+  try {
+    rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
+  } catch (const NumericError& error) {
+    fail(state.iteration, view.name, error.what());
+  }
+  settle_loss();  // of the step before: the device has finished it by now
+  timer.begin(Stage::kLoss);
+  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
+  timer.end();
+  unsettled = {state.iteration, view.name};
+  if (device.is_cpu()) settle_loss();
+  const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
+  if (density_plan(config, state.iteration).add_statistics) {
+    timer.begin(Stage::kDensify);
+    add_view(statistics, view.camera.width, view.camera.height, state.statistics);
+    timer.end();
+  }
+}
+
+/// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
+void Trainer::Impl::check_kernels(int iteration) {
+  if (!kernels.is_due(iteration)) return;
+  std::vector<PinholeView> coming;
+  for (const std::int32_t view :
+       state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
+    coming.push_back(images.describe(view).camera);
+  }
+  const int n_steps = state.iteration - logged_iteration;  // since the last line of the log
+  const double step_ms = n_steps > 0 ? 1e3 * (result.train_s - logged_s) / n_steps : 0;
+  for (const KernelCheck& check : kernels.check(
+           iteration, {rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming, step_ms})) {
+    if (log) log->write_event(iteration, "kernel_check", to_json(check));
+    if (!check.message.empty()) say(check.message);
+  }
+  state.kernel_selection = kernels.to_json();
+}
+
+void Trainer::Impl::step() {
+  check_kernels(state.iteration + 1);
+  // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
+  // with it new memory, comes after those.
+  constexpr int kTimedInterval = 100, kTimedPhase = 50;
+  const int iteration = ++state.iteration;
+  if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
+  if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
+  timer.begin(Stage::kUpload);
+  const std::int32_t index = state.view_order.next(config.seed, images.size());
+  const TrainView view =
+      images.take(index, state.view_order.upcoming(config.seed, images.size(), ImageStore::kLookAhead));
+  timer.end();
+  differentiate(view);
+  timer.begin(Stage::kOptimizer);
+  adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
+  timer.finish();
+}
+
+void Trainer::Impl::control_density() {
+  const DensityPlan plan = density_plan(config, state.iteration);
+  if (plan.densify) {
+    report("densifying");
+    timer.start(StageTimes::Kind::kDensityRound);
+    const DensityRound round =
+        densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
+                state.iteration);
+    apply_row_edit(round.edit, state.gaussians, state.adam, state.statistics);
+    state.statistics = make_density_statistics(state.gaussians.size(), device);
+    timer.finish();
+    if (state.gaussians.size() == 0) {
+      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
+                                        "lower --prune_opacity or the learning rates"));
+    }
+  }
+  if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
+}
+
+}  // namespace b3dgs
