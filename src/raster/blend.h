@@ -154,14 +154,6 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   return accepted;
 }
 
-/// Two runs of splats, each blended alone from full transmittance, as one. Associative; neither may be finished.
-template <class Real>
-B3DGS_BLEND_FN PixelState<Real> compose(const PixelState<Real>& front, const PixelState<Real>& back) {
-  const Real t = front.transmittance;
-  return {t * back.transmittance, multiply_add(t, back.red, front.red), multiply_add(t, back.green, front.green),
-          multiply_add(t, back.blue, front.blue), multiply_add(t, back.depth, front.depth)};
-}
-
 /// One splat's part in the gradient at one pixel.
 template <class Real>
 struct BlendGrad {

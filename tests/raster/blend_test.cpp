@@ -65,33 +65,6 @@ TEST(Blend, FinishesThePixelBeforeTheSplatThatWouldSaturateIt) {
   EXPECT_LT(pixel.transmittance, 0);
 }
 
-PixelState<double> run_of(std::initializer_list<double> alphas, double color) {
-  PixelState<double> pixel{1, 0, 0, 0, 0};
-  for (double alpha : alphas) {
-    blend_over(pixel, true, alpha, color, 2 * color, 1 - color, 3 * color);
-    color += 0.1;
-  }
-  return pixel;
-}
-
-void expect_near(const PixelState<double>& a, const PixelState<double>& b) {
-  EXPECT_NEAR(a.transmittance, b.transmittance, 1e-15);
-  EXPECT_NEAR(a.red, b.red, 1e-15);
-  EXPECT_NEAR(a.green, b.green, 1e-15);
-  EXPECT_NEAR(a.blue, b.blue, 1e-15);
-  EXPECT_NEAR(a.depth, b.depth, 1e-15);
-}
-
-TEST(Blend, ComposesRunsAsIfBlendedInOne) {
-  const auto whole = run_of({0.1, 0.4, 0.3, 0.2, 0.5}, 0.2);
-  expect_near(compose(run_of({0.1, 0.4}, 0.2), run_of({0.3, 0.2, 0.5}, 0.4)), whole);
-}
-
-TEST(Blend, CompositionIsAssociative) {
-  const auto a = run_of({0.1, 0.4}, 0.2), b = run_of({0.6}, 0.7), c = run_of({0.3, 0.25, 0.5}, 0.1);
-  expect_near(compose(compose(a, b), c), compose(a, compose(b, c)));
-}
-
 /// A pixel that sees `n` splats with parameters log2(uncapped alpha), red, green, blue, depth each.
 struct PixelProblem {
   std::size_t n;

@@ -46,10 +46,6 @@ __device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
   return bits;
 }
 
-__device__ __forceinline__ int warp_max(int value) {
-  return __reduce_max_sync(kFullWarp, value);
-}
-
 /// Sum of the lanes up to and including each.
 __device__ __forceinline__ int warp_prefix_sum(int value) {
 #pragma unroll
