@@ -136,11 +136,11 @@ nlohmann::ordered_json time_passes(const BenchRun& run, const BenchScene& scene,
 }
 
 nlohmann::ordered_json lists_of(const BenchFrame& frame) {
-  std::vector<long long> lengths;
+  std::vector<std::int64_t> lengths;
   for (std::int32_t tile = 0; tile < frame.forward.grid.n_tiles(); ++tile) {
     lengths.push_back(frame.bins.tile_offsets[tile + 1] - frame.bins.tile_offsets[tile]);
   }
-  return list_statistics(std::move(lengths));
+  return list_statistics(lengths);
 }
 
 }  // namespace

@@ -135,9 +135,9 @@ std::vector<NamedArray> CudaFrame::gradients() const {
 nlohmann::ordered_json CudaFrame::lists() const {
   const std::int32_t n_tiles = forward_args.blend.grid.n_tiles();
   const std::vector<std::int64_t> offsets = download(binned.bins.tile_offsets, n_tiles + 1);
-  std::vector<long long> lengths;
+  std::vector<std::int64_t> lengths;
   for (std::size_t tile = 0; tile + 1 < offsets.size(); ++tile) lengths.push_back(offsets[tile + 1] - offsets[tile]);
-  return list_statistics(std::move(lengths));
+  return list_statistics(lengths);
 }
 
 const float* CudaFrame::upload(DeviceBuffer<float>& buffer, const std::vector<float>& host) {

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numeric>
 
+#include "adaptive/load_statistics.h"
 #include "check.h"
 
 namespace b3dgs {
@@ -37,19 +39,11 @@ nlohmann::ordered_json to_json(const Timing& timing) {
   return {{"median_ms", timing.median_ms}, {"min_ms", timing.min_ms}, {"max_ms", timing.max_ms}};
 }
 
-nlohmann::ordered_json list_statistics(std::vector<long long> lengths) {
-  std::sort(lengths.begin(), lengths.end());
-  const auto n = static_cast<double>(lengths.size());
-  double total = 0, ranked = 0;
-  for (std::size_t i = 0; i < lengths.size(); ++i) {
-    total += static_cast<double>(lengths[i]);
-    ranked += static_cast<double>(i + 1) * static_cast<double>(lengths[i]);
-  }
-  const auto at = [&](double share) { return lengths[static_cast<std::size_t>(share * (n - 1))]; };
-  return {{"tiles", lengths.size()}, {"pairs", static_cast<long long>(total)},
-          {"mean", total / n},       {"median", at(0.5)},
-          {"p90", at(0.9)},          {"p99", at(0.99)},
-          {"max", lengths.back()},   {"gini", total > 0 ? 2 * ranked / (n * total) - (n + 1) / n : 0.0}};
+nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths) {
+  nlohmann::ordered_json statistics{{"tiles", lengths.size()},
+                                    {"pairs", std::accumulate(lengths.begin(), lengths.end(), std::int64_t{0})}};
+  statistics.update(to_json(load_statistics(lengths.data(), static_cast<std::int64_t>(lengths.size()))));
+  return statistics;
 }
 
 void print_list_statistics(const nlohmann::ordered_json& statistics) {

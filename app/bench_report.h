@@ -1,6 +1,7 @@
 // Figures of a benchmark: medians with their spread, differences, and the tables and JSON they go into.
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -19,9 +20,9 @@ Timing summarize(std::vector<double> ms);
 
 nlohmann::ordered_json to_json(const Timing& timing);
 
-/// Lengths of the tiles' lists, which are what balancing has to even out: mean, median, p90, p99, max, Gini.
+/// Lengths of the tiles' lists, which are what balancing has to even out: how many, their sum, and load_statistics().
 /// `lengths` is not empty.
-nlohmann::ordered_json list_statistics(std::vector<long long> lengths);
+nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths);
 void print_list_statistics(const nlohmann::ordered_json& statistics);
 
 /// Largest |a - b|; infinite if one of the values is not a number.

@@ -30,12 +30,12 @@ TEST(BenchReport, SummarizesByMedianAndRange) {
 }
 
 TEST(BenchReport, ListStatisticsOfKnownLists) {
-  const auto even = list_statistics(std::vector<long long>(100, 7));
+  const auto even = list_statistics(std::vector<std::int64_t>(100, 7));
   EXPECT_EQ(even["mean"], 7);
   EXPECT_EQ(even["max"], 7);
   EXPECT_NEAR(even["gini"].get<double>(), 0, 1e-12);
 
-  std::vector<long long> one(100, 0);
+  std::vector<std::int64_t> one(100, 0);
   one[37] = 1000;
   const auto crowded = list_statistics(one);
   EXPECT_EQ(crowded["median"], 0);
