@@ -73,6 +73,7 @@ double relative_difference(const std::vector<float>& values, const std::vector<f
 
 ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColumns& columns) : columns_(columns) {
   std::printf("\n%-16s %10s %23s %9s", title.c_str(), "median ms", "min .. max", "x first");
+  if (columns_.keeping) std::printf(" %10s", "keeping");
   if (columns_.resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
   if (columns_.image) std::printf(" %11s", "image diff.");
   if (columns_.gradients) std::printf(" %11s", "grad. diff.");
@@ -87,6 +88,11 @@ void ComparisonTable::add(Measurement measurement) {
   row["speedup"] = speedup;
   std::printf("%-16s %10.3f %10.3f .. %9.3f %9.2f", measurement.name.c_str(), timing.median_ms, timing.min_ms,
               timing.max_ms, speedup);
+  if (columns_.keeping) {
+    B3DGS_CHECK(measurement.keeping, measurement.name, " comes without its time in training");
+    std::printf(" %10.3f", measurement.keeping->median_ms);
+    row["keeping"] = to_json(*measurement.keeping);
+  }
   if (columns_.resources) {
     B3DGS_CHECK(measurement.resources, measurement.name, " comes without its resources");
     const cuda::KernelResources& r = *measurement.resources;

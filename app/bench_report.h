@@ -45,6 +45,7 @@ struct Measurement {
   std::vector<float> image;                          // compared as it is
   std::vector<NamedArray> gradients;                 // one a parameter, each compared relative to its largest value
   std::optional<cuda::KernelResources> resources{};  // of CUDA kernels
+  std::optional<Timing> keeping{};                   // of a forward kernel that keeps what its backward pass needs
 };
 
 /// What is shown of the rows besides their times; what is not shown need not be measured.
@@ -52,6 +53,7 @@ struct ComparisonColumns {
   bool image = true;
   bool gradients = false;
   bool resources = false;
+  bool keeping = false;
 };
 
 /// Rows of alternatives for one pass, compared with the first of them.

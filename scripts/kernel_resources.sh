@@ -55,7 +55,7 @@ print_table() {
     [[ -n $report ]] || fail "$source has no report below $build; build with scripts/compile_cuda.sh first"
     # From "void b3dgs::cuda::(anonymous namespace)::name<128>(b3dgs::Args)" to "name<128>"
     parse_report "$report" | c++filt | grep -v '\bcub::' |
-      sed -E 's/^void //; s/b3dgs::|cuda::|\(anonymous namespace\):://g; s/\([a-z ]+\)([0-9]+)/\1/g; s/\([^|]*\|/|/' |
+      sed -E 's/^void //; s/b3dgs::|cuda::|\(anonymous namespace\):://g; s/\([A-Za-z ]+\)([0-9]+)/\1/g; s/\([^|]*\|/|/' |
       awk -F'|' -v source="${source#src/}" '{
         printf "%-38s %-38s %-6s %9d %6d %12d %11d %7d\n", source, $1, $2, $3, $4, $5, $6, $7 }' | sort
   done

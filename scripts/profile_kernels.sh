@@ -66,7 +66,7 @@ first = {}  # launch of each kernel; a forward kernel's first does not keep stat
 for row in csv.DictReader(lines[start:]):
     if not row["ID"].isdigit():  # the line of units, messages
         continue
-    name = re.sub(r"\((int|bool|unsigned)\)", "", row["Kernel Name"])
+    name = re.sub(r"\([\w: ]+\)(?=\d)", "", row["Kernel Name"])
     found = re.search(r"\w+_kernel(<[^(]*>)?", name)
     first.setdefault(found.group(0) if found else name, row)
 

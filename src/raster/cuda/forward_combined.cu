@@ -179,15 +179,15 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
 }
 
 /// Blends the `count` splats of the warp's queue from `head` on.
-template <bool kKeepParts>
+template <KeptParts kKept>
 __device__ __forceinline__ void blend_queued(const QuadMemory& memory, int head, int count,
-                                             GaussianWisePixel<kKeepParts>& pixel) {
+                                             GaussianWisePixel<kKept>& pixel) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = wrapped(head + lane_id());
   pixel.blend({lane_id() < count, memory.power[warp][slot], memory.position[warp][slot]},
               [&] { return memory.shown[warp][slot]; });
 }
 
-template <int kTilePixels, bool kKeepParts>
+template <int kTilePixels, KeptParts kKept>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& memory) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
@@ -199,7 +199,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const std::int32_t x = quad_x + warp % 2, y = quad_y + warp / 2;
   const TilePixel at{tile_x + x, tile_y + y, y * 16 + x,
                      tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
-  GaussianWisePixel<kKeepParts> pixel(args, tile, at);
+  GaussianWisePixel<kKept> pixel(args, tile, at);
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
@@ -242,7 +242,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   pixel.store();
 }
 
-template <int kTilePixels, bool kKeepParts>
+template <int kTilePixels, KeptParts kKept>
 __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ QuadMemory memory;
@@ -252,14 +252,14 @@ __global__ void __launch_bounds__(kThreads)
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
-    blend_quad<kTilePixels, kKeepParts>(args, task, memory);
+    blend_quad<kTilePixels, kKept>(args, task, memory);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
     __syncthreads();  // the ticket is there, and the memory is free; the other ticket may still be read
     task = tickets[turn];
   }
 }
 
-template <int kTilePixels, bool kKeepParts>
+template <int kTilePixels, KeptParts kKept>
 void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "tasks are counted in 32 bits; the image has ", n_tasks);
@@ -268,7 +268,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }
-  const auto kernel = forward_combined_kernel<kTilePixels, kKeepParts>;
+  const auto kernel = forward_combined_kernel<kTilePixels, kKept>;
   kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
       args, static_cast<std::int32_t>(n_tasks));
   B3DGS_CUDA_CHECK_LAUNCH();
@@ -278,18 +278,14 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
 
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    if (args.parts.light != nullptr) {
-      launch<pixels.value, true>(args, context);
-    } else {
-      launch<pixels.value, false>(args, context);
-    }
+    with_kept_parts(args.parts, [&](auto kept) { launch<pixels.value, kept.value>(args, context); });
   });
 }
 
 KernelResources forward_combined_resources(const TileShape& tile) {
   KernelResources resources;
   with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(forward_combined_kernel<pixels.value, false>, kThreads); });
+      tile, [&](auto pixels) { resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads); });
   return resources;
 }
 

@@ -10,12 +10,12 @@ namespace b3dgs::cuda {
 namespace {
 
 /// One pixel by a whole warp. Needs no shared memory and no barrier.
-template <bool kKeepParts>
+template <KeptParts kKept>
 __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at) {
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t first = blend.bins.tile_offsets[tile];
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
-  GaussianWisePixel<kKeepParts> pixel(args, tile, at);
+  GaussianWisePixel<kKept> pixel(args, tile, at);
   // Every lane runs every round: the bound is a whole number of groups, entries beyond the list do not contribute.
   for (std::int32_t group = 0; group < n && !pixel.is_finished(); group += kWarpSize) {
     const std::int32_t entry = group + lane_id();
@@ -32,13 +32,13 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
   pixel.store();
 }
 
-template <int kThreads, bool kKeepParts>
+template <int kThreads, KeptParts kKept>
 __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const BlendForwardCudaArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t begin = static_cast<std::int32_t>(threadIdx.x) / kWarpSize * kWarpSize;
   for (std::int32_t i = begin; i < begin + kWarpSize; ++i) {
     const TilePixel at = tile_pixel(args.blend.grid, tile, i);
-    if (at.inside) blend_pixel<kKeepParts>(args, tile, at);
+    if (at.inside) blend_pixel<kKept>(args, tile, at);
   }
 }
 
@@ -47,11 +47,9 @@ __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const B
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const int n_tiles = args.blend.grid.n_tiles();
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    if (args.parts.light != nullptr) {
-      forward_gaussian_wise_kernel<pixels.value, true><<<n_tiles, pixels.value, 0, context.stream>>>(args);
-    } else {
-      forward_gaussian_wise_kernel<pixels.value, false><<<n_tiles, pixels.value, 0, context.stream>>>(args);
-    }
+    with_kept_parts(args.parts, [&](auto kept) {
+      forward_gaussian_wise_kernel<pixels.value, kept.value><<<n_tiles, pixels.value, 0, context.stream>>>(args);
+    });
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
@@ -59,7 +57,7 @@ void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const Launch
 KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
   KernelResources resources;
   with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, false>, pixels.value);
+    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, KeptParts::kNone>, pixels.value);
   });
   return resources;
 }

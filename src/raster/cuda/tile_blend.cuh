@@ -61,13 +61,19 @@ __device__ __forceinline__ void store_pixel(const BlendForwardArgs& args, const 
   args.last_ids[p] = last;
 }
 
-/// Keeps what the bucket that holds list entry `position` adds to a pixel. `part` has the transmittance behind it.
+/// Place in BucketParts of what the bucket that holds list entry `position` adds to a pixel.
+__device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCudaArgs& args, std::int32_t tile,
+                                                          std::int64_t position, std::int32_t pixel_index) {
+  const TileShape shape = args.blend.grid.tile;
+  const std::int64_t bucket = args.buckets.offsets[tile] + position / kWarpSize;
+  return bucket * (shape.width * shape.height) + pixel_index;
+}
+
+/// Keeps it. `part` has the transmittance behind the bucket.
 __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                   std::int64_t position, std::int32_t pixel_index,
                                                   const PixelState<float>& part) {
-  const TileShape shape = args.blend.grid.tile;
-  const std::int64_t bucket = args.buckets.offsets[tile] + position / kWarpSize;
-  const std::int64_t at = bucket * (shape.width * shape.height) + pixel_index;
+  const std::int64_t at = bucket_part_index(args, tile, position, pixel_index);
   args.parts.light[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
   if (args.parts.depth != nullptr) args.parts.depth[at] = part.depth;
 }
