@@ -91,34 +91,38 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
   const std::int32_t own_position = start + lane;
 
+  constexpr int kGroups = kTilePixels / kWarpSize;
   SplatShape<float> shape{};
   float4 color{};
   float depth = 0;
-  float2 extent{};
   std::int32_t id = -1;
+  unsigned reached_groups = 0;  // sub-tiles of 8 x 4 pixels that the splat reaches, a bit each
   if (own_position < n) {
     id = blend.bins.splat_ids[first + own_position];
     const SplatPlace place = load_place(blend.splats, id);
     shape = make_splat_shape(place, load_conic(blend.splats, id));
     color = load_color(blend.splats, id).v;
     depth = place.v.w;
-    extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
+    const float2 extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
+#pragma unroll
+    for (int group = 0; group < kGroups; ++group) {
+      const TilePixel corner = tile_pixel(blend.grid, tile, sub_tile_pixel(group * kWarpSize));
+      if (reaches_sub_tile(place.v.x, place.v.y, extent, corner.center_x(), corner.center_y())) {
+        reached_groups |= 1u << group;
+      }
+    }
   }
+  reached_groups = __reduce_or_sync(kFullWarp, reached_groups);  // by any splat of the bucket
 
   SplatGrad sum{};
   ReverseState<float> state{};
   int step = 0;      // entry that is in the last lane
   int produced = 0;  // entries in the ring so far
-  int group = 0;     // next sub-tile to look at
-  constexpr int kGroups = kTilePixels / kWarpSize;
 
   const auto add_group = [&] {
+    const int group = __ffs(reached_groups) - 1;
+    reached_groups &= reached_groups - 1;
     const TilePixel at = tile_pixel(blend.grid, tile, sub_tile_pixel(group * kWarpSize + lane));
-    ++group;
-    // Does any splat of the bucket reach the sub-tile? Lane 0 holds its upper left pixel.
-    const float left = __shfl_sync(kFullWarp, at.center_x(), 0), top = __shfl_sync(kFullWarp, at.center_y(), 0);
-    const bool reaches = id >= 0 && reaches_sub_tile(shape.mean_x, shape.mean_y, extent, left, top);
-    if (__ballot_sync(kFullWarp, reaches) == 0) return;
     const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
     const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
     const bool alive = last >= start;
@@ -157,7 +161,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   };
 
   while (true) {
-    while (group < kGroups && produced - step < kWarpSize) add_group();
+    while (reached_groups != 0 && produced - step < kWarpSize) add_group();
     if (step >= produced) break;
     for (const int end = produced; step < end;) advance();
     __syncwarp();  // everyone is done with entries that the next group may overwrite

@@ -16,6 +16,7 @@ namespace {
 constexpr int kPixels = 4;
 constexpr int kThreads = kPixels * kWarpSize;
 constexpr int kRing = kWarpSize + kThreads;  // of a pixel's queue: at most 31 left over and 128 new
+static_assert(kRing % kWarpSize == 0, "groups of 32 do not go over the ring's end");
 constexpr int kScanned = 8 * kThreads;       // list entries looked at in one go, 8 bits a thread
 constexpr int kMarkWarps = 8;                // of a block of the marking kernel
 
@@ -178,11 +179,12 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   return byte_of(all, warp);
 }
 
-/// Blends the `count` splats of the warp's queue from `head` on.
+/// Blends the `count` splats of the warp's queue from `head` on. Heads move by 32 and the ring holds a multiple of that,
+/// so no group goes over its end.
 template <KeptParts kKept>
 __device__ __forceinline__ void blend_queued(const QuadMemory& memory, int head, int count,
                                              GaussianWisePixel<kKept>& pixel) {
-  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = wrapped(head + lane_id());
+  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = head + lane_id();
   pixel.blend({lane_id() < count, memory.power[warp][slot], memory.position[warp][slot]},
               [&] { return memory.shown[warp][slot]; });
 }
