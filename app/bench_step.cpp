@@ -210,7 +210,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
   // As they are at the end: the floor is that of the largest step.
-  const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), config.sh_degree, mean_pixels(scene)};
+  const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
   const Json report = report_steps(times, config, size, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
   return 0;

@@ -19,14 +19,13 @@ std::optional<double> step_floor_ms(Stage stage, const StepSize& size) {
   const auto n = static_cast<double>(size.n_gaussians);
   const double n_seen = kSeenShare * n, n_pairs = kTilesPerSplat * n_seen;
   // Means, scales, quaternion and opacity, and the harmonics.
-  const double n_floats_rendered = 11 + 3 * sh_coefficient_count(size.sh_degree);
-  const double n_floats_stored = 11 + 3 * sh_coefficient_count(size.sh_degree_max);
+  const double n_floats = 11 + 3 * sh_coefficient_count(size.sh_degree);
   // Per pixel of an evenly filled image: what a pixel stores for the backward pass, the pairs that are looked at and
   // the pairs that contribute.
   constexpr double kStateBytes = 128, kForwardInstructions = 110, kPairsLookedAt = 400, kPairsBlended = 70;
   switch (stage) {
     case Stage::kProject:  // means of all; the parameters of those that are seen, and their splats
-      return ms(12 * n + (4 * n_floats_rendered + 48) * n_seen);
+      return ms(12 * n + (4 * n_floats + 48) * n_seen);
     case Stage::kBin:  // depth sort, and pairs written, sorted by tile and read
       return ms(72 * n_seen + 34 * n_pairs);
     case Stage::kBlendForward:
@@ -35,10 +34,9 @@ std::optional<double> step_floor_ms(Stage stage, const StepSize& size) {
       return ms(110 * size.n_pixels, 1200 / kLanes * size.n_pixels);
     case Stage::kBlendBackward:
       return ms(kStateBytes * size.n_pixels, (28 * kPairsLookedAt + 22 * kPairsBlended) / kLanes * size.n_pixels);
+    case Stage::kOptimizer:  // with the projection's backward pass; parameter and two moments, read and written
+      return ms(104 * n_seen + 24 * n_floats * n);
     case Stage::kProjectBackward:
-      return ms(104 * n_seen);
-    case Stage::kOptimizer:  // parameter and two moments, read and written: 24 bytes a float
-      return ms(24 * n_floats_stored * n);
     case Stage::kUpload:
     case Stage::kDensify:
       return std::nullopt;

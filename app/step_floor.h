@@ -11,9 +11,8 @@ namespace b3dgs {
 
 struct StepSize {
   std::int64_t n_gaussians = 0;
-  int sh_degree = 3;      // of the colours that are rendered
-  int sh_degree_max = 3;  // that the parameters have room for
-  double n_pixels = 0;    // of a view
+  int sh_degree = 3;    // of the colours that are rendered
+  double n_pixels = 0;  // of a view
 };
 
 /// What the derivation takes for granted, for whoever reads the figures.

@@ -114,6 +114,28 @@ struct Rasterizer::Impl {
 #endif
     return cpu.radii();
   }
+
+  /// Of the last forward(), once checked.
+  ImageGradArrays image_grad(const RenderedViewGrad& grad) const {
+    B3DGS_CHECK(rendered.color.defined(), "backward before any forward");
+    TensorCheck check(device);
+    check.bind("H", rendered.color.size(0));
+    check.bind("W", rendered.color.size(1));
+    if (grad.color.defined()) check.dims("grad.color", grad.color, {"H", "W", 3});
+    if (grad.depth.defined()) check.dims("grad.depth", grad.depth, {"H", "W"});
+    if (grad.alpha.defined()) check.dims("grad.alpha", grad.alpha, {"H", "W"});
+    return {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)};
+  }
+
+  /// With room for the gradients by the centres. The radii are a view of the rasterizer's own array: valid until the
+  /// next forward.
+  const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
+    const torch::TensorOptions options = rendered.color.options();
+    ensure(statistics.means2d_grad, {n_gaussians, 2}, options);
+    statistics.radii =
+        torch::from_blob(const_cast<std::int32_t*>(radii()), {n_gaussians}, options.dtype(torch::kInt32));
+    return statistics;
+  }
 };
 
 Rasterizer::Rasterizer(torch::Device device) : impl_(std::make_unique<Impl>(device)) {
@@ -143,29 +165,32 @@ RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const Pinhole
 ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
                                     GaussianTensors& grads) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-  const torch::Tensor& color = impl_->rendered.color;
-  B3DGS_CHECK(color.defined(), "backward before any forward");
-  TensorCheck check(impl_->device);
-  check.bind("H", color.size(0));
-  check.bind("W", color.size(1));
-  if (grad.color.defined()) check.dims("grad.color", grad.color, {"H", "W", 3});
-  if (grad.depth.defined()) check.dims("grad.depth", grad.depth, {"H", "W"});
-  if (grad.alpha.defined()) check.dims("grad.alpha", grad.alpha, {"H", "W"});
-
+  const ImageGradArrays image = impl_->image_grad(grad);
   const auto options = gaussians.means.options();
   const auto parameters = gaussians.all();
   const auto gradients = grads.all();
   for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
-  ViewStatistics& statistics = impl_->statistics;
-  ensure(statistics.means2d_grad, {arrays.n_gaussians, 2}, options);
-  impl_->backward(arrays, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
+  const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
+  impl_->backward(arrays, image,
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
-  // A view of the rasterizer's own array: valid until the next forward.
-  statistics.radii =
-      torch::from_blob(const_cast<std::int32_t*>(impl_->radii()), {arrays.n_gaussians}, options.dtype(torch::kInt32));
   return statistics;
+}
+
+ViewStatistics Rasterizer::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                          cuda::ProjectBackwardCudaArgs& rest) {
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) {
+    const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
+    rest = impl_->cuda->backward_blend(arrays, impl_->image_grad(grad), torch_launch_context());
+    const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
+    rest.grad.means2d = statistics.means2d_grad.data_ptr<float>();
+    return statistics;
+  }
+#endif
+  (void)gaussians, (void)grad, (void)rest;
+  throw LogicError(detail::concat("backward_blend on ", impl_->device.str(), "; it needs a forward on a GPU"));
 }
 
 RenderedView Rasterizer::reblend(ForwardKernel kernel) {

@@ -11,6 +11,10 @@
 
 namespace b3dgs {
 
+namespace cuda {
+struct ProjectBackwardCudaArgs;
+}
+
 /// A rendered view; float tensors on the device of the parameters, overwritten by the next forward of the same
 /// Rasterizer.
 struct RenderedView {
@@ -51,6 +55,12 @@ class Rasterizer {
   /// Gradients of the last forward(); `gaussians` must be unchanged since. `grads` is allocated if undefined or of
   /// another size, and overwritten.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
+
+  /// The blend's half of backward(), on a GPU only. `rest` says what is left to do for each Gaussian: for a kernel that
+  /// goes on with the gradient instead of storing it. It has the array of the statistics' means2d_grad, which that
+  /// kernel has to fill.
+  ViewStatistics backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                cuda::ProjectBackwardCudaArgs& rest);
 
   /// Blends the view of the last forward() again with another kernel, into the same tensors: all that two kernels can
   /// differ in, without the passes that they share. On a GPU it does not wait.

@@ -2,18 +2,20 @@
 
 #include "train/adam.h"
 
-#include <array>
 #include <cmath>
-#include <tuple>
 
 #include "check.h"
 
-#if B3DGS_TORCH_CUDA
-#include "raster/torch_launch.h"
-#include "train/cuda/adam_cuda.h"
-#endif
-
 namespace b3dgs {
+namespace {
+
+void check_is_like(const torch::Tensor& other, const torch::Tensor& param, std::size_t group) {
+  B3DGS_CHECK(other.defined() && other.sizes() == param.sizes() && other.is_contiguous() &&
+                  other.device() == param.device() && other.scalar_type() == torch::kFloat32,
+              GaussianTensors::kNames[group], " is ", param.sizes(), "; gradient or moments are not like it");
+}
+
+}  // namespace
 
 AdamState make_adam_state(const GaussianTensors& gaussians) {
   AdamState state;
@@ -24,35 +26,32 @@ AdamState make_adam_state(const GaussianTensors& gaussians) {
   return state;
 }
 
-void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
+AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state) {
   ++state.steps;
   const double t = static_cast<double>(state.steps);
   const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
-  std::array<AdamArgs, std::tuple_size_v<AdamRates>> groups;
+  AdamGroups groups;
   for (std::size_t i = 0; i < groups.size(); ++i) {
-    const torch::Tensor &param = *gaussians.all()[i], &grad = *grads.all()[i], &m = *state.m.all()[i],
-                        &v = *state.v.all()[i];
-    for (const torch::Tensor* other : {&param, &grad, &m, &v}) {
-      B3DGS_CHECK(other->defined() && other->sizes() == param.sizes() && other->is_contiguous() &&
-                      other->device() == param.device() && other->scalar_type() == torch::kFloat32,
-                  GaussianTensors::kNames[i], " is ", param.sizes(), "; gradient and moments are not like it");
-    }
+    const torch::Tensor &param = *gaussians.all()[i], &m = *state.m.all()[i], &v = *state.v.all()[i];
+    for (const torch::Tensor* other : {&param, &m, &v}) check_is_like(*other, param, i);
     groups[i].n = param.numel();
     groups[i].param = param.data_ptr<float>();
-    groups[i].grad = grad.data_ptr<float>();
     groups[i].m = m.data_ptr<float>();
     groups[i].v = v.data_ptr<float>();
     groups[i].step_size = static_cast<float>(rates[i] / bias1);
     groups[i].inverse_root_bias2 = static_cast<float>(1 / std::sqrt(bias2));
   }
-  const torch::Device device = gaussians.means.device();
-  if (!device.is_cpu()) {
-#if B3DGS_TORCH_CUDA
-    return cuda::adam_step(groups, torch_launch_context().stream);
-#endif
-    input_error("this build has Adam for the CPU only, found device ", device.str(), "; use --device cpu");
+  return groups;
+}
+
+void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
+  B3DGS_CHECK(gaussians.means.is_cpu(), "Adam alone on ", gaussians.means.device());
+  AdamGroups groups = begin_adam_step(rates, gaussians, state);
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    check_is_like(*grads.all()[i], *gaussians.all()[i], i);
+    groups[i].grad = grads.all()[i]->data_ptr<float>();
+    cpu::adam_step(groups[i]);
   }
-  for (const AdamArgs& args : groups) cpu::adam_step(args);
 }
 
 }  // namespace b3dgs

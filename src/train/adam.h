@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <tuple>
 
 #include "raster/gaussian_tensors.h"
 #include "train/adam_args.h"
@@ -22,13 +23,16 @@ struct AdamState {
 };
 
 /// One rate per parameter group, in the order of GaussianTensors.
-using AdamRates = std::array<double, 6>;
+using AdamRates = std::array<double, std::tuple_size_v<AdamGroups>>;
 
 /// Zero moments for these parameters.
 AdamState make_adam_state(const GaussianTensors& gaussians);
 
-/// One step of torch.optim.Adam with the constants above. All tensors are contiguous floats on one device.
-/// @throws InputError if this build has no Adam for the device.
+/// What the next step of torch.optim.Adam with the constants above does to each group; counts the step. All tensors are
+/// contiguous floats on one device. Gradients are left out.
+AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state);
+
+/// Takes that step on the CPU.
 void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state);
 
 }  // namespace b3dgs

@@ -1,6 +1,7 @@
 // One Adam step over one array, without torch.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 namespace b3dgs {
@@ -20,5 +21,8 @@ struct AdamArgs {
   float step_size = 0;           // rate / (1 - beta1^t)
   float inverse_root_bias2 = 0;  // 1 / sqrt(1 - beta2^t)
 };
+
+/// Means, log scales, quaternions, opacities, harmonics of degree 0 and those beyond.
+using AdamGroups = std::array<AdamArgs, 6>;
 
 }  // namespace b3dgs

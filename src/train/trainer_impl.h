@@ -50,7 +50,7 @@ struct Trainer::Impl {
   void step();
   void settle_loss();
   [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
-  void differentiate(const TrainView& view);
+  void learn(const TrainView& view);
   void control_density();
   void collect_times(const std::vector<StageTimes>& known);
   void log_load();

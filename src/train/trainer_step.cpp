@@ -11,6 +11,7 @@
 
 #include "train/densifier.h"
 #include "train/gaussian_model.h"
+#include "train/gaussian_step.h"
 #include "train/initial_splats.h"
 #include "train/lr_schedule.h"
 #include "train/random.h"
@@ -55,8 +56,8 @@ void Trainer::Impl::fail(int iteration, const std::string& view, const std::stri
       detail::concat("iteration ", iteration, ", view ", view, ": ", reason, "; last checkpoint: ", last));
 }
 
-/// Loss and gradients of one view; statistics for density control.
-void Trainer::Impl::differentiate(const TrainView& view) {
+/// A step of the Gaussians along the gradients of one view; statistics for density control.
+void Trainer::Impl::learn(const TrainView& view) {
   RenderedView rendered;
   try {
     rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
@@ -69,7 +70,9 @@ void Trainer::Impl::differentiate(const TrainView& view) {
   timer.end();
   unsettled = {state.iteration, view.name};
   if (device.is_cpu()) settle_loss();
-  const ViewStatistics statistics = rasterizer.backward(state.gaussians, {loss.grad(), {}, {}}, grads);
+  const ViewStatistics statistics =
+      step_gaussians({adam_rates(config, scene.extent, state.iteration), &timer}, rasterizer, {loss.grad(), {}, {}},
+                     grads, state.gaussians, state.adam);
   if (density_plan(config, state.iteration).add_statistics) {
     timer.begin(Stage::kDensify);
     add_view(statistics, view.camera.width, view.camera.height, state.statistics);
@@ -108,9 +111,7 @@ void Trainer::Impl::step() {
   const TrainView view =
       images.take(index, state.view_order.upcoming(config.seed, images.size(), ImageStore::kLookAhead));
   timer.end();
-  differentiate(view);
-  timer.begin(Stage::kOptimizer);
-  adam_step(adam_rates(config, scene.extent, iteration), grads, state.gaussians, state.adam);
+  learn(view);
   timer.finish();
 }
 

@@ -17,8 +17,8 @@ constexpr int kPixels = 4;
 constexpr int kThreads = kPixels * kWarpSize;
 constexpr int kRing = kWarpSize + kThreads;  // of a pixel's queue: at most 31 left over and 128 new
 static_assert(kRing % kWarpSize == 0, "groups of 32 do not go over the ring's end");
-constexpr int kScanned = 8 * kThreads;       // list entries looked at in one go, 8 bits a thread
-constexpr int kMarkWarps = 8;                // of a block of the marking kernel
+constexpr int kScanned = 8 * kThreads;  // list entries looked at in one go, 8 bits a thread
+constexpr int kMarkWarps = 8;           // of a block of the marking kernel
 
 /// Quads of a tile, which is 16 px wide.
 template <int kTilePixels>
@@ -179,8 +179,8 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   return byte_of(all, warp);
 }
 
-/// Blends the `count` splats of the warp's queue from `head` on. Heads move by 32 and the ring holds a multiple of that,
-/// so no group goes over its end.
+/// Blends the `count` splats of the warp's queue from `head` on. Heads move by 32 and the ring holds a multiple of
+/// that, so no group goes over its end.
 template <KeptParts kKept>
 __device__ __forceinline__ void blend_queued(const QuadMemory& memory, int head, int count,
                                              GaussianWisePixel<kKept>& pixel) {
@@ -286,8 +286,9 @@ void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchConte
 
 KernelResources forward_combined_resources(const TileShape& tile) {
   KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads); });
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads);
+  });
   return resources;
 }
 

@@ -1,4 +1,5 @@
-// How blend kernels are launched: the tile's size as a template argument, and as many blocks as fit for pools.
+// How kernels are launched: the tile's size or the degree of harmonics as a template argument, and as many blocks as
+// fit for pools.
 #pragma once
 
 #include "check.h"
@@ -18,6 +19,24 @@ void with_tile_pixels(const TileShape& tile, Body&& body) {
     body(std::integral_constant<int, 128>());
   } else {
     body(std::integral_constant<int, 256>());
+  }
+}
+
+/// Calls body(std::integral_constant<int, degree>): where a kernel knows the degree, harmonics stay in registers.
+template <class Body>
+void with_sh_degree(int degree, Body&& body) {
+  static_assert(kShDegreeMax == 3, "a case for each degree");
+  switch (degree) {
+    case 0:
+      return body(std::integral_constant<int, 0>());
+    case 1:
+      return body(std::integral_constant<int, 1>());
+    case 2:
+      return body(std::integral_constant<int, 2>());
+    case 3:
+      return body(std::integral_constant<int, 3>());
+    default:
+      B3DGS_CHECK(false, "harmonics of degree ", degree);
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 #include "raster/projection.h"
@@ -30,7 +31,9 @@ struct Projected {
   bool finite = true;
 };
 
-__device__ Projected project_one(const ProjectCudaArgs& args, const ViewTransform<float>& view, std::int64_t i) {
+template <int kShDegree>
+__device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, const ViewTransform<float>& view,
+                                                 std::int64_t i) {
   Projected result;
   const GaussianArrays& g = args.gaussians;
   const Vec3f mean = load3(g.means, i);
@@ -76,7 +79,7 @@ __device__ Projected project_one(const ProjectCudaArgs& args, const ViewTransfor
   if (result.n_tiles == 0) return result;
 
   const std::int64_t rest = 3 * ((g.sh_degree_max + 1) * (g.sh_degree_max + 1) - 1);
-  const ShColor<float> color = sh_color(args.sh_degree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
+  const ShColor<float> color = sh_color(kShDegree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
   if (!isfinite(color.color.x + color.color.y + color.color.z)) {
     result.finite = false;
     return result;
@@ -91,6 +94,7 @@ __device__ Projected project_one(const ProjectCudaArgs& args, const ViewTransfor
   return result;
 }
 
+template <int kShDegree>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ unsigned long long block_splats, block_isects;
   if (threadIdx.x == 0) block_splats = block_isects = 0;
@@ -100,7 +104,7 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
   Projected projected;
   if (i < args.gaussians.n_gaussians) {
     const ViewTransform<float> view = make_view_transform<float>(args.view);
-    projected = project_one(args, view, i);
+    projected = project_one<kShDegree>(args, view, i);
     args.out.n_tiles[i] = projected.n_tiles;
     if (projected.n_tiles == 0) args.out.radii[i] = 0;
     if (!projected.finite) {
@@ -134,7 +138,8 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   B3DGS_CUDA_CHECK_LAUNCH();
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
-  project_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
+  with_sh_degree(args.sh_degree,
+                 [&](auto degree) { project_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args); });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

@@ -151,18 +151,25 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_gaussians = n;
 }
 
-void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
-                          const LaunchContext& context) {
+ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                                   const LaunchContext& context) {
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
               " Gaussians after a forward of ", s.n_gaussians);
   begin_stage(s.stages, Stage::kBlendBackward);
   s.blend_backward(s.backward_kernel, grad, context);
-  begin_stage(s.stages, Stage::kProjectBackward);
-  project_backward({gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
-                    s.splat_grads.data(), out},
-                   context);
   end_stage(s.stages);
+  return {gaussians,           s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
+          s.splat_grads.data()};
+}
+
+void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
+                          const LaunchContext& context) {
+  ProjectBackwardCudaArgs args = backward_blend(gaussians, grad, context);
+  args.grad = out;
+  begin_stage(impl_->stages, Stage::kProjectBackward);
+  project_backward(args, context);
+  end_stage(impl_->stages);
 }
 
 void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {

@@ -3,8 +3,7 @@
 
 #include <memory>
 
-#include "raster/args.h"
-#include "raster/cuda/device_buffer.h"
+#include "raster/cuda/passes.h"
 
 namespace b3dgs::cuda {
 
@@ -25,6 +24,11 @@ class Rasterizer {
   /// wait.
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
                 const LaunchContext& context);
+
+  /// The first half of backward(), to the splats' sums. Returns what project_backward() still has to do, without the
+  /// arrays for gradients; valid until the next forward(). Does not wait.
+  ProjectBackwardCudaArgs backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                         const LaunchContext& context);
 
   /// The blends of the last forward() alone, again with another kernel: into the same arrays, or into splat_grads().
   /// Neither waits.

@@ -1,0 +1,61 @@
+// One Gaussian's gradient from its splat's sums: for the kernel that stores gradients, and for training's, which goes
+// on with them.
+#pragma once
+
+#include "raster/cuda/passes.h"
+#include "raster/projection.h"
+#include "raster/sh.h"
+
+namespace b3dgs::cuda {
+
+/// Floats of a Gaussian's harmonics beyond degree 0.
+B3DGS_HD constexpr int rest_floats(int sh_degree) {
+  return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
+}
+
+__device__ __forceinline__ Vec3f load3(const float* array, std::int64_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+__device__ __forceinline__ void store3(float* array, std::int64_t i, Vec3f v) {
+  array[3 * i] = v.x;
+  array[3 * i + 1] = v.y;
+  array[3 * i + 2] = v.z;
+}
+
+/// By the stored parameters, and by the splat's centre in px; zeros for what no view sees.
+struct GaussianGrad {
+  Vec3f mean, log_scales;
+  Vec4f quat;
+  float logit_opacity;
+  Vec2f mean2d;
+};
+
+/// Gradients of Gaussian i, which the view sees. Harmonics' gradients go to `sh0` [3] and `rest` [rest_floats(degree)].
+/// kShDegree is that of `args`.
+template <int kShDegree>
+__device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i, float* sh0,
+                                                      float* rest) {
+  const GaussianArrays& g = args.gaussians;
+  const std::int32_t rank = args.rank_of_gaussian[i];
+  const SplatGrad sum = args.splat_grads[rank].sum;
+  const unsigned clamped = args.splats[rank].clamped;
+
+  const ViewTransform<float> view = make_view_transform<float>(args.view);
+  const Vec3f mean = load3(g.means, i);
+  const Vec3f point = to_camera(view, mean);
+  const float4 quat = reinterpret_cast<const float4*>(g.quats)[i];
+  const Shape<float> shape = make_shape(load3(g.log_scales, i), Vec4f{quat.x, quat.y, quat.z, quat.w});
+  const Projection<float> p = project_gaussian(view, point, shape.factor);
+  const ProjectionGrad<float> grad = b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
+                                                             Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
+  const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
+  const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
+                         clamped & 4u ? 0.0f : sum.blue};
+  const Vec3f grad_offset = sh_color_backward(kShDegree, mean - args.view.center,
+                                              g.shN + rest_floats(g.sh_degree_max) * i, grad_color, sh0, rest);
+  // q is the gradient by ln(opacity), and d ln(sigmoid(x)) / dx = sigmoid(-x).
+  return {transpose_times(view.rotation, grad.point) + grad_offset, grad_shape.log_scales, grad_shape.quat,
+          sum.q / (1 + __expf(g.logit_opacities[i])), grad.mean2d};
+}
+
+}  // namespace b3dgs::cuda
