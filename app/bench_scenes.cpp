@@ -98,6 +98,12 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 
 }  // namespace
 
+void take_default_tile(BenchRun& run) {
+  const TileShape tile = default_tile(run.device);
+  if (run.tile_width == 0) run.tile_width = tile.width;
+  if (run.tile_height == 0) run.tile_height = tile.height;
+}
+
 GaussianArrays BenchScene::arrays() const {
   return {cloud.size(),       cloud.sh_degree,
           cloud.means.data(), cloud.log_scales.data(),

@@ -11,8 +11,8 @@ namespace b3dgs {
 
 /// How every benchmark measures.
 struct BenchRun {
-  int width = 960, height = 540;          // px
-  int tile_width = 16, tile_height = 16;  // px
+  int width = 960, height = 540;        // px
+  int tile_width = 0, tile_height = 0;  // px; 0: take_default_tile()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
@@ -25,8 +25,8 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "of made-up scenes: image width, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "of made-up scenes: image height, px");
-  field(Option{"tile_width"}, c.tile_width, InRange{1, 32}, "px");
-  field(Option{"tile_height"}, c.tile_height, InRange{1, 32}, "px");
+  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
+  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the 3-sigma square");
   field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
@@ -41,6 +41,10 @@ template <class Config, class Visitor>
 void visit_run_fields(Config& c, Visitor&& field) {
   visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
+
+/// Where the options leave the tile open, sets that of training on run.device: the kernels are timed as training uses
+/// them. Every benchmark does so before it uses a tile.
+void take_default_tile(BenchRun& run);
 
 /// Gaussians spread over the image by one law.
 struct SpreadConfig {

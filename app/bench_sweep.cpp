@@ -81,6 +81,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   line.apply(config);
   if (config.skew.empty()) input_error("command line: skew needs at least one value; the grid is empty");
   if (config.points.empty()) config.points = default_points(config.device);
+  take_default_tile(config);
   set_thread_count(config.threads);
 
   nlohmann::ordered_json report, cells = nlohmann::ordered_json::array();

@@ -14,6 +14,7 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "train/evaluate.h"
 
 namespace b3dgs {
 namespace {
@@ -88,6 +89,24 @@ TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   EXPECT_EQ(testing::internal::GetCapturedStdout().find("registers"), std::string::npos);
   EXPECT_FALSE(table.rows()[0].contains("gradient_difference"));
   EXPECT_FALSE(table.rows()[0].contains("registers"));
+}
+
+TEST(BenchRun, TakesTheTileOfTrainingUnlessToldOtherwise) {
+  for (const char* device : {"cpu", "cuda"}) {
+    TrainConfig training;
+    training.device = device;
+    const TileShape expected = tile_shape(training);
+    BenchRun open, told;
+    open.device = told.device = device;
+    told.tile_width = 24;
+    told.tile_height = 4;
+    take_default_tile(open);
+    take_default_tile(told);
+    EXPECT_EQ(open.tile_width, expected.width) << device;
+    EXPECT_EQ(open.tile_height, expected.height) << device;
+    EXPECT_EQ(told.tile_width, 24) << device;
+    EXPECT_EQ(told.tile_height, 4) << device;
+  }
 }
 
 constexpr int kWidth = 480, kHeight = 270;
@@ -189,6 +208,8 @@ TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
   EXPECT_EQ(report["cells"][3]["points"], 900);
   EXPECT_GT(report["cells"][3]["lists"]["gini"], report["cells"][2]["lists"]["gini"]);
   EXPECT_GT(report["cells"][2]["lists"]["pairs"], report["cells"][0]["lists"]["pairs"]);
+  EXPECT_EQ(report["config"]["tile_width"], 16) << "the tile that was used, not the option's default";
+  EXPECT_EQ(report["config"]["tile_height"], 16);
 
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
