@@ -46,6 +46,17 @@ void visit_run_fields(Config& c, Visitor&& field) {
 /// them. Every benchmark does so before it uses a tile.
 void take_default_tile(BenchRun& run);
 
+/// What training has made of Gaussians that are spread over the image.
+enum class SpreadState {
+  /// Sizes, shapes and opacities of many kinds, the same everywhere. A tile is opaque after some 300 entries of its
+  /// list, and a kernel stops there: a crowded tile takes it no longer than others, so skew hardly shows on a GPU.
+  kTrained,
+  /// Round, of opacity 0.1, and the smaller the denser they lie, as training makes them from points of a surface. A
+  /// crowded tile takes thousands of them before it is opaque and keeps its block busy long after the others, as those
+  /// at the horizon of `street` do.
+  kFirstIteration,
+};
+
 /// Gaussians spread over the image by one law.
 struct SpreadConfig {
   std::int64_t points = 1500000;
@@ -54,6 +65,7 @@ struct SpreadConfig {
   /// the distance holds as many.
   double skew = 0;
   int sh_degree = 3;
+  SpreadState state = SpreadState::kTrained;  // that of the scene `balanced`
 };
 
 struct BenchConfig : BenchRun {
@@ -93,8 +105,9 @@ struct BenchScene {
 /// @throws InputError if a folder or file cannot be used.
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// The scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew changes where the Gaussians
-/// are, and nothing else about them.
+/// Trained Gaussians are the scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew
+/// changes where they are, and nothing else about them. Those of a first iteration have the size that their neighbours
+/// would give them on the screen: 0.729 / sqrt(density there, 1/px^2), in px.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs
