@@ -11,8 +11,8 @@ namespace b3dgs {
 
 /// How every benchmark measures.
 struct BenchRun {
-  int width = 960, height = 540;          // px
-  int tile_width = 16, tile_height = 16;  // px
+  int width = 960, height = 540;        // px
+  int tile_width = 0, tile_height = 0;  // px; 0: take_default_tile()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
@@ -25,8 +25,8 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "of made-up scenes: image width, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "of made-up scenes: image height, px");
-  field(Option{"tile_width"}, c.tile_width, InRange{1, 32}, "px");
-  field(Option{"tile_height"}, c.tile_height, InRange{1, 32}, "px");
+  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
+  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "tiles of a Gaussian: exact, or the 3-sigma square");
   field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
@@ -42,6 +42,21 @@ void visit_run_fields(Config& c, Visitor&& field) {
   visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
 
+/// Where the options leave the tile open, sets that of training on run.device: the kernels are timed as training uses
+/// them. Every benchmark does so before it uses a tile.
+void take_default_tile(BenchRun& run);
+
+/// What training has made of Gaussians that are spread over the image.
+enum class SpreadState {
+  /// Sizes, shapes and opacities of many kinds, the same everywhere. A tile is opaque after some 300 entries of its
+  /// list, and a kernel stops there: a crowded tile takes it no longer than others, so skew hardly shows on a GPU.
+  kTrained,
+  /// Round, of opacity 0.1, and the smaller the denser they lie, as training makes them from points of a surface. A
+  /// crowded tile takes thousands of them before it is opaque and keeps its block busy long after the others, as those
+  /// at the horizon of `street` do.
+  kFirstIteration,
+};
+
 /// Gaussians spread over the image by one law.
 struct SpreadConfig {
   std::int64_t points = 1500000;
@@ -50,6 +65,7 @@ struct SpreadConfig {
   /// the distance holds as many.
   double skew = 0;
   int sh_degree = 3;
+  SpreadState state = SpreadState::kTrained;  // that of the scene `balanced`
 };
 
 struct BenchConfig : BenchRun {
@@ -89,8 +105,9 @@ struct BenchScene {
 /// @throws InputError if a folder or file cannot be used.
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// The scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew changes where the Gaussians
-/// are, and nothing else about them.
+/// Trained Gaussians are the scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew
+/// changes where they are, and nothing else about them. Those of a first iteration have the size that their neighbours
+/// would give them on the screen: 0.729 / sqrt(density there, 1/px^2), in px.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

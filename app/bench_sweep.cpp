@@ -25,7 +25,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SweepConfig>> visit
         "numbers of Gaussians; none: 250000 1000000 4000000 on a GPU, a tenth of each on the CPU");
   field(Option{"skew"}, c.skew, InRange{0, 2},
         "density falls as distance from the image's centre to the power -2 skew: 0 is even, 1 crowds the centre as "
-        "street does the horizon; sizes and opacities stay the same");
+        "street does the horizon; as in a first iteration, all have opacity 0.1 and the size of the spacing at their "
+        "place");
   visit_run_fields(c, field);
 }
 
@@ -75,19 +76,20 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   CommandLine line(
       "bench sweep",
       "Times every forward kernel over a grid of made-up scenes: numbers of Gaussians by how unevenly they "
-      "lie. Times in ms, lists in entries per tile.");
+      "lie, all in the state of a first iteration. Times in ms, lists in entries per tile.");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   line.apply(config);
   if (config.skew.empty()) input_error("command line: skew needs at least one value; the grid is empty");
   if (config.points.empty()) config.points = default_points(config.device);
+  take_default_tile(config);
   set_thread_count(config.threads);
 
   nlohmann::ordered_json report, cells = nlohmann::ordered_json::array();
   for (const int points : config.points) {
     for (const double skew : config.skew) {
       // Colours are of no matter to blending; without harmonics the scenes are made ten times faster.
-      const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0}, config);
+      const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0, SpreadState::kFirstIteration}, config);
       const ForwardTimes times = time_forward_kernels(config, scene);
       if (cells.empty()) {
         std::printf("%d x %d px, tiles of %d x %d px; %s\n", config.width, config.height, config.tile_width,

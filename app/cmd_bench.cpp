@@ -20,6 +20,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
+  take_default_tile(config);
   set_thread_count(config.threads);
 
   const BenchScene scene = make_bench_scene(config);

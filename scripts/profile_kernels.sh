@@ -4,7 +4,7 @@
 # of `b3dgs bench kernels`, caches flushed before it, clocks as they are.
 #
 #   scripts/profile_kernels.sh [BENCH_ARGUMENT ...]
-#   scripts/profile_kernels.sh street --points 1500000 --tile_height 8
+#   scripts/profile_kernels.sh street --points 1500000
 #   B3DGS                the program (default: build/gpu/app/b3dgs)
 #   KERNELS              kernels by name, a regular expression (default: the forward and backward blend)
 #

@@ -4,10 +4,14 @@
 
 namespace b3dgs {
 
-TileShape tile_shape(const TrainConfig& config) {
+TileShape default_tile(const std::string& device) {
   // Measured (docs/benchmarks.md): on a GPU smaller tiles make shorter lists for each pixel and cost little to bin; a
   // CPU pays for the longer lists of pairs.
-  if (config.tile == "auto") return {16, config.device == "cuda" ? 8 : 16};
+  return {16, device == "cuda" ? 8 : 16};
+}
+
+TileShape tile_shape(const TrainConfig& config) {
+  if (config.tile == "auto") return default_tile(config.device);
   return {16, config.tile == "16x8" ? 8 : 16};
 }
 

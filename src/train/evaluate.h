@@ -13,7 +13,10 @@
 
 namespace b3dgs {
 
-/// The tile that the options ask for, on the device they name ("auto" counts as the CPU).
+/// The tile that is faster on a device: 16 x 8 px on "cuda", 16 x 16 px elsewhere ("auto" counts as the CPU).
+TileShape default_tile(const std::string& device);
+
+/// The tile that the options ask for, on the device they name.
 TileShape tile_shape(const TrainConfig& config);
 
 /// How views of a model are rendered where nothing is random. `sh_degree` is at most that of its Gaussians.

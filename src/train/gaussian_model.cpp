@@ -10,7 +10,6 @@ namespace b3dgs {
 namespace {
 
 constexpr double kShC0 = 0.28209479177387814;  // the constant harmonic, 1 / (2 sqrt(pi))
-constexpr double kInitialOpacity = 0.1;
 
 torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64_t> sizes) {
   torch::Tensor tensor = torch::empty(sizes, torch::kFloat32);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -14,6 +15,8 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "train/evaluate.h"
+#include "train/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
@@ -90,6 +93,24 @@ TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   EXPECT_FALSE(table.rows()[0].contains("registers"));
 }
 
+TEST(BenchRun, TakesTheTileOfTrainingUnlessToldOtherwise) {
+  for (const char* device : {"cpu", "cuda"}) {
+    TrainConfig training;
+    training.device = device;
+    const TileShape expected = tile_shape(training);
+    BenchRun open, told;
+    open.device = told.device = device;
+    told.tile_width = 24;
+    told.tile_height = 4;
+    take_default_tile(open);
+    take_default_tile(told);
+    EXPECT_EQ(open.tile_width, expected.width) << device;
+    EXPECT_EQ(open.tile_height, expected.height) << device;
+    EXPECT_EQ(told.tile_width, 24) << device;
+    EXPECT_EQ(told.tile_height, 4) << device;
+  }
+}
+
 constexpr int kWidth = 480, kHeight = 270;
 
 /// Distances of the seen points from the image's centre, ascending: the larger of |x| and |y|, each in half images.
@@ -160,6 +181,104 @@ TEST(SpreadScene, SkewMovesGaussiansTowardsTheCentreAndChangesNothingElse) {
   EXPECT_NE(even.means, skewed.means);
 }
 
+TEST(SpreadScene, BalancedIsTheSceneOfTheMeasuredFigures) {
+  // docs/benchmarks.md has figures of `balanced`. All values come from one row of random numbers, so a draw more or
+  // less anywhere changes the last Gaussian.
+  const SplatCloud even = make_spread_scene({1000, 0, 1}, {}).cloud, skewed = make_spread_scene({1000, 1, 1}, {}).cloud;
+  const auto expect_last = [](const std::vector<float>& values, const std::vector<float>& expected) {
+    const std::vector<float> last(values.end() - static_cast<std::ptrdiff_t>(expected.size()), values.end());
+    for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_FLOAT_EQ(last[i], expected[i]) << i;
+  };
+  expect_last(even.means, {-2.60978079f, -0.933099985f, 5.48544502f});
+  expect_last(skewed.means, {-2.47616434f, -0.885326803f, 5.48544502f});
+  expect_last(even.log_scales, {-4.84593725f, -5.25007868f, -4.80075264f});
+  expect_last(even.quats, {-1.86022198f, 0.512197018f, -0.0145723531f, 0.750941515f});
+  expect_last(even.logit_opacities, {2.9392674f});
+  expect_last(even.sh0, {-0.327048838f, 1.495785f, 0.303996891f});
+  expect_last(even.shN, {-0.0906873271f});
+}
+
+/// A first iteration on the screen.
+struct FlatScene {
+  PointCloud points;           // px, at depth 0
+  std::vector<double> sigmas;  // px
+  /// Rows by distance from the image's centre, in tenths of as many Gaussians.
+  std::array<std::vector<std::size_t>, 10> tenths;
+  /// Largest distance in each tenth, in half images.
+  std::array<double, 10> ends;
+};
+
+FlatScene flat_first_iteration(double skew) {
+  BenchRun run;
+  run.width = kWidth;
+  run.height = kHeight;
+  constexpr std::size_t kPoints = 100000;
+  const BenchScene scene = make_spread_scene({kPoints, skew, 0, SpreadState::kFirstIteration}, run);
+  FlatScene flat;
+  std::vector<std::pair<double, std::size_t>> by_distance;
+  for (std::size_t i = 0; i < kPoints; ++i) {
+    const double scale = scene.view.fx / scene.cloud.means[3 * i + 2];
+    const double x = scale * scene.cloud.means[3 * i], y = scale * scene.cloud.means[3 * i + 1];
+    flat.points.positions.insert(flat.points.positions.end(), {static_cast<float>(x), static_cast<float>(y), 0.0f});
+    flat.points.colors.insert(flat.points.colors.end(), 3, std::uint8_t{0});
+    flat.sigmas.push_back(scale * std::exp(scene.cloud.log_scales[3 * i]));
+    by_distance.emplace_back(std::max(std::abs(x) / (0.5 * kWidth), std::abs(y) / (0.5 * kHeight)), i);
+  }
+  std::sort(by_distance.begin(), by_distance.end());
+  for (std::size_t i = 0; i < kPoints; ++i) {
+    const std::size_t tenth = i / (kPoints / 10);
+    flat.tenths[tenth].push_back(by_distance[i].second);
+    flat.ends[tenth] = by_distance[i].first;
+  }
+  return flat;
+}
+
+TEST(SpreadScene, SizesOfAFirstIterationAreThoseOfTheDensityOnTheScreen) {
+  for (const double skew : {0.0, 0.5, 1.0}) {
+    const FlatScene flat = flat_first_iteration(skew);
+    double begin = 0, mean_before = 0;
+    for (std::size_t tenth = 0; tenth < 10; ++tenth) {
+      // A Gaussian of size 0.729 / sqrt(density) stands for 1 / density = (size / 0.729)^2 of the image; those of a
+      // ring stand for all of it. The sum of 10,000 such areas has a deviation of about 1 %.
+      double area = 0, mean = 0;
+      for (const std::size_t row : flat.tenths[tenth]) {
+        area += std::pow(flat.sigmas[row] / 0.729, 2);
+        mean += flat.sigmas[row] / static_cast<double>(flat.tenths[tenth].size());
+      }
+      const double end = flat.ends[tenth];
+      EXPECT_NEAR(area / ((end * end - begin * begin) * kWidth * kHeight), 1, 0.04) << skew << ", tenth " << tenth;
+      EXPECT_GE(mean, mean_before * (1 - 1e-6)) << skew << ": the nearer to the crowd, the smaller";
+      begin = end;
+      mean_before = mean;
+    }
+    const double smallest = *std::min_element(flat.sigmas.begin(), flat.sigmas.end());
+    const double largest = *std::max_element(flat.sigmas.begin(), flat.sigmas.end());
+    // From the edge to the core of 1/20 the density grows by 20^(2 skew).
+    EXPECT_NEAR(largest / smallest, std::pow(20, skew), 0.01 * std::pow(20, skew));
+  }
+}
+
+TEST(SpreadScene, AFirstIterationIsWhatTrainingMakesOfASurface) {
+  const FlatScene flat = flat_first_iteration(1);
+  const SplatCloud trained_from = splats_from_points(flat.points, 0);
+  for (const std::vector<std::size_t>& tenth : flat.tenths) {
+    double log_ratio = 0;
+    for (const std::size_t row : tenth) {
+      log_ratio += (std::log(flat.sigmas[row]) - trained_from.log_scales[3 * row]) / static_cast<double>(tenth.size());
+    }
+    // The geometric means differ by 1 % where the density is constant.
+    EXPECT_NEAR(std::exp(log_ratio), 1, 0.03);
+  }
+  const SplatCloud cloud = make_spread_scene({100, 1, 2, SpreadState::kFirstIteration}, {}).cloud;
+  EXPECT_EQ(cloud.logit_opacities, std::vector<float>(100, std::log(0.1f / 0.9f)));
+  EXPECT_EQ(cloud.shN, std::vector<float>(100 * 3 * 8, 0.0f));
+  for (std::size_t i = 0; i < 100; ++i) {
+    EXPECT_EQ(cloud.log_scales[3 * i], cloud.log_scales[3 * i + 1]);
+    EXPECT_EQ(cloud.log_scales[3 * i], cloud.log_scales[3 * i + 2]);
+    EXPECT_EQ(cloud.quats[4 * i], 1);
+  }
+}
+
 class BenchProgram : public ::testing::Test {
  protected:
   std::string path(const char* name) const { return (folder_ / name).string(); }
@@ -189,6 +308,10 @@ TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
   EXPECT_EQ(report["cells"][3]["points"], 900);
   EXPECT_GT(report["cells"][3]["lists"]["gini"], report["cells"][2]["lists"]["gini"]);
   EXPECT_GT(report["cells"][2]["lists"]["pairs"], report["cells"][0]["lists"]["pairs"]);
+  EXPECT_LT(report["cells"][2]["lists"]["pairs"], 2.5 * report["cells"][0]["lists"]["pairs"].get<double>())
+      << "three times as many are smaller";
+  EXPECT_EQ(report["config"]["tile_width"], 16) << "the tile that was used, not the option's default";
+  EXPECT_EQ(report["config"]["tile_height"], 16);
 
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
