@@ -66,9 +66,12 @@ Json checks_of(const TrainHistory& history) {
     checks.push_back({{"iteration", check.iteration},
                       {"pass", check.pass},
                       {"times_ms", to_json(check.times_ms)},
+                      {"spread_ms", to_json(check.spread_ms)},
+                      {"views", to_json(check.views)},
                       {"before", check.before},
                       {"after", check.after},
                       {"reason", check.reason},
+                      {"refused", check.refused},
                       {"cost_ms", to_json(check.cost_ms)}});
   }
   return checks;

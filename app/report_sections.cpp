@@ -62,7 +62,7 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
       }
       own->points.push_back({static_cast<double>(check.iteration), ms});
     }
-    if (!check.after.empty() && check.before != check.after) {
+    if (check.has_changed()) {
       events.push_back({static_cast<double>(check.iteration), "to " + check.after});
     }
   }
@@ -80,19 +80,48 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
       "Kernel time of the " + pass + " candidates, each timed on the same views at every check. The paper's figure 7.");
 }
 
+/// What computed something else is a fault to be looked into: it stands before all times.
+std::string refusals(const TrainHistory& history) {
+  std::string body;
+  for (const KernelCheckEvent& check : history.checks) {
+    if (check.refused.empty()) continue;
+    std::string names;
+    for (const std::string& name : check.refused) names += (names.empty() ? "" : ", ") + name;
+    const std::string said = check.refused.front() + " is refused: ";  // by the reason, before the fault itself
+    const bool is_said = check.refused.size() == 1 && check.reason.compare(0, said.size(), said) == 0;
+    body +=
+        html::paragraph(detail::concat(names, check.refused.size() == 1 ? " was" : " were",
+                                       " refused: ", is_said ? check.reason.substr(said.size()) : check.reason,
+                                       " (iteration ", format_tick(check.iteration, 1), ", ", check.pass, " pass)."));
+  }
+  return body;
+}
+
+/// "combined 1.200 (0.030), shared-memory 1.100"
+std::string times_and_spreads(const KernelCheckEvent& check) {
+  std::string text;
+  for (const auto& [name, ms] : check.times_ms) {
+    text += (text.empty() ? "" : ", ") + name + " " + print_ms(ms);
+    if (const std::optional<double> spread = find(check.spread_ms, name)) text += " (" + print_ms(*spread) + ")";
+  }
+  return text.empty() ? "-" : text;
+}
+
 std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
   double cost_ms = 0;
-  bool has_cost = false;
+  bool has_cost = false, has_changed = false;
   for (const KernelCheckEvent& check : history.checks) {
     has_cost = has_cost || check.cost_ms;
+    has_changed = has_changed || check.has_changed();
     cost_ms += check.cost_ms.value_or(0);
-    if (check.after.empty() || check.before == check.after) continue;
-    rows.push_back({format_tick(check.iteration, 1), check.pass, check.before, check.after, check.reason});
+    rows.push_back({format_tick(check.iteration, 1), check.pass, times_and_spreads(check),
+                    check.views ? std::to_string(*check.views) : "-",
+                    check.has_changed() ? "from " + check.before + " to " + check.after : check.after, check.reason});
   }
-  std::string body = rows.empty()
-                         ? html::paragraph("The kernel was never changed.")
-                         : html::table({"iteration", "pass", "from", "to", "reason"}, rows, html::Columns::kWords);
+  std::string body = has_changed ? "" : html::paragraph("The kernel was never changed.");
+  body += html::table({"iteration", "pass", "ms, median over views (spread)", "views", "kernel", "reason"}, rows,
+                      html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   if (has_cost && elapsed_s > 0) {
     body += html::paragraph(
@@ -224,7 +253,8 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
 
 std::string kernel_section(const TrainHistory& history) {
   if (history.checks.empty()) return html::paragraph("No kernels were timed: this training used a fixed one.", "soft");
-  return candidate_figure(history, "forward") + candidate_figure(history, "backward") + decisions(history);
+  return refusals(history) + candidate_figure(history, "forward") + candidate_figure(history, "backward") +
+         decisions(history);
 }
 
 std::string load_section(const TrainHistory& history) {

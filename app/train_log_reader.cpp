@@ -19,6 +19,16 @@ std::string text(const Json& json, const char* key) {
   return it != json.end() && it->is_string() ? it->get<std::string>() : "";
 }
 
+std::vector<std::string> texts(const Json& json, const char* key) {
+  std::vector<std::string> found;
+  const auto it = json.find(key);
+  if (it == json.end() || !it->is_array()) return found;
+  for (const Json& value : *it) {
+    if (value.is_string()) found.push_back(value.get<std::string>());
+  }
+  return found;
+}
+
 NamedTimes named_times(const Json& json, const char* key) {
   NamedTimes times;
   const auto it = json.find(key);
@@ -51,9 +61,12 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   check.iteration = iteration;
   check.pass = text(json, "pass");
   check.times_ms = named_times(json, "times_ms");
+  check.spread_ms = named_times(json, "spread_ms");
+  if (const auto views = number(json, "views")) check.views = static_cast<int>(*views);
   check.before = text(json, "before");
   check.after = text(json, "after");
   check.reason = text(json, "reason");
+  check.refused = texts(json, "refused");
   check.cost_ms = number(json, "cost_ms");
   return check;
 }

@@ -249,3 +249,10 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
 
 }  // namespace
 }  // namespace b3dgs
+                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
+                 {"views", 5},
+                 {"refused", {"dynamic"}},
+  const json check = result()["runs"][0]["kernel_checks"][0];
+  EXPECT_EQ(check["refused"], json::array({"dynamic"}));
+  EXPECT_EQ(check["views"], 5);
+  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
