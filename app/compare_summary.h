@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -34,6 +35,22 @@ double elapsed_at(const TrainHistory& history, double iteration);
 /// Iteration of the first check after which another forward kernel was in use: the paper's inflection point.
 std::optional<int> inflection_point(const TrainHistory& history);
 
+/// Iterations that one forward kernel did: after `from`, up to and with `until`.
+struct KernelPeriod {
+  std::string kernel;
+  int from = 0, until = 0;
+};
+
+/// All iterations, by the kernel that each line of the log and each check names; empty if none does.
+std::vector<KernelPeriod> kernel_periods(const TrainHistory& history);
+
+/// The part of a training that one kind of forward kernel did, balanced ones or the others.
+struct KernelPart {
+  std::set<std::string> kernels;
+  int iterations = 0;
+  double baseline_s = 0, ours_s = 0;
+};
+
 /// Shares of the baseline's time that were saved, (baseline - ours) / baseline, over the iterations that both have
 /// done.
 struct SavedTime {
@@ -42,6 +59,7 @@ struct SavedTime {
   std::optional<int> inflection;
   std::optional<double> before, after;  // the inflection point; missing without one, and before one at the start
   double overall = 0;
+  KernelPart balanced, others;  // by ours' kernel; both empty if the log does not name it
 };
 
 /// Nothing if one of them has not begun.
@@ -55,11 +73,19 @@ struct QualityDifference {
   bool is_equal() const;
 };
 
+/// A KernelPart over seeds; spreads are of the seeds in which there was one.
+struct KernelPartSummary {
+  std::set<std::string> kernels;
+  std::optional<Spread> iterations, saved;
+};
+
 /// One configuration against the first.
 struct ComparedConfiguration {
   std::string name;
   std::vector<SavedTime> by_seed;
   std::optional<Spread> overall, before, after, inflection;
+  KernelPartSummary balanced, others;
+  bool was_slower_from_start = false;  // the first check found the balanced kernel slower, in all seeds
   std::vector<QualityDifference> quality;
 };
 
@@ -82,12 +108,17 @@ inline constexpr double kNoDifference = 0.01;
 /// How differences of quality are judged, in a sentence.
 std::string quality_criterion(const ComparedConfiguration& compared);
 
-/// One sentence: did it pay?
+/// Did it pay? Balancing is credited only with what was saved while a balanced kernel ran.
 std::string verdict(const ComparisonSummary& summary);
 
 nlohmann::ordered_json to_json(const ComparisonSummary& summary);
 
 /// "18.3 %"
 std::string format_percent(double share);
+/// "18 %"
+std::string format_whole_percent(double share);
+
+/// " in 1 of 3 seeds", or "" if it is all of them.
+std::string in_seeds(int n, int of);
 
 }  // namespace b3dgs
