@@ -98,7 +98,6 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
               "folder with -m");
 }
 
-/// The runs that a plan names, and those of a comparison that lay in the same folder.
 void remove_runs(const ComparisonPlan& plan) {
   for (const Configuration& configuration : plan.configurations()) {
     for (const int seed : plan.seeds) remove_model(plan.folder(configuration, seed));
@@ -114,10 +113,11 @@ bool is_trained(const ComparisonPlan& plan, int seed) {
   return true;
 }
 
-/// Trains what is left to train. False if a signal stopped it.
-bool train_all(ComparisonPlan& plan, const torch::Device& device, const CompareOptions& options, StatusLine& status) {
-  const auto is_open = [&](int seed) { return !is_trained(plan, seed); };
-  if (std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
+/// Trains what is left to train, after taking away the runs of `replaced`. False if a signal stopped it.
+bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced, const torch::Device& device,
+               const CompareOptions& options, StatusLine& status) {
+  const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
+  if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
   const Scene scene = load_scene(scene_options(plan.base), show_loading(status));
   const double reading_s = steady_seconds() - start_s;
@@ -141,6 +141,8 @@ bool train_all(ComparisonPlan& plan, const torch::Device& device, const CompareO
 }  // namespace
 
 int run_compare(const std::vector<std::string>& words) {
+  // Only now: a scene that cannot be read must not cost the models that are there.
+  for (const ComparisonPlan& old : replaced) remove_runs(old);
   CommandLine line("compare",
                    "Trains a COLMAP scene with several configurations in turns, and compares time and quality: "
                    "b3dgs compare SCENE [-m OUTPUT]. Writes compare.json, report.html and the models. All models of a "
@@ -157,10 +159,12 @@ int run_compare(const std::vector<std::string>& words) {
   plan.configurations();  // their errors before anything is written
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
-  if (options.overwrite && !options.resume) remove_runs(plan);
+  std::vector<ComparisonPlan> replaced;
+  if (options.overwrite) replaced.push_back(plan);  // its folders may hold models that no comparison names
+  if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  const bool is_complete = train_all(plan, device, options, status);
+  const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);
   print_comparison(comparison);

@@ -146,6 +146,29 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
 }
 
+TEST_F(Compare, OverwriteTakesTheOldRunsAwayOnceTheSceneIsRead) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet", "--configs", "naive,combined"}).exit_code, 0);
+  const fs::path old = output() / "combined/seed_0/point_cloud/iteration_5/point_cloud.ply";
+  ASSERT_TRUE(fs::exists(old));
+  const Outcome typo = run_b3dgs(
+      {"compare", scene() + "x", "-m", output().string(), "--configs", "naive,combined", "--overwrite", "--quiet"});
+  EXPECT_EQ(typo.exit_code, 2) << typo.err;
+  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene costs nothing";
+  EXPECT_EQ(result()["summary"]["done"], 5);
+
+  ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_FALSE(fs::exists(old)) << "a run that the new comparison does not have";
+  EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
+}
+
+TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const fs::path log = output() / "naive/seed_0/train.jsonl";
+  std::ofstream(log, std::ios::app) << "old\n";
+  ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
+}
+
 TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
@@ -181,10 +204,13 @@ void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
                  {"test_psnr", 20 + 0.1 * iteration},
                  {"test_ssim", 0.8}}
          << "\n";
-    file << json{{"iteration", iteration},
+    file << json{{"iteration", iteration + 1},
                  {"event", "kernel_check"},
                  {"pass", "forward"},
                  {"times_ms", {{"combined", 1 + 0.01 * iteration}, {"shared-memory", 1.3}}},
+                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
+                 {"views", 5},
+                 {"refused", {"dynamic"}},
                  {"before", iteration <= 30 ? "combined" : "shared-memory"},
                  {"after", iteration < 30 ? "combined" : "shared-memory"},
                  {"reason", "slower by 3 % <b>"},
@@ -192,7 +218,7 @@ void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
          << "\n";
     const json load{{"min", 0},    {"median", 30}, {"p90", 400},   {"p99", 2000},
                     {"max", 9000}, {"mean", 90},   {"gini", 0.75}, {"log2_bins", {1, 2, 5, 9, 20, 30, 12, 5, 1}}};
-    file << json{{"iteration", iteration + 1},
+    file << json{{"iteration", iteration},
                  {"event", "load_statistics"},
                  {"tile_lists", load},
                  {"pixel_processed", load}}
@@ -221,6 +247,10 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
   write_eventful_log(output() / "shared-memory/seed_0/train.jsonl", 30, 20);
   ASSERT_EQ(run_b3dgs({"report", output().string()}).exit_code, 0);
   ASSERT_EQ(run_b3dgs({"report", (output() / "naive/seed_0").string()}).exit_code, 0);
+  const json check = result()["runs"][0]["kernel_checks"][0];
+  EXPECT_EQ(check["refused"], json::array({"dynamic"}));
+  EXPECT_EQ(check["views"], 5);
+  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
   const std::string html = page();
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_EQ(html.find("<b>"), std::string::npos);
@@ -249,10 +279,3 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
 
 }  // namespace
 }  // namespace b3dgs
-                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
-                 {"views", 5},
-                 {"refused", {"dynamic"}},
-  const json check = result()["runs"][0]["kernel_checks"][0];
-  EXPECT_EQ(check["refused"], json::array({"dynamic"}));
-  EXPECT_EQ(check["views"], 5);
-  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
