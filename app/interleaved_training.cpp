@@ -137,7 +137,7 @@ void warm_up(const ComparisonPlan& plan, const Scene& scene) {
   const TemporaryFolder folder(plan.root() / ".warm_up");
   for (const Configuration& configuration : plan.configurations()) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
-    config.init_ply.clear();
+    if (n > 0) config.init_ply.clear();  // the part is smaller; without points the PLY is all there is
     config.iterations = 5;
     config.densify_from_iter = 0;
     config.densification_interval = 2;

@@ -169,6 +169,20 @@ TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
   EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
 }
 
+TEST_F(Compare, AGivenPlyStandsInForASceneWithoutPoints) {
+  ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
+                       "--quiet"})
+                .exit_code,
+            0);
+  std::ofstream(fs::path(scene()) / "sparse/0/points3D.bin", std::ios::binary) << std::string(8, '\0');  // count: 0
+  const Outcome without = compare({"--iterations", "3", "--quiet"});
+  EXPECT_EQ(without.exit_code, 2);
+  EXPECT_NE(without.err.find("no 3D points"), std::string::npos) << without.err;
+  const Outcome with = compare({"--iterations", "3", "--quiet", "--overwrite", "--init_ply",
+                                (output("model") / "point_cloud/iteration_2/point_cloud.ply").string()});
+  EXPECT_EQ(with.exit_code, 0) << with.err;
+}
+
 TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
