@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 struct CompareOptions {
   std::string configs = "naive,adaptive";
-  std::vector<int> seeds;
+  std::vector<std::int64_t> seeds;
   int chunk = 100;
   std::string config;
   bool resume = false;
@@ -61,12 +61,19 @@ std::string output_folder(const CommandLine& line) {
   return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
 }
 
+std::string listed(const std::vector<std::int64_t>& seeds) {
+  std::string text;
+  for (const std::int64_t seed : seeds) text += (text.empty() ? "" : " ") + std::to_string(seed);
+  return text;
+}
+
 /// The plan of --resume, or one of the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   plan.base = default_config();
   if (options.resume) plan = read_plan(root);
+  const std::int64_t planned_seed = plan.base.seed;
   if (!options.config.empty()) apply_config_file(plan.base, options.config);
   line.apply(plan.base);
   plan.base.model_path = root;
@@ -77,10 +84,17 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
     input_error("command line: --resume continues --configs ", plan.configs, "; compare others in another folder (-m)");
   }
+  if (options.resume && options.overwrite) {
+    input_error("command line: --resume goes on with the comparison that --overwrite would replace; give one of them");
+  }
+  if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
+    input_error("command line: --resume continues the seeds ", listed(plan.seeds), ", and --seed would change none; ",
+                "add seeds with --seeds, or compare in another folder (-m)");
+  }
   if (!options.resume) plan.configs = options.configs;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
-  if (plan.seeds.empty()) plan.seeds = {static_cast<int>(plan.base.seed)};
+  if (plan.seeds.empty()) plan.seeds = {plan.base.seed};
   for (std::size_t i = 0; i < plan.seeds.size(); ++i) {
     if (std::find(plan.seeds.begin(), plan.seeds.begin() + static_cast<std::ptrdiff_t>(i), plan.seeds[i]) !=
         plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
@@ -100,11 +114,11 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
 
 void remove_runs(const ComparisonPlan& plan) {
   for (const Configuration& configuration : plan.configurations()) {
-    for (const int seed : plan.seeds) remove_model(plan.folder(configuration, seed));
+    for (const std::int64_t seed : plan.seeds) remove_model(plan.folder(configuration, seed));
   }
 }
 
-bool is_trained(const ComparisonPlan& plan, int seed) {
+bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   for (const Configuration& configuration : plan.configurations()) {
     const ModelFolder folder = plan.folder(configuration, seed);
     const std::vector<int> saved = folder.ply_iterations();
@@ -127,11 +141,13 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
+  // Only now: a scene that cannot be read must not cost the models that are there.
+  for (const ComparisonPlan& old : replaced) remove_runs(old);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   warm_up(plan, scene);
   catch_stop_signals();
-  for (const int seed : plan.seeds) {
+  for (const std::int64_t seed : plan.seeds) {
     if (!is_open(seed)) continue;
     if (!InterleavedTraining(plan, seed, scene, status).run(reading_s, machine)) return false;
   }
@@ -141,8 +157,6 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
 }  // namespace
 
 int run_compare(const std::vector<std::string>& words) {
-  // Only now: a scene that cannot be read must not cost the models that are there.
-  for (const ComparisonPlan& old : replaced) remove_runs(old);
   CommandLine line("compare",
                    "Trains a COLMAP scene with several configurations in turns, and compares time and quality: "
                    "b3dgs compare SCENE [-m OUTPUT]. Writes compare.json, report.html and the models. All models of a "

@@ -201,7 +201,7 @@ std::string settings_section(const Comparison& comparison) {
                     own_options(comparison.plan.base, comparison.configurations[i].config)});
   }
   std::string seeds;
-  for (const int seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
+  for (const std::int64_t seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
   return machine_section(machine, rows);
 }

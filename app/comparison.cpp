@@ -132,7 +132,7 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
 
 }  // namespace
 
-ModelFolder ComparisonPlan::folder(const Configuration& configuration, int seed) const {
+ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
   return ModelFolder(root() / configuration.name / ("seed_" + std::to_string(seed)));
 }
 
@@ -152,7 +152,7 @@ ComparisonPlan read_plan(const fs::path& root) {
   try {
     const Json& own = json.at("plan");
     plan.configs = own.at("configs").get<std::string>();
-    plan.seeds = own.at("seeds").get<std::vector<int>>();
+    plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
     config_from_json(plan.base, own.at("config"), path.string());
@@ -170,7 +170,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
   for (const Configuration& configuration : comparison.configurations) {
     histories.push_back({configuration.name, configuration.config.kernel, {}});
     comparison.runs.emplace_back();
-    for (const int seed : plan.seeds) {
+    for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
       comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
       histories.back().by_seed.push_back(comparison.runs.back().back().history);

@@ -183,6 +183,34 @@ TEST_F(Compare, AGivenPlyStandsInForASceneWithoutPoints) {
   EXPECT_EQ(with.exit_code, 0) << with.err;
 }
 
+TEST_F(Compare, SeedsHave64Bits) {
+  ASSERT_EQ(compare({"--iterations", "2", "--quiet", "--seed", "5000000000"}).exit_code, 0);
+  EXPECT_EQ(result()["plan"]["seeds"], json::array({5000000000}));
+  EXPECT_EQ(result()["runs"][0]["seed"], 5000000000);
+  const json trained = json::parse(read_bytes(output() / "naive/seed_5000000000/config.json"));
+  EXPECT_EQ(trained["seed"], 5000000000);
+  ASSERT_EQ(compare({"--iterations", "2", "--quiet", "--overwrite", "--seeds", "1", "5000000001"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(output() / "naive/seed_5000000001/train.jsonl"));
+}
+
+TEST_F(Compare, WhatResumeWouldIgnoreIsRefused) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const auto refused = [&](const Words& more, const std::string& reason) {
+    Words words{"compare", "--resume", "-m", output().string()};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = run_b3dgs(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
+    EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  };
+  refused({"--seed", "7"}, "--resume continues the seeds 0");
+  refused({"--overwrite"}, "--overwrite");
+  const fs::path file = output() / "seed.json";
+  std::ofstream(file) << json{{"seed", 7}};
+  refused({"--config", file.string()}, "--resume continues the seeds 0");
+  EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
+}
+
 TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
