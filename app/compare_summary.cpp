@@ -20,43 +20,77 @@ struct Measure {
   const char* name;
   double one_seed_tolerance;  // where the runs say nothing of their own spread
   bool is_relative;           // to the baseline
-  std::optional<double> (*last)(const TrainHistory& history);
+  std::optional<double> (*value)(const LogPoint& point);
 };
 
-template <class Value>
-std::optional<double> last_of(const TrainHistory& history, std::optional<Value> LogPoint::*field) {
-  for (auto point = history.points.rbegin(); point != history.points.rend(); ++point) {
-    if (const auto& value = (*point).*field) return static_cast<double>(*value);
-  }
-  return std::nullopt;
-}
-
 constexpr Measure kMeasures[] = {
-    {"PSNR, dB", 0.1, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_psnr); }},
-    {"SSIM", 0.003, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_ssim); }},
-    {"Gaussians", 0.02, true, [](const TrainHistory& h) { return last_of(h, &LogPoint::count); }},
+    {"PSNR, dB", 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {"SSIM", 0.003, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {"Gaussians", 0.02, true,
+     [](const LogPoint& point) {
+       return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
+     }},
 };
 
 double saved_share(double baseline_s, double ours_s) {
   return (baseline_s - ours_s) / baseline_s;
 }
 
-std::optional<Spread> last_values(const ConfigurationHistory& configuration, const Measure& measure) {
-  std::vector<double> values;
-  for (const TrainHistory& history : configuration.by_seed) {
-    if (const auto value = measure.last(history)) values.push_back(*value);
+/// Values of one run by iteration.
+std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
+  std::map<int, double> values;
+  for (const LogPoint& point : history.points) {
+    if (const std::optional<double> value = measure.value(point)) values[point.iteration] = *value;
   }
-  return spread_of(values);
+  return values;
 }
 
-std::vector<QualityDifference> compare_quality(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+/// The latest iteration at which a seed was measured in all configurations, and all seeds that were.
+struct CommonMeasurement {
+  int iteration = 0;  // 0: there is none
+  std::vector<std::size_t> seeds;
+};
+
+CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, std::size_t n_seeds,
+                                     const Measure& measure) {
+  CommonMeasurement common;
+  for (std::size_t seed = 0; seed < n_seeds; ++seed) {
+    std::map<int, std::size_t> n_measured;  // configurations by iteration
+    for (const ConfigurationHistory& configuration : configurations) {
+      for (const auto& [iteration, value] : measured(configuration.by_seed[seed], measure)) ++n_measured[iteration];
+    }
+    int last = 0;
+    for (const auto& [iteration, n] : n_measured) {
+      if (n == configurations.size()) last = iteration;
+    }
+    if (last > common.iteration) common = {last, {}};
+    if (last > 0 && last == common.iteration) common.seeds.push_back(seed);
+  }
+  return common;
+}
+
+Spread values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration, const Measure& measure) {
+  std::vector<double> values;
+  for (const std::size_t seed : common.seeds) {
+    values.push_back(measured(configuration.by_seed[seed], measure).at(common.iteration));
+  }
+  return *spread_of(values);
+}
+
+/// Of ours = configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures
+/// of different iterations do not compare.
+std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
+                                               std::size_t index, std::size_t n_seeds) {
   std::vector<QualityDifference> differences;
   for (const Measure& measure : kMeasures) {
-    const auto a = last_values(baseline, measure), b = last_values(ours, measure);
-    if (!a || !b) continue;
-    QualityDifference difference{measure.name, *a, *b};
-    difference.tolerance = std::min(a->n, b->n) > 1 ? std::max(a->range(), b->range())
-                                                    : measure.one_seed_tolerance * (measure.is_relative ? a->mean : 1);
+    const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
+    if (common.seeds.empty()) continue;
+    QualityDifference difference{measure.name, common.iteration, values_at(common, configurations[0], measure),
+                                 values_at(common, configurations[index], measure)};
+    const Spread &baseline = difference.baseline, &ours = difference.ours;
+    difference.tolerance = difference.has_ranges()
+                               ? std::max(baseline.range(), ours.range())
+                               : measure.one_seed_tolerance * (measure.is_relative ? baseline.mean : 1);
     differences.push_back(difference);
   }
   return differences;
@@ -86,20 +120,25 @@ bool was_balanced_slower_from_start(const TrainHistory& history) {
   });
 }
 
-ComparedConfiguration compare(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+/// Over the seeds that have begun.
+ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
+                                    const std::vector<int>& done_by_seed) {
   ComparedConfiguration compared;
   compared.name = ours.name;
   std::vector<double> overall, before, after, inflection;
   compared.was_slower_from_start = true;
-  for (std::size_t i = 0; i < std::min(baseline.by_seed.size(), ours.by_seed.size()); ++i) {
-    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[i], ours.by_seed[i]);
+  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+    if (done_by_seed[seed] == 0) continue;
+    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed]);
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
-    compared.was_slower_from_start = compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[i]);
+    compared.was_slower_from_start =
+        compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
     overall.push_back(saved->overall);
-    if (saved->before) before.push_back(*saved->before);
-    if (saved->after) after.push_back(*saved->after);
     if (saved->inflection) inflection.push_back(*saved->inflection);
+    if (!saved->before || !saved->after) continue;
+    before.push_back(*saved->before);
+    after.push_back(*saved->after);
   }
   compared.overall = spread_of(overall);
   compared.before = spread_of(before);
@@ -107,8 +146,20 @@ ComparedConfiguration compare(const ConfigurationHistory& baseline, const Config
   compared.inflection = spread_of(inflection);
   compared.balanced = summarize_part(compared.by_seed, &SavedTime::balanced);
   compared.others = summarize_part(compared.by_seed, &SavedTime::others);
-  compared.quality = compare_quality(baseline, ours);
   return compared;
+}
+
+/// Iterations that all configurations have done, by seed.
+std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int wanted) {
+  std::vector<int> done(configurations[0].by_seed.size(), wanted);
+  for (const ConfigurationHistory& configuration : configurations) {
+    B3DGS_CHECK(configuration.by_seed.size() == done.size(), configuration.name, " has ", configuration.by_seed.size(),
+                " seeds, ", configurations[0].name, " has ", done.size());
+    for (std::size_t seed = 0; seed < done.size(); ++seed) {
+      done[seed] = std::min(done[seed], configuration.by_seed[seed].last_iteration());
+    }
+  }
+  return done;
 }
 
 /// "adaptive 81.7 s, naive 100.0 s", means over seeds.
@@ -262,6 +313,10 @@ bool QualityDifference::is_equal() const {
   return std::fabs(ours.mean - baseline.mean) <= tolerance;
 }
 
+int ComparisonSummary::seeds_begun() const {
+  return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
+}
+
 const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
   const auto it = std::find_if(compared.begin(), compared.end(), [&](const auto& own) { return own.name == name; });
   return it == compared.end() ? nullptr : &*it;
@@ -279,26 +334,40 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   summary.ours = ours.name;
   summary.is_balancing = baseline.kernel == forward_kernel_name(ForwardKernel::kNaive) &&
                          (ours.kernel == kAdaptive || is_balanced_kernel(ours.kernel));
-  summary.iterations = summary.done = iterations;
-  for (const ConfigurationHistory& configuration : configurations) {
-    for (const TrainHistory& history : configuration.by_seed) {
-      summary.done = std::min(summary.done, history.last_iteration());
-    }
+  summary.iterations = iterations;
+  summary.done_by_seed = common_iterations(configurations, iterations);
+  for (const int done : summary.done_by_seed) {
+    if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
   }
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    summary.compared.push_back(compare(baseline, configurations[i]));
+    summary.compared.push_back(compare_times(baseline, configurations[i], summary.done_by_seed));
+    summary.compared.back().quality = compare_quality(configurations, i, summary.done_by_seed.size());
   }
   return summary;
 }
 
-std::string quality_criterion(const ComparedConfiguration& compared) {
-  const bool has_range =
-      !compared.quality.empty() && std::min(compared.quality[0].baseline.n, compared.quality[0].ours.n) > 1;
-  if (has_range) {
-    return "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+std::string quality_criterion(const ComparisonSummary& summary) {
+  bool some_have_ranges = false, some_have_none = false;
+  for (const ComparedConfiguration& compared : summary.compared) {
+    for (const QualityDifference& difference : compared.quality) {
+      (difference.has_ranges() ? some_have_ranges : some_have_none) = true;
+    }
   }
-  return "One seed says nothing of the spread between runs (--seeds would); called equal within 0.1 dB, 0.003 SSIM and "
-         "2 % of the Gaussians.";
+  std::string text;
+  if (some_have_ranges) {
+    text = "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+  }
+  if (some_have_none) {
+    std::string limits;
+    for (const Measure& measure : kMeasures) {
+      limits += (limits.empty() ? "" : "; ") + std::string(measure.name) + " " +
+                (measure.is_relative ? format_whole_percent(measure.one_seed_tolerance)
+                                     : print_to_string("%g", measure.one_seed_tolerance));
+    }
+    text += (text.empty() ? "" : " ") +
+            ("One seed says nothing of the spread between runs (--seeds would): called equal up to " + limits + ".");
+  }
+  return text;
 }
 
 std::string in_seeds(int n, int of) {
@@ -335,9 +404,10 @@ std::string verdict(const ComparisonSummary& summary) {
             format_percent(ours->overall->max);
   }
   text += ".";
-  if (summary.done < summary.iterations) {
+  const int seeds = static_cast<int>(summary.done_by_seed.size());
+  if (summary.done < summary.iterations || summary.seeds_begun() < seeds) {
     text = "Not finished: " + std::to_string(summary.done) + " of " + std::to_string(summary.iterations) +
-           " iterations. So far: " + text;
+           " iterations" + (seeds > 1 ? in_seeds(summary.seeds_begun(), seeds) : "") + ". So far: " + text;
   }
   return text;
 }
@@ -351,6 +421,7 @@ Json to_json(const ComparisonSummary& summary) {
     }
     for (const QualityDifference& difference : own.quality) {
       quality.push_back({{"measure", difference.measure},
+                         {"iteration", difference.iteration},
                          {"baseline", to_json(std::optional(difference.baseline))},
                          {"ours", to_json(std::optional(difference.ours))},
                          {"tolerance", difference.tolerance},
@@ -366,8 +437,10 @@ Json to_json(const ComparisonSummary& summary) {
                         {"by_seed", by_seed},
                         {"quality", quality}});
   }
-  return {{"verdict", verdict(summary)},      {"baseline", summary.baseline}, {"ours", summary.ours},
-          {"iterations", summary.iterations}, {"done", summary.done},         {"compared", compared}};
+  return {{"verdict", verdict(summary)}, {"baseline", summary.baseline},
+          {"ours", summary.ours},        {"iterations", summary.iterations},
+          {"done", summary.done},        {"done_by_seed", summary.done_by_seed},
+          {"compared", compared}};
 }
 
 }  // namespace b3dgs

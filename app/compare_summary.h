@@ -65,11 +65,14 @@ struct SavedTime {
 /// Nothing if one of them has not begun.
 std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours);
 
-/// One figure of quality at the end, of baseline and ours.
+/// One figure of quality, of baseline and ours: of the same seeds at the same iteration.
 struct QualityDifference {
   std::string measure;  // "PSNR, dB"
+  int iteration = 0;    // the latest at which all configurations were measured in some seed
   Spread baseline, ours;
   double tolerance = 0;  // the two are called equal up to this difference of their means
+  /// The tolerance is the wider of the two ranges over seeds, not a figure for want of several seeds.
+  bool has_ranges() const { return baseline.n > 1; }
   bool is_equal() const;
 };
 
@@ -82,20 +85,23 @@ struct KernelPartSummary {
 /// One configuration against the first.
 struct ComparedConfiguration {
   std::string name;
-  std::vector<SavedTime> by_seed;
-  std::optional<Spread> overall, before, after, inflection;
+  std::vector<SavedTime> by_seed;  // of those that have begun
+  std::optional<Spread> overall, inflection;
+  std::optional<Spread> before, after;  // over the seeds that have both, or they would tell of different seeds
   KernelPartSummary balanced, others;
   bool was_slower_from_start = false;  // the first check found the balanced kernel slower, in all seeds
   std::vector<QualityDifference> quality;
 };
 
 struct ComparisonSummary {
-  std::string baseline, ours;  // names; "ours" is what the verdict is about: the adaptive one, or else the second
-  bool is_balancing = false;   // a balanced kernel, or the choice between them, against naive
-  int iterations = 0;          // wanted
-  int done = 0;                // by all runs
+  std::string baseline, ours;     // names; "ours" is what the verdict is about: the adaptive one, or else the second
+  bool is_balancing = false;      // a balanced kernel, or the choice between them, against naive
+  int iterations = 0;             // wanted
+  int done = 0;                   // by all runs of the seeds that have begun
+  std::vector<int> done_by_seed;  // by all configurations; 0: not all have begun, and nothing of the seed counts
   std::vector<ComparedConfiguration> compared;
 
+  int seeds_begun() const;
   const ComparedConfiguration* find(const std::string& name) const;
 };
 
@@ -105,8 +111,8 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
 /// Less than this share saved or lost is called no difference.
 inline constexpr double kNoDifference = 0.01;
 
-/// How differences of quality are judged, in a sentence.
-std::string quality_criterion(const ComparedConfiguration& compared);
+/// How differences of quality are judged, in a sentence or two.
+std::string quality_criterion(const ComparisonSummary& summary);
 
 /// Did it pay? Balancing is credited only with what was saved while a balanced kernel ran.
 std::string verdict(const ComparisonSummary& summary);

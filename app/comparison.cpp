@@ -117,7 +117,7 @@ Json to_json(const Comparison& comparison) {
   return json;
 }
 
-/// Mean over seeds of the last value of a quality, or an empty cell.
+/// Mean over seeds of a quality, or an empty cell.
 std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
                          const char* format) {
   const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
@@ -196,8 +196,9 @@ void print_comparison(const Comparison& comparison) {
               "after infl", "PSNR dB", "SSIM", "Gaussians");
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     double elapsed_s = 0;
-    for (const ComparedRun& run : comparison.runs[i]) {
-      elapsed_s += elapsed_at(run.history, summary.done) / static_cast<double>(comparison.runs[i].size());
+    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // the mean over those that have begun
+      elapsed_s +=
+          elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
     }
     const auto share = [&](std::optional<Spread> ComparedConfiguration::*field) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
