@@ -43,16 +43,19 @@ const TrainHistory& history_of_ours(const Comparison& comparison) {
   return comparison.runs.back().front().history;
 }
 
-/// The first run that has some, ours before others.
-const TrainHistory& history_with(const Comparison& comparison, bool (*has)(const TrainHistory&)) {
-  const TrainHistory& ours = history_of_ours(comparison);
-  if (has(ours)) return ours;
-  for (const std::vector<ComparedRun>& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) {
-      if (has(run.history)) return run.history;
+/// A section of one run for each configuration that has what it shows: of its first seed that does.
+std::string by_configuration(const Comparison& comparison, bool (*has)(const TrainHistory&),
+                             std::string (*section)(const TrainHistory&)) {
+  std::string body;
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    for (const ComparedRun& run : comparison.runs[i]) {
+      if (!has(run.history)) continue;
+      const std::string heading = detail::concat(comparison.configurations[i].name, ", seed ", run.seed);
+      body += html::subsection(heading, section(run.history));
+      break;
     }
   }
-  return ours;
+  return body.empty() ? section(TrainHistory{}) : body;  // which says that nothing is there
 }
 
 std::string what_was_measured(const Comparison& comparison) {
@@ -217,14 +220,16 @@ std::string settings_section(const Comparison& comparison) {
 
 std::string comparison_report(const Comparison& comparison) {
   const std::vector<ReportedRun> runs = first_runs(comparison);
-  const TrainHistory& checked = history_with(comparison, [](const TrainHistory& h) { return !h.checks.empty(); });
-  const TrainHistory& loaded = history_with(comparison, [](const TrainHistory& h) { return !h.loads.empty(); });
-  const std::string body =
-      what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
-      html::section("Training time", time_section(comparison)) + html::section("Kernels", kernel_section(checked)) +
-      html::section("Load", load_section(loaded)) + html::section("Time by stage", stage_section(runs)) +
-      html::section("Quality", quality_section(comparison)) + html::section("Renders", preview_section(runs)) +
-      html::section("Machine and settings", settings_section(comparison));
+  const auto has_checks = [](const TrainHistory& history) { return !history.checks.empty(); };
+  const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
+  const std::string body = what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
+                           html::section("Training time", time_section(comparison)) +
+                           html::section("Kernels", by_configuration(comparison, has_checks, kernel_section)) +
+                           html::section("Load", by_configuration(comparison, has_loads, load_section)) +
+                           html::section("Time by stage", stage_section(runs)) +
+                           html::section("Quality", quality_section(comparison)) +
+                           html::section("Renders", preview_section(runs)) +
+                           html::section("Machine and settings", settings_section(comparison));
   return html::page("Comparison on " + scene_name(comparison.plan.base.source_path), verdict(comparison.summary), body);
 }
 

@@ -252,7 +252,7 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
 }
 
 std::string kernel_section(const TrainHistory& history) {
-  if (history.checks.empty()) return html::paragraph("No kernels were timed: this training used a fixed one.", "soft");
+  if (history.checks.empty()) return html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
   return refusals(history) + candidate_figure(history, "forward") + candidate_figure(history, "backward") +
          decisions(history);
 }
@@ -271,7 +271,7 @@ std::string load_section(const TrainHistory& history) {
       load_histograms(history, &LoadEvent::pixel_processed, "Distribution of Gaussians per pixel at several iterations",
                       "Gaussians processed per pixel, bins that double",
                       "Share of pixels by Gaussians processed. The paper's figure 5, per thread.");
-  return body.empty() ? html::paragraph("Load statistics were not taken in this training.", "soft") : body;
+  return body.empty() ? html::paragraph("Load statistics were not taken.", "soft") : body;
 }
 
 std::string preview_section(const std::vector<ReportedRun>& runs) {
