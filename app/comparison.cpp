@@ -2,6 +2,7 @@
 
 #include <cstdio>
 
+#include "adaptive/load_statistics.h"
 #include "app/cli.h"
 #include "app/compare_report.h"
 #include "app/report_sections.h"
@@ -79,8 +80,9 @@ Json checks_of(const TrainHistory& history) {
 
 Json to_json(const std::optional<LoadFigures>& load) {
   if (!load) return nullptr;
-  return {{"min", load->min}, {"median", load->median}, {"p90", load->p90},   {"p99", load->p99},
-          {"max", load->max}, {"mean", load->mean},     {"gini", load->gini}, {"log2_bins", load->log2_bins}};
+  Json json;
+  visit_load_figures(*load, [&](const char* name, const auto& value) { json[name] = value; });
+  return json;
 }
 
 Json loads_of(const TrainHistory& history) {

@@ -39,7 +39,7 @@ struct KernelCheckEvent {
   bool has_changed() const { return !after.empty() && before != after; }
 };
 
-/// How unevenly work is spread.
+/// How unevenly work is spread: LoadStatistics (adaptive/load_statistics.h) as read back.
 struct LoadFigures {
   double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
   std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)
