@@ -326,7 +326,9 @@ std::string nearest_name(const std::string& name, const std::vector<std::string>
   for (const std::string& candidate : known) {
     // An abbreviation counts as near, however much is missing.
     const bool is_start = name.size() >= 3 && candidate.compare(0, name.size(), name) == 0;
-    const std::size_t distance = is_start ? 1 : edit_distance(name, candidate);
+    // So does a word put behind: tile_width for tile.
+    const bool is_longer = name.compare(0, candidate.size() + 1, candidate + "_") == 0;
+    const std::size_t distance = is_start || is_longer ? 1 : edit_distance(name, candidate);
     if (distance < best_distance) {
       best = candidate;
       best_distance = distance;

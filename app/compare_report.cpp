@@ -190,7 +190,7 @@ std::string quality_section(const Comparison& comparison) {
   return body + html::figure(draw(chart), "PSNR, mean over the test views.");
 }
 
-/// "kernel combined, tile_width 8": what sets a configuration apart.
+/// "kernel combined, tile 16x8": what sets a configuration apart.
 std::string own_options(const TrainConfig& base, const TrainConfig& own) {
   const nlohmann::ordered_json before = config_to_json(base), after = config_to_json(own);
   std::string text = "kernel " + own.kernel;

@@ -311,6 +311,7 @@ TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
   expect_refused("naive,", "an empty part");
   expect_refused("naive,combined+", "an empty part");
   expect_refused("naive,combined+culing=square", "did you mean culling?");
+  expect_refused("naive,combined+tile_width=8", "did you mean tile?");
   expect_refused("naive,combined+culling=round", "culling must be one of");
   expect_refused("naive,combined+seed=3", "has to be the same for all");
   expect_refused("naive,combined+max_steps=3", "has to be the same for all");
