@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompareOptions {
-  std::string configs = "naive,adaptive";
+  std::string configs = std::string(forward_kernel_name(ForwardKernel::kNaive)) + "," + kAdaptive;
   std::vector<std::int64_t> seeds;
   int chunk = 100;
   std::string config;

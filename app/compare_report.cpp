@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "app/html_report.h"
+#include "app/print.h"
 #include "app/progress.h"
 #include "app/report_sections.h"
 #include "app/train_setup.h"
@@ -12,13 +12,6 @@
 
 namespace b3dgs {
 namespace {
-
-template <class... Args>
-std::string print(const char* format, Args... args) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, args...);
-  return buffer;
-}
 
 /// The baseline is grey, the others have colours.
 int color_of(std::size_t configuration) {
@@ -61,10 +54,6 @@ std::string by_configuration(const Comparison& comparison, bool (*has)(const Tra
 std::string what_was_measured(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   const int n_seeds = static_cast<int>(plan.seeds.size()), n_begun = comparison.summary.seeds_begun();
-  double output_s = 0;
-  for (const auto& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) output_s += run.record.output_s;
-  }
   const std::string scene = scene_name(plan.base.source_path);
   return html::paragraph(detail::concat(
              "Scene ", scene, ", ", format_count(comparison.summary.done), " iterations of each configuration, ",
@@ -75,14 +64,15 @@ std::string what_was_measured(const Comparison& comparison) {
              detail::concat("Times are end to end: rendering and its gradients, loss, optimizer, "
                             "densification, uploads and kernel checks. Not in them are reading the scene (",
                             format_seconds(plan.reading_s, 0), ", once for all) and evaluation, saving and ",
-                            "checkpoints (", format_seconds(output_s, 0), " in all)."),
+                            "checkpoints (", format_seconds(comparison.output_s(), 0), " in all)."),
              "soft");
 }
 
 /// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)"; of fewer than `n_seeds`, that is said.
 std::string share_cell(const std::optional<Spread>& share, int n_seeds) {
   if (!share) return "-";
-  const std::string range = share->n > 1 ? print(" (%.1f to %.1f)", 100 * share->min, 100 * share->max) : std::string();
+  const std::string range =
+      share->n > 1 ? print_to_string(" (%.1f to %.1f)", 100 * share->min, 100 * share->max) : std::string();
   return format_percent(share->mean) + range + in_seeds(share->n, n_seeds);
 }
 
@@ -160,7 +150,7 @@ std::string time_section(const Comparison& comparison) {
 std::string quality_cell(const Spread& spread, const std::string& measure) {
   const char* format = measure == "SSIM" ? "%.4f" : "%.2f";
   const auto number = [&](double value) {
-    return measure == "Gaussians" ? format_count(std::llround(value)) : print(format, value);
+    return measure == "Gaussians" ? format_count(std::llround(value)) : print_to_string(format, value);
   };
   if (spread.n == 1) return number(spread.mean);
   return number(spread.mean) + " (" + number(spread.min) + " to " + number(spread.max) + ")";

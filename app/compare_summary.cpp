@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 
+#include "app/print.h"
 #include "app/svg_axis.h"
 #include "check.h"
 #include "train/train_config.h"
@@ -379,9 +379,8 @@ std::string format_whole_percent(double share) {
 }
 
 std::string format_percent(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
-  return text == std::string("-0.0 %") ? "0.0 %" : text;
+  const std::string text = print_to_string("%.1f %%", 100 * share);
+  return text == "-0.0 %" ? "0.0 %" : text;
 }
 
 std::string verdict(const ComparisonSummary& summary) {

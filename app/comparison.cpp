@@ -5,6 +5,7 @@
 #include "adaptive/load_statistics.h"
 #include "app/cli.h"
 #include "app/compare_report.h"
+#include "app/print.h"
 #include "app/report_sections.h"
 #include "check.h"
 #include "scene/atomic_file.h"
@@ -125,9 +126,7 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
   const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
   for (const QualityDifference& difference : compared.quality) {
     if (difference.measure != measure) continue;
-    char text[32];
-    std::snprintf(text, sizeof text, format, (configuration == 0 ? difference.baseline : difference.ours).mean);
-    return text;
+    return print_to_string(format, (configuration == 0 ? difference.baseline : difference.ours).mean);
   }
   return "-";
 }
@@ -136,6 +135,14 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
 
 ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
   return ModelFolder(root() / configuration.name / ("seed_" + std::to_string(seed)));
+}
+
+double Comparison::output_s() const {
+  double sum = 0;
+  for (const std::vector<ComparedRun>& of_configuration : runs) {
+    for (const ComparedRun& run : of_configuration) sum += run.record.output_s;
+  }
+  return sum;
 }
 
 void write_plan(const ComparisonPlan& plan) {
@@ -212,12 +219,8 @@ void print_comparison(const Comparison& comparison) {
                 quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
-  double output_s = 0;
-  for (const std::vector<ComparedRun>& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) output_s += run.record.output_s;
-  }
   std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
-              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(output_s, 0).c_str());
+              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());
 }
 

@@ -45,6 +45,8 @@ struct Comparison {
   std::vector<Configuration> configurations;
   std::vector<std::vector<ComparedRun>> runs;  // [configuration][seed]
   ComparisonSummary summary;
+
+  double output_s() const;  // evaluation, saving and checkpoints of all runs
 };
 
 /// Reads what the runs have written so far.

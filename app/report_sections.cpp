@@ -1,20 +1,17 @@
 #include "app/report_sections.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <map>
 
 #include "app/compare_summary.h"
 #include "app/html_report.h"
+#include "app/print.h"
 #include "check.h"
+#include "raster/stages.h"
 #include "scene/image_io.h"
 
 namespace b3dgs {
 namespace {
-
-/// In the order of a step; others follow.
-constexpr const char* kStages[] = {"upload",         "project",          "bin",       "blend_forward", "loss",
-                                   "blend_backward", "project_backward", "optimizer", "densify",       "host"};
 
 std::string readable(std::string name) {
   std::replace(name.begin(), name.end(), '_', ' ');
@@ -30,11 +27,10 @@ std::optional<double> find(const NamedTimes& times, const std::string& name) {
 
 /// Figures of one column have their points below each other.
 std::string print_ms(double ms) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3f", ms);
-  return text;
+  return print_to_string("%.3f", ms);
 }
 
+/// In the order of a step; others follow.
 std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
   std::vector<std::string> names;
   const auto add = [&](const std::string& name) {
@@ -42,7 +38,7 @@ std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
     const bool is_new = std::find(names.begin(), names.end(), name) == names.end();
     if (is_new && std::any_of(all.begin(), all.end(), has)) names.push_back(name);
   };
-  for (const char* name : kStages) add(name);
+  for (const char* name : kStageNames) add(name);
   for (const NamedTimes& times : all) {
     for (const auto& [name, ms] : times) add(name);
   }
