@@ -19,8 +19,8 @@ std::string readable(std::string name) {
 }
 
 std::optional<double> find(const NamedTimes& times, const std::string& name) {
-  for (const auto& [own, ms] : times) {
-    if (own == name) return ms;
+  for (const auto& [known, ms] : times) {
+    if (known == name) return ms;
   }
   return std::nullopt;
 }
@@ -51,12 +51,12 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
   for (const KernelCheckEvent& check : history.checks) {
     if (check.pass != pass) continue;
     for (const auto& [name, ms] : check.times_ms) {
-      auto own = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
-      if (own == series.end()) {
+      auto candidate = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
+      if (candidate == series.end()) {
         series.push_back({name, {}, static_cast<int>(series.size()), true});
-        own = series.end() - 1;
+        candidate = series.end() - 1;
       }
-      own->points.push_back({static_cast<double>(check.iteration), ms});
+      candidate->points.push_back({static_cast<double>(check.iteration), ms});
     }
     if (check.has_changed()) {
       events.push_back({static_cast<double>(check.iteration), "to " + check.after});
@@ -169,8 +169,8 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
   const std::size_t n = std::min(kMostPanels, filled.size());
   HistogramRow chart{title, x_label, {}};
   for (std::size_t i = 0; i < n; ++i) {
-    const LoadEvent& own = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
-    chart.panels.push_back({"iteration " + format_tick(own.iteration, 1), (own.*field)->log2_bins});
+    const LoadEvent& statistics = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
+    chart.panels.push_back({"iteration " + format_tick(statistics.iteration, 1), (statistics.*field)->log2_bins});
   }
   return html::figure(draw(chart), caption);
 }
@@ -180,12 +180,12 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
 std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optional<double> LogPoint::*field) {
   std::vector<ChartSeries> series;
   for (const ReportedRun& run : runs) {
-    ChartSeries own{run.name, {}, run.color};
+    ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
-      if (point.*field) own.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
+      if (point.*field) curve.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
     }
-    own.has_markers = own.points.size() <= 20;
-    if (!own.points.empty()) series.push_back(std::move(own));
+    curve.has_markers = curve.points.size() <= 20;
+    if (!curve.points.empty()) series.push_back(std::move(curve));
   }
   return series;
 }
@@ -193,11 +193,12 @@ std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optio
 std::vector<ChartSeries> count_curves(const std::vector<ReportedRun>& runs) {
   std::vector<ChartSeries> series;
   for (const ReportedRun& run : runs) {
-    ChartSeries own{run.name, {}, run.color};
+    ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
-      if (point.count) own.points.push_back({static_cast<double>(point.iteration), static_cast<double>(*point.count)});
+      if (point.count)
+        curve.points.push_back({static_cast<double>(point.iteration), static_cast<double>(*point.count)});
     }
-    if (!own.points.empty()) series.push_back(std::move(own));
+    if (!curve.points.empty()) series.push_back(std::move(curve));
   }
   return series;
 }
@@ -209,12 +210,12 @@ NamedTimes mean_stages(const TrainHistory& history) {
     if (point.stages_ms.empty()) continue;
     ++n;
     for (const auto& [name, ms] : point.stages_ms) {
-      auto own = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
-      if (own == sums.end()) {
+      auto stage = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
+      if (stage == sums.end()) {
         sums.emplace_back(name, 0);
-        own = sums.end() - 1;
+        stage = sums.end() - 1;
       }
-      own->second += ms;
+      stage->second += ms;
     }
   }
   for (auto& [name, ms] : sums) ms /= n;
@@ -238,8 +239,8 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
   std::vector<html::Row> rows;
   for (const std::string& name : names) {
     rows.push_back({readable(name)});
-    for (const NamedTimes& own : stages) {
-      const std::optional<double> ms = find(own, name);
+    for (const NamedTimes& times : stages) {
+      const std::optional<double> ms = find(times, name);
       rows.back().push_back(ms ? print_ms(*ms) : "");
     }
   }
@@ -282,8 +283,8 @@ std::string preview_section(const std::vector<ReportedRun>& runs) {
     add(first.truth, "photograph " + first.view, "photograph " + first.view);
     for (const ReportedRun& run : runs) {
       if (i >= run.record.previews.size()) continue;
-      const Preview& own = run.record.previews[i];
-      add(own.render, run.name + ", " + format_figure(own.psnr) + " dB", run.name + " renders " + own.view);
+      const Preview& preview = run.record.previews[i];
+      add(preview.render, run.name + ", " + format_figure(preview.psnr) + " dB", run.name + " renders " + preview.view);
     }
   }
   return html::paragraph(runs[0].record.held_out ? "Views held out from training."
