@@ -219,6 +219,12 @@ void print_comparison(const Comparison& comparison) {
                 quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
+  for (const ComparedConfiguration& compared : summary.compared) {
+    const int n_seeds = static_cast<int>(compared.by_seed.size());
+    if (!compared.before || compared.before->n == n_seeds) continue;
+    std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
+                in_seeds(compared.before->n, n_seeds).c_str());
+  }
   std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
               format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());
