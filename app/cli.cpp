@@ -22,7 +22,8 @@ std::string with_underscores(std::string word) {
 }
 
 bool is_list(const OptionSpec& spec) {
-  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kNumbers || spec.kind == ValueKind::kNames;
+  return spec.kind == ValueKind::kInts || spec.kind == ValueKind::kInt64s || spec.kind == ValueKind::kNumbers ||
+         spec.kind == ValueKind::kNames;
 }
 
 bool is_truth_value(const std::string& word) {
@@ -115,6 +116,13 @@ Number to_number(const OptionSpec& spec, const std::string& word) {
   return value;
 }
 
+template <class Number>
+nlohmann::json to_numbers(const OptionSpec& spec, const std::vector<std::string>& words) {
+  nlohmann::json values = nlohmann::json::array();
+  for (const std::string& word : words) values.push_back(to_number<Number>(spec, word));
+  return values;
+}
+
 /// "a,b" "c" -> a b c
 std::vector<std::string> split_at_commas(const std::vector<std::string>& words) {
   std::vector<std::string> parts;
@@ -140,16 +148,12 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
       return to_number<double>(spec, words.back());
     case ValueKind::kText:
       return words.back();
-    case ValueKind::kInts: {
-      nlohmann::json values = nlohmann::json::array();
-      for (const std::string& word : words) values.push_back(to_number<int>(spec, word));
-      return values;
-    }
-    case ValueKind::kNumbers: {
-      nlohmann::json values = nlohmann::json::array();
-      for (const std::string& word : words) values.push_back(to_number<double>(spec, word));
-      return values;
-    }
+    case ValueKind::kInts:
+      return to_numbers<int>(spec, words);
+    case ValueKind::kInt64s:
+      return to_numbers<std::int64_t>(spec, words);
+    case ValueKind::kNumbers:
+      return to_numbers<double>(spec, words);
     case ValueKind::kNames:
       return split_at_commas(words);
   }
@@ -166,6 +170,7 @@ const char* value_name(const OptionSpec& spec) {
     case ValueKind::kNumber:
       return "X";
     case ValueKind::kInts:
+    case ValueKind::kInt64s:
       return "N ...";
     case ValueKind::kNumbers:
       return "X ...";
@@ -321,7 +326,9 @@ std::string nearest_name(const std::string& name, const std::vector<std::string>
   for (const std::string& candidate : known) {
     // An abbreviation counts as near, however much is missing.
     const bool is_start = name.size() >= 3 && candidate.compare(0, name.size(), name) == 0;
-    const std::size_t distance = is_start ? 1 : edit_distance(name, candidate);
+    // So does a word put behind: tile_width for tile.
+    const bool is_longer = name.compare(0, candidate.size() + 1, candidate + "_") == 0;
+    const std::size_t distance = is_start || is_longer ? 1 : edit_distance(name, candidate);
     if (distance < best_distance) {
       best = candidate;
       best_distance = distance;

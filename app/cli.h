@@ -13,7 +13,7 @@
 namespace b3dgs {
 
 /// What the words after an option stand for.
-enum class ValueKind { kFlag, kInt, kInt64, kNumber, kText, kInts, kNumbers, kNames };
+enum class ValueKind { kFlag, kInt, kInt64, kNumber, kText, kInts, kInt64s, kNumbers, kNames };
 
 /// One option as help text and parser need it.
 struct OptionSpec {
@@ -34,6 +34,7 @@ constexpr ValueKind value_kind() {
   if constexpr (std::is_same_v<Value, std::int64_t>) return ValueKind::kInt64;
   if constexpr (std::is_same_v<Value, double>) return ValueKind::kNumber;
   if constexpr (std::is_same_v<Value, std::vector<int>>) return ValueKind::kInts;
+  if constexpr (std::is_same_v<Value, std::vector<std::int64_t>>) return ValueKind::kInt64s;
   if constexpr (std::is_same_v<Value, std::vector<double>>) return ValueKind::kNumbers;
   if constexpr (std::is_same_v<Value, std::vector<std::string>>) return ValueKind::kNames;
   return ValueKind::kText;

@@ -20,8 +20,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompareOptions {
-  std::string configs = "naive,adaptive";
-  std::vector<int> seeds;
+  std::string configs = std::string(forward_kernel_name(ForwardKernel::kNaive)) + "," + kAdaptive;
+  std::vector<std::int64_t> seeds;
   int chunk = 100;
   std::string config;
   bool resume = false;
@@ -61,12 +61,19 @@ std::string output_folder(const CommandLine& line) {
   return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
 }
 
+std::string listed(const std::vector<std::int64_t>& seeds) {
+  std::string text;
+  for (const std::int64_t seed : seeds) text += (text.empty() ? "" : " ") + std::to_string(seed);
+  return text;
+}
+
 /// The plan of --resume, or one of the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   plan.base = default_config();
   if (options.resume) plan = read_plan(root);
+  const std::int64_t planned_seed = plan.base.seed;
   if (!options.config.empty()) apply_config_file(plan.base, options.config);
   line.apply(plan.base);
   plan.base.model_path = root;
@@ -77,10 +84,17 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
     input_error("command line: --resume continues --configs ", plan.configs, "; compare others in another folder (-m)");
   }
+  if (options.resume && options.overwrite) {
+    input_error("command line: --resume goes on with the comparison that --overwrite would replace; give one of them");
+  }
+  if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
+    input_error("command line: --resume continues the seeds ", listed(plan.seeds), ", and --seed would change none; ",
+                "add seeds with --seeds, or compare in another folder (-m)");
+  }
   if (!options.resume) plan.configs = options.configs;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
-  if (plan.seeds.empty()) plan.seeds = {static_cast<int>(plan.base.seed)};
+  if (plan.seeds.empty()) plan.seeds = {plan.base.seed};
   for (std::size_t i = 0; i < plan.seeds.size(); ++i) {
     if (std::find(plan.seeds.begin(), plan.seeds.begin() + static_cast<std::ptrdiff_t>(i), plan.seeds[i]) !=
         plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
@@ -98,14 +112,13 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
               "folder with -m");
 }
 
-/// The runs that a plan names, and those of a comparison that lay in the same folder.
 void remove_runs(const ComparisonPlan& plan) {
   for (const Configuration& configuration : plan.configurations()) {
-    for (const int seed : plan.seeds) remove_model(plan.folder(configuration, seed));
+    for (const std::int64_t seed : plan.seeds) remove_model(plan.folder(configuration, seed));
   }
 }
 
-bool is_trained(const ComparisonPlan& plan, int seed) {
+bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   for (const Configuration& configuration : plan.configurations()) {
     const ModelFolder folder = plan.folder(configuration, seed);
     const std::vector<int> saved = folder.ply_iterations();
@@ -114,10 +127,11 @@ bool is_trained(const ComparisonPlan& plan, int seed) {
   return true;
 }
 
-/// Trains what is left to train. False if a signal stopped it.
-bool train_all(ComparisonPlan& plan, const torch::Device& device, const CompareOptions& options, StatusLine& status) {
-  const auto is_open = [&](int seed) { return !is_trained(plan, seed); };
-  if (std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
+/// Trains what is left to train, after taking away the runs of `replaced`. False if a signal stopped it.
+bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced, const torch::Device& device,
+               const CompareOptions& options, StatusLine& status) {
+  const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
+  if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
   const Scene scene = load_scene(scene_options(plan.base), show_loading(status));
   const double reading_s = steady_seconds() - start_s;
@@ -127,11 +141,13 @@ bool train_all(ComparisonPlan& plan, const torch::Device& device, const CompareO
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
+  // Only now: a scene that cannot be read must not cost the models that are there.
+  for (const ComparisonPlan& old : replaced) remove_runs(old);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   warm_up(plan, scene);
   catch_stop_signals();
-  for (const int seed : plan.seeds) {
+  for (const std::int64_t seed : plan.seeds) {
     if (!is_open(seed)) continue;
     if (!InterleavedTraining(plan, seed, scene, status).run(reading_s, machine)) return false;
   }
@@ -157,10 +173,12 @@ int run_compare(const std::vector<std::string>& words) {
   plan.configurations();  // their errors before anything is written
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
-  if (options.overwrite && !options.resume) remove_runs(plan);
+  std::vector<ComparisonPlan> replaced;
+  if (options.overwrite) replaced.push_back(plan);  // its folders may hold models that no comparison names
+  if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  const bool is_complete = train_all(plan, device, options, status);
+  const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);
   print_comparison(comparison);

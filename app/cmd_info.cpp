@@ -9,6 +9,7 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
+#include "app/print.h"
 #include "app/progress.h"
 #include "check.h"
 #include "scene/ply.h"
@@ -32,9 +33,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, InfoOptions>> visit
 
 template <class... Args>
 void print_line(const char* name, const char* format, Args... args) {
-  char text[200];
-  std::snprintf(text, sizeof text, format, args...);
-  std::printf("%-18s%s\n", name, text);
+  std::printf("%-18s%s\n", name, print_to_string(format, args...).c_str());
 }
 
 /// Values at 1 %, 50 % and 99 %.

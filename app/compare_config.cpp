@@ -45,7 +45,7 @@ std::string unknown_option(const std::string& key) {
   return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
 }
 
-/// "tile_width=8" or "combined" as a word of a command line.
+/// "tile=16x8" or "combined" as a word of a command line.
 std::string to_word(const std::string& entry, const std::string& part) {
   if (part.empty())
     input_error("command line: --configs ", entry, ": an empty part; expected a kernel or option=value");

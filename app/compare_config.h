@@ -16,7 +16,7 @@ struct Configuration {
 /// Reads `--configs`: entries between commas, each "[NAME:]PART+PART+...", where a part is "option=value" for any
 /// training option, or a bare word, which is a --kernel. An entry without a name is its own name:
 ///
-///   naive,adaptive,shared-memory+tile_width=8,wide:kernel=combined+culling=square
+///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square
 ///
 /// `base` has the options that all share. @throws InputError for fewer than two configurations, a name that occurs
 /// twice or cannot name a folder, an unknown option or value, and an option that would change scene, views or length

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "app/html_report.h"
+#include "app/print.h"
 #include "app/progress.h"
 #include "app/report_sections.h"
 #include "app/train_setup.h"
@@ -12,13 +12,6 @@
 
 namespace b3dgs {
 namespace {
-
-template <class... Args>
-std::string print(const char* format, Args... args) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, args...);
-  return buffer;
-}
 
 /// The baseline is grey, the others have colours.
 int color_of(std::size_t configuration) {
@@ -43,49 +36,51 @@ const TrainHistory& history_of_ours(const Comparison& comparison) {
   return comparison.runs.back().front().history;
 }
 
-/// The first run that has some, ours before others.
-const TrainHistory& history_with(const Comparison& comparison, bool (*has)(const TrainHistory&)) {
-  const TrainHistory& ours = history_of_ours(comparison);
-  if (has(ours)) return ours;
-  for (const std::vector<ComparedRun>& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) {
-      if (has(run.history)) return run.history;
+/// A section of one run for each configuration that has what it shows: of its first seed that does.
+std::string by_configuration(const Comparison& comparison, bool (*has)(const TrainHistory&),
+                             std::string (*section)(const TrainHistory&)) {
+  std::string body;
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    for (const ComparedRun& run : comparison.runs[i]) {
+      if (!has(run.history)) continue;
+      const std::string heading = detail::concat(comparison.configurations[i].name, ", seed ", run.seed);
+      body += html::subsection(heading, section(run.history));
+      break;
     }
   }
-  return ours;
+  return body.empty() ? section(TrainHistory{}) : body;  // which says that nothing is there
 }
 
 std::string what_was_measured(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
-  double output_s = 0;
-  for (const auto& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) output_s += run.record.output_s;
-  }
+  const int n_seeds = static_cast<int>(plan.seeds.size()), n_begun = comparison.summary.seeds_begun();
   const std::string scene = scene_name(plan.base.source_path);
   return html::paragraph(detail::concat(
              "Scene ", scene, ", ", format_count(comparison.summary.done), " iterations of each configuration, ",
-             plan.seeds.size(), plan.seeds.size() == 1 ? " seed" : " seeds",
+             n_begun < n_seeds ? detail::concat(n_begun, " of ") : "", n_seeds, n_seeds == 1 ? " seed" : " seeds",
              ", the same views in the same order. The configurations took turns of ", plan.chunk,
              " iterations in a rotating order, so that drift of the machine hits all alike.")) +
          html::paragraph(
              detail::concat("Times are end to end: rendering and its gradients, loss, optimizer, "
                             "densification, uploads and kernel checks. Not in them are reading the scene (",
                             format_seconds(plan.reading_s, 0), ", once for all) and evaluation, saving and ",
-                            "checkpoints (", format_seconds(output_s, 0), " in all)."),
+                            "checkpoints (", format_seconds(comparison.output_s(), 0), " in all)."),
              "soft");
 }
 
-/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)".
-std::string share_cell(const std::optional<Spread>& share) {
+/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)"; of fewer than `n_seeds`, that is said.
+std::string share_cell(const std::optional<Spread>& share, int n_seeds) {
   if (!share) return "-";
-  if (share->n == 1) return format_percent(share->mean);
-  return format_percent(share->mean) + print(" (%.1f to %.1f)", 100 * share->min, 100 * share->max);
+  const std::string range =
+      share->n > 1 ? print_to_string(" (%.1f to %.1f)", 100 * share->min, 100 * share->max) : std::string();
+  return format_percent(share->mean) + range + in_seeds(share->n, n_seeds);
 }
 
-std::string inflection_cell(const std::optional<Spread>& inflection) {
+std::string inflection_cell(const std::optional<Spread>& inflection, int n_seeds) {
   if (!inflection) return "none";
-  if (inflection->range() == 0) return format_count(std::llround(inflection->mean));
-  return format_count(std::llround(inflection->min)) + " to " + format_count(std::llround(inflection->max));
+  std::string text = format_count(std::llround(inflection->min));
+  if (inflection->range() > 0) text += " to " + format_count(std::llround(inflection->max));
+  return text + in_seeds(inflection->n, n_seeds);
 }
 
 std::string saved_section(const Comparison& comparison) {
@@ -94,13 +89,15 @@ std::string saved_section(const Comparison& comparison) {
   int marked = -1;
   for (const ComparedConfiguration& compared : summary.compared) {
     if (compared.name == summary.ours) marked = static_cast<int>(rows.size());
-    rows.push_back({compared.name, share_cell(compared.before), share_cell(compared.after),
-                    share_cell(compared.overall), inflection_cell(compared.inflection)});
+    const int n_seeds = static_cast<int>(compared.by_seed.size());
+    rows.push_back({compared.name, share_cell(compared.before, n_seeds), share_cell(compared.after, n_seeds),
+                    share_cell(compared.overall, n_seeds), inflection_cell(compared.inflection, n_seeds)});
   }
   rows.push_back({"the paper, against its naive kernel", "19.6 %", "7.9 %", "8.5 %", "about 2,000"});
   const ComparedConfiguration* ours = summary.find(summary.ours);
   std::string note =
-      "The inflection point is the first check after which another forward kernel was in use. The paper "
+      "Before and after are of the seeds that have both. The inflection point is the first check after which another "
+      "forward kernel was in use. The paper "
       "measured on an A100 with its own scene, 960 x 540 px.";
   if (ours != nullptr && !ours->inflection) {
     note = ours->name + " has no inflection point here, so that there is no before and after it. " + note;
@@ -137,12 +134,14 @@ std::string time_section(const Comparison& comparison) {
                        "seconds saved against " + comparison.summary.baseline};
   for (const ReportedRun& run : runs) total.series.push_back(elapsed_curve(run));
   for (std::size_t i = 1; i < runs.size(); ++i) difference.series.push_back(difference_curve(runs[0], runs[i]));
+  const bool has_several_seeds = comparison.plan.seeds.size() > 1;
   if (const std::optional<int> inflection = inflection_point(history_of_ours(comparison))) {
-    total.events = difference.events = {{static_cast<double>(*inflection), "inflection, " + format_count(*inflection)}};
+    const std::string of_seed = has_several_seeds ? detail::concat(" of seed ", comparison.plan.seeds[0]) : "";
+    total.events = difference.events = {
+        {static_cast<double>(*inflection), "inflection" + of_seed + ", " + format_count(*inflection)}};
   }
   difference.height = 220;
-  const std::string seed =
-      comparison.plan.seeds.size() > 1 ? detail::concat(" Curves of seed ", comparison.plan.seeds[0], ".") : "";
+  const std::string seed = has_several_seeds ? detail::concat(" Curves of seed ", comparison.plan.seeds[0], ".") : "";
   return html::figure(draw(total), "End-to-end training time. The paper's figure 8." + seed) +
          html::figure(draw(difference), "Its difference to " + comparison.summary.baseline +
                                             ": a rising curve saves time at that point of the training." + seed);
@@ -151,7 +150,7 @@ std::string time_section(const Comparison& comparison) {
 std::string quality_cell(const Spread& spread, const std::string& measure) {
   const char* format = measure == "SSIM" ? "%.4f" : "%.2f";
   const auto number = [&](double value) {
-    return measure == "Gaussians" ? format_count(std::llround(value)) : print(format, value);
+    return measure == "Gaussians" ? format_count(std::llround(value)) : print_to_string(format, value);
   };
   if (spread.n == 1) return number(spread.mean);
   return number(spread.mean) + " (" + number(spread.min) + " to " + number(spread.max) + ")";
@@ -163,13 +162,14 @@ std::string quality_section(const Comparison& comparison) {
   for (const ComparedConfiguration& compared : summary.compared) {
     std::vector<html::Row> rows;
     for (const QualityDifference& own : compared.quality) {
-      rows.push_back({own.measure, quality_cell(own.baseline, own.measure), quality_cell(own.ours, own.measure),
+      rows.push_back({own.measure + in_seeds(own.baseline.n, summary.seeds_begun()), format_count(own.iteration),
+                      quality_cell(own.baseline, own.measure), quality_cell(own.ours, own.measure),
                       own.is_equal() ? "equal" : "differs"});
     }
-    if (!rows.empty()) body += html::table({"at the end", summary.baseline, compared.name, ""}, rows);
+    if (!rows.empty()) body += html::table({"quality", "at iteration", summary.baseline, compared.name, ""}, rows);
   }
   if (body.empty()) return html::paragraph("Quality was not measured yet.", "soft");
-  body += html::paragraph(quality_criterion(summary.compared[0]), "soft");
+  body += html::paragraph(quality_criterion(summary), "soft");
   const std::vector<ChartSeries> psnr = curves(first_runs(comparison), &LogPoint::test_psnr);
   if (psnr.empty()) return body + html::paragraph("No views were held out (--eval): there is no PSNR.", "soft");
   if (psnr[0].points.size() < 3) return body;
@@ -180,7 +180,7 @@ std::string quality_section(const Comparison& comparison) {
   return body + html::figure(draw(chart), "PSNR, mean over the test views.");
 }
 
-/// "kernel combined, tile_width 8": what sets a configuration apart.
+/// "kernel combined, tile 16x8": what sets a configuration apart.
 std::string own_options(const TrainConfig& base, const TrainConfig& own) {
   const nlohmann::ordered_json before = config_to_json(base), after = config_to_json(own);
   std::string text = "kernel " + own.kernel;
@@ -201,7 +201,7 @@ std::string settings_section(const Comparison& comparison) {
                     own_options(comparison.plan.base, comparison.configurations[i].config)});
   }
   std::string seeds;
-  for (const int seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
+  for (const std::int64_t seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
   return machine_section(machine, rows);
 }
@@ -210,14 +210,16 @@ std::string settings_section(const Comparison& comparison) {
 
 std::string comparison_report(const Comparison& comparison) {
   const std::vector<ReportedRun> runs = first_runs(comparison);
-  const TrainHistory& checked = history_with(comparison, [](const TrainHistory& h) { return !h.checks.empty(); });
-  const TrainHistory& loaded = history_with(comparison, [](const TrainHistory& h) { return !h.loads.empty(); });
-  const std::string body =
-      what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
-      html::section("Training time", time_section(comparison)) + html::section("Kernels", kernel_section(checked)) +
-      html::section("Load", load_section(loaded)) + html::section("Time by stage", stage_section(runs)) +
-      html::section("Quality", quality_section(comparison)) + html::section("Renders", preview_section(runs)) +
-      html::section("Machine and settings", settings_section(comparison));
+  const auto has_checks = [](const TrainHistory& history) { return !history.checks.empty(); };
+  const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
+  const std::string body = what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
+                           html::section("Training time", time_section(comparison)) +
+                           html::section("Kernels", by_configuration(comparison, has_checks, kernel_section)) +
+                           html::section("Load", by_configuration(comparison, has_loads, load_section)) +
+                           html::section("Time by stage", stage_section(runs)) +
+                           html::section("Quality", quality_section(comparison)) +
+                           html::section("Renders", preview_section(runs)) +
+                           html::section("Machine and settings", settings_section(comparison));
   return html::page("Comparison on " + scene_name(comparison.plan.base.source_path), verdict(comparison.summary), body);
 }
 

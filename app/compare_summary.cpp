@@ -2,13 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <map>
 
+#include "app/print.h"
 #include "app/svg_axis.h"
 #include "check.h"
+#include "train/train_config.h"
 
 namespace b3dgs {
 namespace {
+
+constexpr const char* kForwardPass = "forward";  // as in train.jsonl
 
 using Json = nlohmann::ordered_json;
 
@@ -16,63 +20,146 @@ struct Measure {
   const char* name;
   double one_seed_tolerance;  // where the runs say nothing of their own spread
   bool is_relative;           // to the baseline
-  std::optional<double> (*last)(const TrainHistory& history);
+  std::optional<double> (*value)(const LogPoint& point);
 };
-
-template <class Value>
-std::optional<double> last_of(const TrainHistory& history, std::optional<Value> LogPoint::*field) {
-  for (auto point = history.points.rbegin(); point != history.points.rend(); ++point) {
-    if (const auto& value = (*point).*field) return static_cast<double>(*value);
-  }
-  return std::nullopt;
-}
 
 constexpr Measure kMeasures[] = {
-    {"PSNR, dB", 0.1, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_psnr); }},
-    {"SSIM", 0.003, false, [](const TrainHistory& h) { return last_of(h, &LogPoint::test_ssim); }},
-    {"Gaussians", 0.02, true, [](const TrainHistory& h) { return last_of(h, &LogPoint::count); }},
+    {"PSNR, dB", 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {"SSIM", 0.003, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {"Gaussians", 0.02, true,
+     [](const LogPoint& point) {
+       return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
+     }},
 };
 
-std::optional<Spread> last_values(const ConfigurationHistory& configuration, const Measure& measure) {
-  std::vector<double> values;
-  for (const TrainHistory& history : configuration.by_seed) {
-    if (const auto value = measure.last(history)) values.push_back(*value);
-  }
-  return spread_of(values);
+double saved_share(double baseline_s, double ours_s) {
+  return (baseline_s - ours_s) / baseline_s;
 }
 
-std::vector<QualityDifference> compare_quality(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+/// Values of one run by iteration.
+std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
+  std::map<int, double> values;
+  for (const LogPoint& point : history.points) {
+    if (const std::optional<double> value = measure.value(point)) values[point.iteration] = *value;
+  }
+  return values;
+}
+
+/// The latest iteration at which a seed was measured in all configurations, and all seeds that were.
+struct CommonMeasurement {
+  int iteration = 0;  // 0: there is none
+  std::vector<std::size_t> seeds;
+};
+
+CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, std::size_t n_seeds,
+                                     const Measure& measure) {
+  CommonMeasurement common;
+  for (std::size_t seed = 0; seed < n_seeds; ++seed) {
+    std::map<int, std::size_t> n_measured;  // configurations by iteration
+    for (const ConfigurationHistory& configuration : configurations) {
+      for (const auto& [iteration, value] : measured(configuration.by_seed[seed], measure)) ++n_measured[iteration];
+    }
+    int last = 0;
+    for (const auto& [iteration, n] : n_measured) {
+      if (n == configurations.size()) last = iteration;
+    }
+    if (last > common.iteration) common = {last, {}};
+    if (last > 0 && last == common.iteration) common.seeds.push_back(seed);
+  }
+  return common;
+}
+
+Spread values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration, const Measure& measure) {
+  std::vector<double> values;
+  for (const std::size_t seed : common.seeds) {
+    values.push_back(measured(configuration.by_seed[seed], measure).at(common.iteration));
+  }
+  return *spread_of(values);
+}
+
+/// Of ours = configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures
+/// of different iterations do not compare.
+std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
+                                               std::size_t index, std::size_t n_seeds) {
   std::vector<QualityDifference> differences;
   for (const Measure& measure : kMeasures) {
-    const auto a = last_values(baseline, measure), b = last_values(ours, measure);
-    if (!a || !b) continue;
-    QualityDifference difference{measure.name, *a, *b};
-    difference.tolerance = std::min(a->n, b->n) > 1 ? std::max(a->range(), b->range())
-                                                    : measure.one_seed_tolerance * (measure.is_relative ? a->mean : 1);
+    const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
+    if (common.seeds.empty()) continue;
+    QualityDifference difference{measure.name, common.iteration, values_at(common, configurations[0], measure),
+                                 values_at(common, configurations[index], measure)};
+    const Spread &baseline = difference.baseline, &ours = difference.ours;
+    difference.tolerance = difference.has_ranges()
+                               ? std::max(baseline.range(), ours.range())
+                               : measure.one_seed_tolerance * (measure.is_relative ? baseline.mean : 1);
     differences.push_back(difference);
   }
   return differences;
 }
 
-ComparedConfiguration compare(const ConfigurationHistory& baseline, const ConfigurationHistory& ours) {
+KernelPartSummary summarize_part(const std::vector<SavedTime>& by_seed, KernelPart SavedTime::*part) {
+  KernelPartSummary summary;
+  std::vector<double> iterations, saved;
+  for (const SavedTime& seed : by_seed) {
+    const KernelPart& own = seed.*part;
+    summary.kernels.insert(own.kernels.begin(), own.kernels.end());
+    if (own.iterations == 0 || own.baseline_s <= 0) continue;
+    iterations.push_back(own.iterations);
+    saved.push_back(saved_share(own.baseline_s, own.ours_s));
+  }
+  summary.iterations = spread_of(iterations);
+  summary.saved = spread_of(saved);
+  return summary;
+}
+
+/// Whether the check before the first step went over from a balanced kernel because of its time.
+bool was_balanced_slower_from_start(const TrainHistory& history) {
+  return std::any_of(history.checks.begin(), history.checks.end(), [](const KernelCheckEvent& check) {
+    const bool is_refused = std::find(check.refused.begin(), check.refused.end(), check.before) != check.refused.end();
+    return check.iteration == 1 && check.pass == kForwardPass && check.has_changed() && !is_refused &&
+           is_balanced_kernel(check.before) && !is_balanced_kernel(check.after);
+  });
+}
+
+/// Over the seeds that have begun.
+ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
+                                    const std::vector<int>& done_by_seed) {
   ComparedConfiguration compared;
   compared.name = ours.name;
   std::vector<double> overall, before, after, inflection;
-  for (std::size_t i = 0; i < std::min(baseline.by_seed.size(), ours.by_seed.size()); ++i) {
-    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[i], ours.by_seed[i]);
+  compared.was_slower_from_start = true;
+  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+    if (done_by_seed[seed] == 0) continue;
+    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed]);
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
+    compared.was_slower_from_start =
+        compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
     overall.push_back(saved->overall);
-    if (saved->before) before.push_back(*saved->before);
-    if (saved->after) after.push_back(*saved->after);
     if (saved->inflection) inflection.push_back(*saved->inflection);
+    if (!saved->before || !saved->after) continue;
+    before.push_back(*saved->before);
+    after.push_back(*saved->after);
   }
   compared.overall = spread_of(overall);
   compared.before = spread_of(before);
   compared.after = spread_of(after);
   compared.inflection = spread_of(inflection);
-  compared.quality = compare_quality(baseline, ours);
+  compared.balanced = summarize_part(compared.by_seed, &SavedTime::balanced);
+  compared.others = summarize_part(compared.by_seed, &SavedTime::others);
   return compared;
+}
+
+/// Iterations that all configurations have done, by seed.
+std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int wanted) {
+  std::vector<int> done(configurations[0].by_seed.size(), wanted);
+  for (const ConfigurationHistory& configuration : configurations) {
+    B3DGS_CHECK(configuration.by_seed.size() == done.size(), configuration.name, " has ", configuration.by_seed.size(),
+                " seeds, ", configurations[0].name, " has ", done.size());
+    for (std::size_t seed = 0; seed < done.size(); ++seed) {
+      done[seed] = std::min(done[seed], configuration.by_seed[seed].last_iteration());
+    }
+  }
+  return done;
 }
 
 /// "adaptive 81.7 s, naive 100.0 s", means over seeds.
@@ -87,9 +174,59 @@ std::string both_times(const std::string& baseline, const ComparedConfiguration&
          format_seconds(baseline_s, smaller);
 }
 
+std::string listed(const std::set<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : " and ") + name;
+  return text;
+}
+
+bool makes_difference(double saved) {
+  return std::fabs(saved) >= kNoDifference;
+}
+
+/// "saved 9.4 % of the training time", "took 3.0 % longer", "made no difference beyond 1 %".
+std::string what_it_did(double saved, const std::string& of_what = "") {
+  if (!makes_difference(saved)) return "made no difference beyond " + format_whole_percent(kNoDifference);
+  return saved > 0 ? "saved " + format_percent(saved) + of_what : "took " + format_percent(-saved) + " longer";
+}
+
+/// "2000", or "1000 to 2000" where the seeds differ.
+std::string iterations_text(const Spread& iterations) {
+  const std::string least = std::to_string(std::llround(iterations.min));
+  return iterations.range() == 0 ? least : least + " to " + std::to_string(std::llround(iterations.max));
+}
+
+/// The verdict where a balanced kernel, or the choice between some, stands against naive.
+std::string balancing_verdict(const ComparedConfiguration& ours) {
+  int until = 0;
+  for (const SavedTime& seed : ours.by_seed) until = std::max(until, seed.until);
+  const std::string overall = ours.name + " " + what_it_did(ours.overall->mean, " of the training time");
+  if (!ours.balanced.saved) {
+    const std::string names = listed(ours.others.kernels);
+    return "Balancing did not pay on this scene: " +
+           (ours.was_slower_from_start ? names + " was faster from the start" : "no balanced kernel was in use") +
+           "; with " + (ours.was_slower_from_start ? "it " : names + " ") + overall;
+  }
+  const double saved = ours.balanced.saved->mean;
+  const bool pays = saved >= kNoDifference;
+  if (!ours.others.saved) {
+    return (pays ? "Balancing " : "Balancing did not pay on this scene: it ") +
+           what_it_did(saved, " of the training time on this scene");
+  }
+  return (pays ? "Balancing " : "Balancing did not pay on this scene: it ") + what_it_did(saved) + " in the " +
+         iterations_text(*ours.balanced.iterations) + " of " + std::to_string(until) + " iterations that " +
+         listed(ours.balanced.kernels) + " did" +
+         in_seeds(ours.balanced.saved->n, static_cast<int>(ours.by_seed.size())) + "; " + listed(ours.others.kernels) +
+         " " + what_it_did(ours.others.saved->mean) + " in the others; overall " + overall;
+}
+
 Json to_json(const std::optional<Spread>& spread) {
   if (!spread) return nullptr;
   return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
+}
+
+Json to_json(const KernelPartSummary& part) {
+  return {{"names", part.kernels}, {"iterations", to_json(part.iterations)}, {"saved", to_json(part.saved)}};
 }
 
 }  // namespace
@@ -120,30 +257,64 @@ double elapsed_at(const TrainHistory& history, double iteration) {
 
 std::optional<int> inflection_point(const TrainHistory& history) {
   for (const KernelCheckEvent& check : history.checks) {
-    if (check.pass == "forward" && !check.after.empty() && check.before != check.after) return check.iteration;
+    if (check.pass == kForwardPass && check.has_changed()) return check.iteration;
   }
   return std::nullopt;
 }
 
+std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
+  std::map<int, std::string> kernel_of;  // iteration; where it is known
+  for (const LogPoint& point : history.points) {
+    if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
+  }
+  for (const KernelCheckEvent& check : history.checks) {  // each comes before the step of its iteration
+    if (check.pass != kForwardPass || check.before.empty() || check.after.empty()) continue;
+    if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
+    kernel_of[check.iteration] = check.after;
+  }
+  std::vector<KernelPeriod> periods;
+  for (const auto& [iteration, kernel] : kernel_of) {
+    if (periods.empty() || periods.back().kernel != kernel) {
+      periods.push_back({kernel, periods.empty() ? 0 : periods.back().until, iteration});
+    }
+    periods.back().until = iteration;
+  }
+  if (!periods.empty()) periods.back().until = std::max(periods.back().until, history.last_iteration());
+  return periods;
+}
+
 std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours) {
-  const auto share = [](double baseline_s, double ours_s) { return (baseline_s - ours_s) / baseline_s; };
   SavedTime saved;
   saved.until = std::min(baseline.last_iteration(), ours.last_iteration());
   saved.baseline_s = elapsed_at(baseline, saved.until);
   saved.ours_s = elapsed_at(ours, saved.until);
   if (saved.until == 0 || saved.baseline_s <= 0) return std::nullopt;
-  saved.overall = share(saved.baseline_s, saved.ours_s);
+  saved.overall = saved_share(saved.baseline_s, saved.ours_s);
   saved.inflection = inflection_point(ours);
   if (saved.inflection && *saved.inflection < saved.until) {
-    const double baseline_s = elapsed_at(baseline, *saved.inflection), ours_s = elapsed_at(ours, *saved.inflection);
-    if (baseline_s > 0 && *saved.inflection > 1) saved.before = share(baseline_s, ours_s);
-    if (saved.baseline_s > baseline_s) saved.after = share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
+    const int last_before = *saved.inflection - 1;
+    const double baseline_s = elapsed_at(baseline, last_before), ours_s = elapsed_at(ours, last_before);
+    if (baseline_s > 0) saved.before = saved_share(baseline_s, ours_s);
+    if (saved.baseline_s > baseline_s) saved.after = saved_share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
+  }
+  for (const KernelPeriod& period : kernel_periods(ours)) {
+    const int until = std::min(period.until, saved.until);
+    if (until <= period.from) continue;
+    KernelPart& part = is_balanced_kernel(period.kernel) ? saved.balanced : saved.others;
+    part.kernels.insert(period.kernel);
+    part.iterations += until - period.from;
+    part.baseline_s += elapsed_at(baseline, until) - elapsed_at(baseline, period.from);
+    part.ours_s += elapsed_at(ours, until) - elapsed_at(ours, period.from);
   }
   return saved;
 }
 
 bool QualityDifference::is_equal() const {
   return std::fabs(ours.mean - baseline.mean) <= tolerance;
+}
+
+int ComparisonSummary::seeds_begun() const {
+  return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
 }
 
 const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
@@ -154,57 +325,77 @@ const ComparedConfiguration* ComparisonSummary::find(const std::string& name) co
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations) {
   B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
   const ConfigurationHistory& baseline = configurations[0];
-  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.kernel == "adaptive"; };
+  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.kernel == kAdaptive; };
   const auto adaptive = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
   const ConfigurationHistory& ours = adaptive != configurations.end() ? *adaptive : configurations[1];
 
   ComparisonSummary summary;
   summary.baseline = baseline.name;
   summary.ours = ours.name;
-  summary.is_balancing = baseline.kernel == "naive" && (ours.kernel == "adaptive" || ours.kernel == "combined");
-  summary.iterations = summary.done = iterations;
-  for (const ConfigurationHistory& configuration : configurations) {
-    for (const TrainHistory& history : configuration.by_seed) {
-      summary.done = std::min(summary.done, history.last_iteration());
-    }
+  summary.is_balancing = baseline.kernel == forward_kernel_name(ForwardKernel::kNaive) &&
+                         (ours.kernel == kAdaptive || is_balanced_kernel(ours.kernel));
+  summary.iterations = iterations;
+  summary.done_by_seed = common_iterations(configurations, iterations);
+  for (const int done : summary.done_by_seed) {
+    if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
   }
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    summary.compared.push_back(compare(baseline, configurations[i]));
+    summary.compared.push_back(compare_times(baseline, configurations[i], summary.done_by_seed));
+    summary.compared.back().quality = compare_quality(configurations, i, summary.done_by_seed.size());
   }
   return summary;
 }
 
-std::string quality_criterion(const ComparedConfiguration& compared) {
-  const bool has_range =
-      !compared.quality.empty() && std::min(compared.quality[0].baseline.n, compared.quality[0].ours.n) > 1;
-  if (has_range) {
-    return "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+std::string quality_criterion(const ComparisonSummary& summary) {
+  bool some_have_ranges = false, some_have_none = false;
+  for (const ComparedConfiguration& compared : summary.compared) {
+    for (const QualityDifference& difference : compared.quality) {
+      (difference.has_ranges() ? some_have_ranges : some_have_none) = true;
+    }
   }
-  return "One seed says nothing of the spread between runs (--seeds would); called equal within 0.1 dB, 0.003 SSIM and "
-         "2 % of the Gaussians.";
+  std::string text;
+  if (some_have_ranges) {
+    text = "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+  }
+  if (some_have_none) {
+    std::string limits;
+    for (const Measure& measure : kMeasures) {
+      limits += (limits.empty() ? "" : "; ") + std::string(measure.name) + " " +
+                (measure.is_relative ? format_whole_percent(measure.one_seed_tolerance)
+                                     : print_to_string("%g", measure.one_seed_tolerance));
+    }
+    text += (text.empty() ? "" : " ") +
+            ("One seed says nothing of the spread between runs (--seeds would): called equal up to " + limits + ".");
+  }
+  return text;
+}
+
+std::string in_seeds(int n, int of) {
+  return n == of ? "" : " in " + std::to_string(n) + " of " + std::to_string(of) + " seeds";
+}
+
+std::string format_whole_percent(double share) {
+  return std::to_string(std::llround(100 * share)) + " %";
 }
 
 std::string format_percent(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
-  return text == std::string("-0.0 %") ? "0.0 %" : text;
+  const std::string text = print_to_string("%.1f %%", 100 * share);
+  return text == "-0.0 %" ? "0.0 %" : text;
 }
 
 std::string verdict(const ComparisonSummary& summary) {
   const ComparedConfiguration* ours = summary.find(summary.ours);
   if (ours == nullptr || !ours->overall) return "Nothing can be said yet: not every configuration has been trained.";
-  const double saved = ours->overall->mean;
   std::string text;
-  if (std::fabs(saved) < kNoDifference) {
-    text = summary.is_balancing ? "Balancing did not pay on this scene: it made no difference beyond 1 %"
-                                : ours->name + " and " + summary.baseline + " take the same time within 1 %";
-  } else if (saved > 0) {
-    text = summary.is_balancing
-               ? "Balancing saved " + format_percent(saved) + " of the training time on this scene"
-               : ours->name + " saved " + format_percent(saved) + " of the training time of " + summary.baseline;
+  const bool is_kernel_known = ours->balanced.saved || ours->others.saved;
+  if (summary.is_balancing && is_kernel_known) {
+    text = balancing_verdict(*ours);
+  } else if (makes_difference(ours->overall->mean)) {
+    text = ours->name + " " + what_it_did(ours->overall->mean, " of the training time of " + summary.baseline);
+    if (ours->overall->mean < 0) text += " than " + summary.baseline;
   } else {
-    text = summary.is_balancing ? "Balancing did not pay on this scene: it took " + format_percent(-saved) + " longer"
-                                : ours->name + " took " + format_percent(-saved) + " longer than " + summary.baseline;
+    text =
+        ours->name + " and " + summary.baseline + " take the same time within " + format_whole_percent(kNoDifference);
   }
   text += " (" + both_times(summary.baseline, *ours) + ")";
   if (ours->overall->min < 0 && ours->overall->max > 0 && ours->overall->range() >= kNoDifference) {
@@ -212,9 +403,10 @@ std::string verdict(const ComparisonSummary& summary) {
             format_percent(ours->overall->max);
   }
   text += ".";
-  if (summary.done < summary.iterations) {
+  const int seeds = static_cast<int>(summary.done_by_seed.size());
+  if (summary.done < summary.iterations || summary.seeds_begun() < seeds) {
     text = "Not finished: " + std::to_string(summary.done) + " of " + std::to_string(summary.iterations) +
-           " iterations. So far: " + text;
+           " iterations" + (seeds > 1 ? in_seeds(summary.seeds_begun(), seeds) : "") + ". So far: " + text;
   }
   return text;
 }
@@ -228,6 +420,7 @@ Json to_json(const ComparisonSummary& summary) {
     }
     for (const QualityDifference& difference : own.quality) {
       quality.push_back({{"measure", difference.measure},
+                         {"iteration", difference.iteration},
                          {"baseline", to_json(std::optional(difference.baseline))},
                          {"ours", to_json(std::optional(difference.ours))},
                          {"tolerance", difference.tolerance},
@@ -238,11 +431,15 @@ Json to_json(const ComparisonSummary& summary) {
                         {"saved_before_inflection", to_json(own.before)},
                         {"saved_after_inflection", to_json(own.after)},
                         {"inflection", to_json(own.inflection)},
+                        {"balanced_kernels", to_json(own.balanced)},
+                        {"other_kernels", to_json(own.others)},
                         {"by_seed", by_seed},
                         {"quality", quality}});
   }
-  return {{"verdict", verdict(summary)},      {"baseline", summary.baseline}, {"ours", summary.ours},
-          {"iterations", summary.iterations}, {"done", summary.done},         {"compared", compared}};
+  return {{"verdict", verdict(summary)}, {"baseline", summary.baseline},
+          {"ours", summary.ours},        {"iterations", summary.iterations},
+          {"done", summary.done},        {"done_by_seed", summary.done_by_seed},
+          {"compared", compared}};
 }
 
 }  // namespace b3dgs

@@ -2,8 +2,10 @@
 
 #include <cstdio>
 
+#include "adaptive/load_statistics.h"
 #include "app/cli.h"
 #include "app/compare_report.h"
+#include "app/print.h"
 #include "app/report_sections.h"
 #include "check.h"
 #include "scene/atomic_file.h"
@@ -66,9 +68,12 @@ Json checks_of(const TrainHistory& history) {
     checks.push_back({{"iteration", check.iteration},
                       {"pass", check.pass},
                       {"times_ms", to_json(check.times_ms)},
+                      {"spread_ms", to_json(check.spread_ms)},
+                      {"views", to_json(check.views)},
                       {"before", check.before},
                       {"after", check.after},
                       {"reason", check.reason},
+                      {"refused", check.refused},
                       {"cost_ms", to_json(check.cost_ms)}});
   }
   return checks;
@@ -76,8 +81,9 @@ Json checks_of(const TrainHistory& history) {
 
 Json to_json(const std::optional<LoadFigures>& load) {
   if (!load) return nullptr;
-  return {{"min", load->min}, {"median", load->median}, {"p90", load->p90},   {"p99", load->p99},
-          {"max", load->max}, {"mean", load->mean},     {"gini", load->gini}, {"log2_bins", load->log2_bins}};
+  Json json;
+  visit_load_figures(*load, [&](const char* name, const auto& value) { json[name] = value; });
+  return json;
 }
 
 Json loads_of(const TrainHistory& history) {
@@ -114,23 +120,29 @@ Json to_json(const Comparison& comparison) {
   return json;
 }
 
-/// Mean over seeds of the last value of a quality, or an empty cell.
+/// Mean over seeds of a quality, or an empty cell.
 std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
                          const char* format) {
   const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
   for (const QualityDifference& difference : compared.quality) {
     if (difference.measure != measure) continue;
-    char text[32];
-    std::snprintf(text, sizeof text, format, (configuration == 0 ? difference.baseline : difference.ours).mean);
-    return text;
+    return print_to_string(format, (configuration == 0 ? difference.baseline : difference.ours).mean);
   }
   return "-";
 }
 
 }  // namespace
 
-ModelFolder ComparisonPlan::folder(const Configuration& configuration, int seed) const {
+ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
   return ModelFolder(root() / configuration.name / ("seed_" + std::to_string(seed)));
+}
+
+double Comparison::output_s() const {
+  double sum = 0;
+  for (const std::vector<ComparedRun>& of_configuration : runs) {
+    for (const ComparedRun& run : of_configuration) sum += run.record.output_s;
+  }
+  return sum;
 }
 
 void write_plan(const ComparisonPlan& plan) {
@@ -149,7 +161,7 @@ ComparisonPlan read_plan(const fs::path& root) {
   try {
     const Json& own = json.at("plan");
     plan.configs = own.at("configs").get<std::string>();
-    plan.seeds = own.at("seeds").get<std::vector<int>>();
+    plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
     config_from_json(plan.base, own.at("config"), path.string());
@@ -167,7 +179,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
   for (const Configuration& configuration : comparison.configurations) {
     histories.push_back({configuration.name, configuration.config.kernel, {}});
     comparison.runs.emplace_back();
-    for (const int seed : plan.seeds) {
+    for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
       comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
       histories.back().by_seed.push_back(comparison.runs.back().back().history);
@@ -193,8 +205,9 @@ void print_comparison(const Comparison& comparison) {
               "after infl", "PSNR dB", "SSIM", "Gaussians");
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     double elapsed_s = 0;
-    for (const ComparedRun& run : comparison.runs[i]) {
-      elapsed_s += elapsed_at(run.history, summary.done) / static_cast<double>(comparison.runs[i].size());
+    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // the mean over those that have begun
+      elapsed_s +=
+          elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
     }
     const auto share = [&](std::optional<Spread> ComparedConfiguration::*field) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
@@ -206,12 +219,14 @@ void print_comparison(const Comparison& comparison) {
                 quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
-  double output_s = 0;
-  for (const std::vector<ComparedRun>& runs : comparison.runs) {
-    for (const ComparedRun& run : runs) output_s += run.record.output_s;
+  for (const ComparedConfiguration& compared : summary.compared) {
+    const int n_seeds = static_cast<int>(compared.by_seed.size());
+    if (!compared.before || compared.before->n == n_seeds) continue;
+    std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
+                in_seeds(compared.before->n, n_seeds).c_str());
   }
   std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
-              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(output_s, 0).c_str());
+              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());
 }
 

@@ -17,13 +17,13 @@ namespace b3dgs {
 struct ComparisonPlan {
   TrainConfig base;  // model_path is the comparison's folder
   std::string configs;
-  std::vector<int> seeds;
+  std::vector<std::int64_t> seeds;
   int chunk = 0;         // iterations of a turn
   double reading_s = 0;  // of the scene, all sessions so far
 
   std::filesystem::path root() const { return base.model_path; }
   std::vector<Configuration> configurations() const { return parse_configurations(configs, base); }
-  ModelFolder folder(const Configuration& configuration, int seed) const;
+  ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };
 
 /// The plan alone; the figures follow with write_comparison(). @throws IoError
@@ -35,7 +35,7 @@ ComparisonPlan read_plan(const std::filesystem::path& root);
 bool holds_comparison(const std::filesystem::path& root);
 
 struct ComparedRun {
-  int seed = 0;
+  std::int64_t seed = 0;
   TrainHistory history;
   RunRecord record;
 };
@@ -45,6 +45,8 @@ struct Comparison {
   std::vector<Configuration> configurations;
   std::vector<std::vector<ComparedRun>> runs;  // [configuration][seed]
   ComparisonSummary summary;
+
+  double output_s() const;  // evaluation, saving and checkpoints of all runs
 };
 
 /// Reads what the runs have written so far.

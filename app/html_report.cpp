@@ -26,6 +26,7 @@ body { margin: 0 auto; padding: 40px 24px 64px; max-width: 844px; background: va
   font: 15px/1.55 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
 h1 { font-size: 26px; line-height: 1.3; margin: 0 0 12px; font-weight: 650; text-wrap: balance; }
 h2 { font-size: 18px; margin: 44px 0 8px; font-weight: 650; }
+h3 { font-size: 15px; margin: 28px 0 6px; font-weight: 650; }
 h1, p { overflow-wrap: anywhere; }
 p { margin: 8px 0; } .soft, figcaption { color: var(--soft); font-size: 13.5px; }
 figure { margin: 18px 0 24px; } figcaption { margin-top: 6px; }
@@ -51,7 +52,7 @@ polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: 
 .hover { position: fixed; pointer-events: none; padding: 4px 8px; border-radius: 4px; font-size: 12.5px; white-space: pre;
   background: var(--ink); color: var(--paper); font-variant-numeric: tabular-nums; }
 @media print { body { max-width: none; padding: 0; } figure, tr, .pictures { break-inside: avoid; }
-  h2 { break-after: avoid; } }
+  h2, h3 { break-after: avoid; } }
 @media (max-width: 560px) { body { padding: 24px 14px 40px; } }
 )css";
 
@@ -128,6 +129,10 @@ std::string paragraph(const std::string& text, const std::string& css_class) {
 
 std::string section(const std::string& heading, const std::string& body_html) {
   return "<section>\n<h2>" + escape(heading) + "</h2>\n" + body_html + "</section>\n";
+}
+
+std::string subsection(const std::string& heading, const std::string& body_html) {
+  return "<h3>" + escape(heading) + "</h3>\n" + body_html;
 }
 
 std::string figure(const std::string& content_html, const std::string& caption) {

@@ -14,6 +14,8 @@ std::string page(const std::string& title, const std::string& headline, const st
 /// Everything below takes plain text and escapes it, unless it says HTML.
 std::string paragraph(const std::string& text, const std::string& css_class = "");
 std::string section(const std::string& heading, const std::string& body_html);
+/// A part of a section.
+std::string subsection(const std::string& heading, const std::string& body_html);
 std::string figure(const std::string& content_html, const std::string& caption);
 
 using Row = std::vector<std::string>;

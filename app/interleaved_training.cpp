@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TrainConfig run_config(const Configuration& configuration, const ModelFolder& folder, int seed) {
+TrainConfig run_config(const Configuration& configuration, const ModelFolder& folder, std::int64_t seed) {
   TrainConfig config = configuration.config;
   config.seed = seed;
   config.model_path = folder.root().string();
@@ -34,7 +34,8 @@ class TemporaryFolder {
 
 }  // namespace
 
-InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, int seed, const Scene& scene, StatusLine& status)
+InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene,
+                                         StatusLine& status)
     : scene_(scene),
       status_(status),
       iterations_(plan.base.iterations),
@@ -50,7 +51,7 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, int seed, c
   }
 }
 
-void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, int seed,
+void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
                               const Scene& scene) {
   const ModelFolder folder = plan.folder(configuration, seed);
   const TrainConfig config = run_config(configuration, folder, seed);
@@ -137,7 +138,7 @@ void warm_up(const ComparisonPlan& plan, const Scene& scene) {
   const TemporaryFolder folder(plan.root() / ".warm_up");
   for (const Configuration& configuration : plan.configurations()) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
-    config.init_ply.clear();
+    if (n > 0) config.init_ply.clear();  // the part is smaller; without points the PLY is all there is
     config.iterations = 5;
     config.densify_from_iter = 0;
     config.densification_interval = 2;

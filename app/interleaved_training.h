@@ -15,7 +15,7 @@ namespace b3dgs {
 class InterleavedTraining {
  public:
   /// Each continues from its newest checkpoint, if it has one. `scene`, `status` must outlive this.
-  InterleavedTraining(const ComparisonPlan& plan, int seed, const Scene& scene, StatusLine& status);
+  InterleavedTraining(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene, StatusLine& status);
 
   /// Trains all to the end or to the stop signal, which leaves a checkpoint of each. True if it ran to the end.
   bool run(double reading_s, const nlohmann::ordered_json& machine);
@@ -29,7 +29,7 @@ class InterleavedTraining {
     EtaHistory eta;
   };
 
-  void add(const ComparisonPlan& plan, const Configuration& configuration, int seed, const Scene& scene);
+  void add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed, const Scene& scene);
   bool take_turns();
   void write_checkpoints();
   void show(Turn& turn, const TrainProgress& progress);

@@ -5,8 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iostream>
+
+#include "app/print.h"
 
 namespace b3dgs {
 namespace {
@@ -16,13 +17,6 @@ constexpr double kPlainLineSeconds = 10;
 constexpr int kPlainLineIterations = 500;
 constexpr int kBarColumns = 22;
 constexpr int kBarFromColumns = 100;  // narrower terminals need the room for the numbers
-
-template <class... Args>
-std::string print_to_string(const char* format, Args... args) {
-  char buffer[160];
-  std::snprintf(buffer, sizeof buffer, format, args...);
-  return buffer;
-}
 
 }  // namespace
 

@@ -1,20 +1,17 @@
 #include "app/report_sections.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <map>
 
 #include "app/compare_summary.h"
 #include "app/html_report.h"
+#include "app/print.h"
 #include "check.h"
+#include "raster/stages.h"
 #include "scene/image_io.h"
 
 namespace b3dgs {
 namespace {
-
-/// In the order of a step; others follow.
-constexpr const char* kStages[] = {"upload",         "project",          "bin",       "blend_forward", "loss",
-                                   "blend_backward", "project_backward", "optimizer", "densify",       "host"};
 
 std::string readable(std::string name) {
   std::replace(name.begin(), name.end(), '_', ' ');
@@ -22,19 +19,18 @@ std::string readable(std::string name) {
 }
 
 std::optional<double> find(const NamedTimes& times, const std::string& name) {
-  for (const auto& [own, ms] : times) {
-    if (own == name) return ms;
+  for (const auto& [known, ms] : times) {
+    if (known == name) return ms;
   }
   return std::nullopt;
 }
 
 /// Figures of one column have their points below each other.
 std::string print_ms(double ms) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3f", ms);
-  return text;
+  return print_to_string("%.3f", ms);
 }
 
+/// In the order of a step; others follow.
 std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
   std::vector<std::string> names;
   const auto add = [&](const std::string& name) {
@@ -42,7 +38,7 @@ std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
     const bool is_new = std::find(names.begin(), names.end(), name) == names.end();
     if (is_new && std::any_of(all.begin(), all.end(), has)) names.push_back(name);
   };
-  for (const char* name : kStages) add(name);
+  for (const char* name : kStageNames) add(name);
   for (const NamedTimes& times : all) {
     for (const auto& [name, ms] : times) add(name);
   }
@@ -55,14 +51,14 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
   for (const KernelCheckEvent& check : history.checks) {
     if (check.pass != pass) continue;
     for (const auto& [name, ms] : check.times_ms) {
-      auto own = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
-      if (own == series.end()) {
+      auto candidate = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
+      if (candidate == series.end()) {
         series.push_back({name, {}, static_cast<int>(series.size()), true});
-        own = series.end() - 1;
+        candidate = series.end() - 1;
       }
-      own->points.push_back({static_cast<double>(check.iteration), ms});
+      candidate->points.push_back({static_cast<double>(check.iteration), ms});
     }
-    if (!check.after.empty() && check.before != check.after) {
+    if (check.has_changed()) {
       events.push_back({static_cast<double>(check.iteration), "to " + check.after});
     }
   }
@@ -80,19 +76,48 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
       "Kernel time of the " + pass + " candidates, each timed on the same views at every check. The paper's figure 7.");
 }
 
+/// What computed something else is a fault to be looked into: it stands before all times.
+std::string refusals(const TrainHistory& history) {
+  std::string body;
+  for (const KernelCheckEvent& check : history.checks) {
+    if (check.refused.empty()) continue;
+    std::string names;
+    for (const std::string& name : check.refused) names += (names.empty() ? "" : ", ") + name;
+    const std::string said = check.refused.front() + " is refused: ";  // by the reason, before the fault itself
+    const bool is_said = check.refused.size() == 1 && check.reason.compare(0, said.size(), said) == 0;
+    body +=
+        html::paragraph(detail::concat(names, check.refused.size() == 1 ? " was" : " were",
+                                       " refused: ", is_said ? check.reason.substr(said.size()) : check.reason,
+                                       " (iteration ", format_tick(check.iteration, 1), ", ", check.pass, " pass)."));
+  }
+  return body;
+}
+
+/// "combined 1.200 (0.030), shared-memory 1.100"
+std::string times_and_spreads(const KernelCheckEvent& check) {
+  std::string text;
+  for (const auto& [name, ms] : check.times_ms) {
+    text += (text.empty() ? "" : ", ") + name + " " + print_ms(ms);
+    if (const std::optional<double> spread = find(check.spread_ms, name)) text += " (" + print_ms(*spread) + ")";
+  }
+  return text.empty() ? "-" : text;
+}
+
 std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
   double cost_ms = 0;
-  bool has_cost = false;
+  bool has_cost = false, has_changed = false;
   for (const KernelCheckEvent& check : history.checks) {
     has_cost = has_cost || check.cost_ms;
+    has_changed = has_changed || check.has_changed();
     cost_ms += check.cost_ms.value_or(0);
-    if (check.after.empty() || check.before == check.after) continue;
-    rows.push_back({format_tick(check.iteration, 1), check.pass, check.before, check.after, check.reason});
+    rows.push_back({format_tick(check.iteration, 1), check.pass, times_and_spreads(check),
+                    check.views ? std::to_string(*check.views) : "-",
+                    check.has_changed() ? "from " + check.before + " to " + check.after : check.after, check.reason});
   }
-  std::string body = rows.empty()
-                         ? html::paragraph("The kernel was never changed.")
-                         : html::table({"iteration", "pass", "from", "to", "reason"}, rows, html::Columns::kWords);
+  std::string body = has_changed ? "" : html::paragraph("The kernel was never changed.");
+  body += html::table({"iteration", "pass", "ms, median over views (spread)", "views", "kernel", "reason"}, rows,
+                      html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   if (has_cost && elapsed_s > 0) {
     body += html::paragraph(
@@ -144,8 +169,8 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
   const std::size_t n = std::min(kMostPanels, filled.size());
   HistogramRow chart{title, x_label, {}};
   for (std::size_t i = 0; i < n; ++i) {
-    const LoadEvent& own = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
-    chart.panels.push_back({"iteration " + format_tick(own.iteration, 1), (own.*field)->log2_bins});
+    const LoadEvent& statistics = *filled[n > 1 ? i * (filled.size() - 1) / (n - 1) : 0];
+    chart.panels.push_back({"iteration " + format_tick(statistics.iteration, 1), (statistics.*field)->log2_bins});
   }
   return html::figure(draw(chart), caption);
 }
@@ -155,12 +180,12 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
 std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optional<double> LogPoint::*field) {
   std::vector<ChartSeries> series;
   for (const ReportedRun& run : runs) {
-    ChartSeries own{run.name, {}, run.color};
+    ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
-      if (point.*field) own.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
+      if (point.*field) curve.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
     }
-    own.has_markers = own.points.size() <= 20;
-    if (!own.points.empty()) series.push_back(std::move(own));
+    curve.has_markers = curve.points.size() <= 20;
+    if (!curve.points.empty()) series.push_back(std::move(curve));
   }
   return series;
 }
@@ -168,11 +193,12 @@ std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optio
 std::vector<ChartSeries> count_curves(const std::vector<ReportedRun>& runs) {
   std::vector<ChartSeries> series;
   for (const ReportedRun& run : runs) {
-    ChartSeries own{run.name, {}, run.color};
+    ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
-      if (point.count) own.points.push_back({static_cast<double>(point.iteration), static_cast<double>(*point.count)});
+      if (point.count)
+        curve.points.push_back({static_cast<double>(point.iteration), static_cast<double>(*point.count)});
     }
-    if (!own.points.empty()) series.push_back(std::move(own));
+    if (!curve.points.empty()) series.push_back(std::move(curve));
   }
   return series;
 }
@@ -184,12 +210,12 @@ NamedTimes mean_stages(const TrainHistory& history) {
     if (point.stages_ms.empty()) continue;
     ++n;
     for (const auto& [name, ms] : point.stages_ms) {
-      auto own = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
-      if (own == sums.end()) {
+      auto stage = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
+      if (stage == sums.end()) {
         sums.emplace_back(name, 0);
-        own = sums.end() - 1;
+        stage = sums.end() - 1;
       }
-      own->second += ms;
+      stage->second += ms;
     }
   }
   for (auto& [name, ms] : sums) ms /= n;
@@ -213,8 +239,8 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
   std::vector<html::Row> rows;
   for (const std::string& name : names) {
     rows.push_back({readable(name)});
-    for (const NamedTimes& own : stages) {
-      const std::optional<double> ms = find(own, name);
+    for (const NamedTimes& times : stages) {
+      const std::optional<double> ms = find(times, name);
       rows.back().push_back(ms ? print_ms(*ms) : "");
     }
   }
@@ -223,8 +249,9 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
 }
 
 std::string kernel_section(const TrainHistory& history) {
-  if (history.checks.empty()) return html::paragraph("No kernels were timed: this training used a fixed one.", "soft");
-  return candidate_figure(history, "forward") + candidate_figure(history, "backward") + decisions(history);
+  if (history.checks.empty()) return html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
+  return refusals(history) + candidate_figure(history, "forward") + candidate_figure(history, "backward") +
+         decisions(history);
 }
 
 std::string load_section(const TrainHistory& history) {
@@ -241,7 +268,7 @@ std::string load_section(const TrainHistory& history) {
       load_histograms(history, &LoadEvent::pixel_processed, "Distribution of Gaussians per pixel at several iterations",
                       "Gaussians processed per pixel, bins that double",
                       "Share of pixels by Gaussians processed. The paper's figure 5, per thread.");
-  return body.empty() ? html::paragraph("Load statistics were not taken in this training.", "soft") : body;
+  return body.empty() ? html::paragraph("Load statistics were not taken.", "soft") : body;
 }
 
 std::string preview_section(const std::vector<ReportedRun>& runs) {
@@ -256,8 +283,8 @@ std::string preview_section(const std::vector<ReportedRun>& runs) {
     add(first.truth, "photograph " + first.view, "photograph " + first.view);
     for (const ReportedRun& run : runs) {
       if (i >= run.record.previews.size()) continue;
-      const Preview& own = run.record.previews[i];
-      add(own.render, run.name + ", " + format_figure(own.psnr) + " dB", run.name + " renders " + own.view);
+      const Preview& preview = run.record.previews[i];
+      add(preview.render, run.name + ", " + format_figure(preview.psnr) + " dB", run.name + " renders " + preview.view);
     }
   }
   return html::paragraph(runs[0].record.held_out ? "Views held out from training."

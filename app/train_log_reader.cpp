@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "adaptive/load_statistics.h"
 
 namespace b3dgs {
 namespace {
@@ -17,6 +20,16 @@ std::optional<double> number(const Json& json, const char* key) {
 std::string text(const Json& json, const char* key) {
   const auto it = json.find(key);
   return it != json.end() && it->is_string() ? it->get<std::string>() : "";
+}
+
+std::vector<std::string> texts(const Json& json, const char* key) {
+  std::vector<std::string> found;
+  const auto it = json.find(key);
+  if (it == json.end() || !it->is_array()) return found;
+  for (const Json& value : *it) {
+    if (value.is_string()) found.push_back(value.get<std::string>());
+  }
+  return found;
 }
 
 NamedTimes named_times(const Json& json, const char* key) {
@@ -51,9 +64,12 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   check.iteration = iteration;
   check.pass = text(json, "pass");
   check.times_ms = named_times(json, "times_ms");
+  check.spread_ms = named_times(json, "spread_ms");
+  if (const auto views = number(json, "views")) check.views = static_cast<int>(*views);
   check.before = text(json, "before");
   check.after = text(json, "after");
   check.reason = text(json, "reason");
+  check.refused = texts(json, "refused");
   check.cost_ms = number(json, "cost_ms");
   return check;
 }
@@ -62,17 +78,13 @@ std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
   const auto it = json.find(key);
   if (it == json.end() || !it->is_object()) return std::nullopt;
   LoadFigures load;
-  const auto take = [&](const char* name, double& value) { value = number(*it, name).value_or(0); };
-  take("min", load.min);
-  take("median", load.median);
-  take("p90", load.p90);
-  take("p99", load.p99);
-  take("max", load.max);
-  take("mean", load.mean);
-  take("gini", load.gini);
-  if (const auto bins = it->find("log2_bins"); bins != it->end() && bins->is_array()) {
-    for (const Json& count : *bins) load.log2_bins.push_back(count.is_number() ? count.get<double>() : 0);
-  }
+  visit_load_figures(load, [&](const char* name, auto& value) {
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, double>) {
+      value = number(*it, name).value_or(0);
+    } else if (const auto bins = it->find(name); bins != it->end() && bins->is_array()) {
+      for (const Json& count : *bins) value.push_back(count.is_number() ? count.get<double>() : 0);
+    }
+  });
   return load;
 }
 

@@ -28,13 +28,18 @@ struct LogPoint {
 /// Candidates timed on the data of the moment, and what was decided.
 struct KernelCheckEvent {
   int iteration = 0;
-  std::string pass;  // "forward" or "backward"
-  NamedTimes times_ms;
-  std::string before, after, reason;
+  std::string pass;                   // "forward" or "backward"
+  NamedTimes times_ms;                // median over the views
+  NamedTimes spread_ms;               // over the views
+  std::optional<int> views;           // on which they were timed
+  std::string before, after, reason;  // kernel in use
+  std::vector<std::string> refused;   // candidates that computed something else, and are not used from here on
   std::optional<double> cost_ms;
+
+  bool has_changed() const { return !after.empty() && before != after; }
 };
 
-/// How unevenly work is spread.
+/// How unevenly work is spread: LoadStatistics (adaptive/load_statistics.h) as read back.
 struct LoadFigures {
   double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
   std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)

@@ -1,8 +1,7 @@
 #include "app/train_report.h"
 
-#include <cstdio>
-
 #include "app/html_report.h"
+#include "app/print.h"
 #include "app/progress.h"
 #include "app/report_sections.h"
 #include "app/train_log_reader.h"
@@ -12,13 +11,6 @@
 
 namespace b3dgs {
 namespace {
-
-template <class... Args>
-std::string print(const char* format, Args... args) {
-  char buffer[160];
-  std::snprintf(buffer, sizeof buffer, format, args...);
-  return buffer;
-}
 
 /// The last line that has been evaluated, or null.
 const LogPoint* last_evaluation(const TrainHistory& history) {
@@ -34,8 +26,8 @@ std::string headline(const TrainConfig& config, const TrainHistory& history) {
   if (done < config.iterations) text += "not finished, " + format_count(done) + " of ";
   text += format_count(config.iterations) + " iterations";
   if (const LogPoint* evaluated = last_evaluation(history)) {
-    text += print(", PSNR %.2f dB", *evaluated->test_psnr);
-    if (evaluated->test_ssim) text += print(", SSIM %.4f", *evaluated->test_ssim);
+    text += print_to_string(", PSNR %.2f dB", *evaluated->test_psnr);
+    if (evaluated->test_ssim) text += print_to_string(", SSIM %.4f", *evaluated->test_ssim);
     if (evaluated->iteration < done) text += " at " + format_count(evaluated->iteration);
   }
   if (history.points.empty()) return text;

@@ -6,7 +6,7 @@
 //
 // Command-line flags, help, JSON in both directions, range checks and the comparison at resume are visitors over that
 // list, so an option, its default and its range exist once. Member types: bool, int, std::int64_t, double, std::string,
-// std::vector<int>, std::vector<double>, std::vector<std::string>.
+// std::vector<int>, std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>.
 #pragma once
 
 #include <algorithm>

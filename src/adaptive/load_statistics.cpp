@@ -78,10 +78,9 @@ template LoadStatistics load_statistics(const std::int32_t* values, std::int64_t
 template LoadStatistics load_statistics(const std::int64_t* values, std::int64_t n);
 
 nlohmann::ordered_json to_json(const LoadStatistics& statistics) {
-  return {{"min", statistics.min},   {"median", statistics.median},
-          {"p90", statistics.p90},   {"p99", statistics.p99},
-          {"max", statistics.max},   {"mean", statistics.mean},
-          {"gini", statistics.gini}, {"log2_bins", statistics.log2_bins}};
+  nlohmann::ordered_json json;
+  visit_load_figures(statistics, [&](const char* name, const auto& value) { json[name] = value; });
+  return json;
 }
 
 }  // namespace b3dgs

@@ -21,7 +21,21 @@ struct LoadStatistics {
 template <class Count>
 LoadStatistics load_statistics(const Count* values, std::int64_t n);
 
-/// {"min", "median", "p90", "p99", "max", "mean", "gini", "log2_bins"}
+/// Calls field(name, member) for each figure, by its name in train.jsonl and compare.json. A Load has the members of
+/// LoadStatistics but for n, whatever their types: that is how a reader takes what to_json() wrote.
+template <class Load, class Field>
+void visit_load_figures(Load& load, Field&& field) {
+  field("min", load.min);
+  field("median", load.median);
+  field("p90", load.p90);
+  field("p99", load.p99);
+  field("max", load.max);
+  field("mean", load.mean);
+  field("gini", load.gini);
+  field("log2_bins", load.log2_bins);
+}
+
+/// An object with those names as keys.
 nlohmann::ordered_json to_json(const LoadStatistics& statistics);
 
 }  // namespace b3dgs

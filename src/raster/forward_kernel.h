@@ -13,17 +13,18 @@ enum class ForwardKernel { kNaive, kDynamic, kGaussianWise, kCombined, kSharedMe
 struct ForwardKernelName {
   ForwardKernel kernel;
   std::string_view name;     // as on the command line
+  bool is_balanced;          // evens out the load between blocks, lanes or both: what the paper is about
   std::string_view summary;  // one line for the help text
 };
 
 inline constexpr std::array<ForwardKernelName, 5> kForwardKernels{{
-    {ForwardKernel::kNaive, "naive", "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
-    {ForwardKernel::kDynamic, "dynamic", "as naive, tiles taken from an atomic pool (inter-block balancing)"},
-    {ForwardKernel::kGaussianWise, "gaussian-wise",
+    {ForwardKernel::kNaive, "naive", false, "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
+    {ForwardKernel::kDynamic, "dynamic", true, "as naive, tiles taken from an atomic pool (inter-block balancing)"},
+    {ForwardKernel::kGaussianWise, "gaussian-wise", true,
      "lanes over Gaussians with prefix products, tiles divided beforehand"},
-    {ForwardKernel::kCombined, "combined",
+    {ForwardKernel::kCombined, "combined", true,
      "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
-    {ForwardKernel::kSharedMemory, "shared-memory", "lanes over pixels, splats staged in fast memory"},
+    {ForwardKernel::kSharedMemory, "shared-memory", false, "lanes over pixels, splats staged in fast memory"},
 }};
 
 constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {
@@ -35,6 +36,12 @@ constexpr std::optional<ForwardKernel> find_forward_kernel(std::string_view name
     if (row.name == name) return row.kernel;
   }
   return std::nullopt;
+}
+
+/// False for a name that no kernel has.
+constexpr bool is_balanced_kernel(std::string_view name) {
+  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
+  return kernel && kForwardKernels[static_cast<std::size_t>(*kernel)].is_balanced;
 }
 
 }  // namespace b3dgs

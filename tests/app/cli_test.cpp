@@ -245,6 +245,8 @@ TEST(NearestName, PrefersAbbreviationsAndRefusesFarNames) {
   const std::vector<std::string> known{"iterations", "test_iterations", "seed"};
   EXPECT_EQ(nearest_name("iter", known), "iterations");
   EXPECT_EQ(nearest_name("sed", known), "seed");
+  EXPECT_EQ(nearest_name("seed_value", known), "seed") << "a word more";
+  EXPECT_EQ(nearest_name("seedling_value", known), "");
   EXPECT_EQ(nearest_name("background", known), "");
   EXPECT_EQ(nearest_name("", known), "");
 }

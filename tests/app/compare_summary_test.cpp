@@ -9,7 +9,7 @@
 namespace b3dgs {
 namespace {
 
-/// Lines every 10 iterations: `early_ms` a step up to iteration 2000, `late_ms` after it.
+/// Lines every 10 iterations: `early_ms` a step up to iteration 2000, `late_ms` after it. No kernel is named.
 TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   TrainHistory history;
   double elapsed_s = 0;
@@ -23,14 +23,25 @@ TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   return history;
 }
 
+/// As a training that never changed its kernel writes it.
+TrainHistory with_kernel(TrainHistory history, const std::string& kernel) {
+  for (LogPoint& point : history.points) point.kernel = kernel;
+  return history;
+}
+
+/// As a training writes it that went over from combined to shared-memory before the step of `iteration`.
 TrainHistory with_inflection(TrainHistory history, int iteration) {
+  for (LogPoint& point : history.points) {
+    point.kernel = point.iteration < iteration ? "combined" : "shared-memory";
+  }
   KernelCheckEvent kept, changed;
   kept.iteration = iteration - 1000;
   kept.pass = changed.pass = "forward";
   kept.before = kept.after = changed.before = "combined";
   changed.iteration = iteration;
   changed.after = "shared-memory";
-  history.checks = {kept, changed};
+  history.checks = {changed};
+  if (kept.iteration > 0) history.checks.insert(history.checks.begin(), kept);
   return history;
 }
 
@@ -57,9 +68,9 @@ TEST(CompareSummary, InterpolatesElapsedTime) {
 }
 
 TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
-  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2000));
+  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2001));
   ASSERT_TRUE(saved);
-  EXPECT_EQ(saved->inflection, 2000);
+  EXPECT_EQ(saved->inflection, 2001);
   EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
   EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
   EXPECT_NEAR(saved->overall, 0.125, 1e-9);
@@ -92,7 +103,8 @@ TEST(CompareSummary, UnequalLengthsAreComparedAsFarAsBothGo) {
   ASSERT_TRUE(saved);
   EXPECT_EQ(saved->until, 1000);
   EXPECT_NEAR(saved->baseline_s, 10, 1e-9);
-  const ComparisonSummary summary = summarize_pair({history(10, 10, 3000)}, {history(8, 8, 1000)});
+  const ComparisonSummary summary =
+      summarize_pair({history(10, 10, 3000)}, {with_kernel(history(8, 8, 1000), "combined")});
   EXPECT_EQ(summary.done, 1000);
   EXPECT_EQ(verdict(summary),
             "Not finished: 1000 of 4000 iterations. So far: Balancing saved 20.0 % of the training time on this scene "
@@ -100,11 +112,12 @@ TEST(CompareSummary, UnequalLengthsAreComparedAsFarAsBothGo) {
 }
 
 TEST(CompareSummary, TheVerdictSaysWhetherItPaid) {
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2000)})),
+  const auto balanced = [](TrainHistory history) { return with_kernel(std::move(history), "combined"); };
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(8, 9.5))})),
             "Balancing saved 12.5 % of the training time on this scene (ours 35.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(11, 11)})),
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(11, 11))})),
             "Balancing did not pay on this scene: it took 10.0 % longer (ours 44.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(9.95, 9.95)})),
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(9.95, 9.95))})),
             "Balancing did not pay on this scene: it made no difference beyond 1 % (ours 39.8 s, naive 40.0 s).");
   EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(8, 8)}, "shared-memory")),
             "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s).");
@@ -113,6 +126,58 @@ TEST(CompareSummary, TheVerdictSaysWhetherItPaid) {
             std::string::npos);
   EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {TrainHistory{}})),
             "Nothing can be said yet: not every configuration has been trained.");
+}
+
+TEST(CompareSummary, BalancingIsNotCreditedWithWhatAnotherKernelSaved) {
+  const auto from_the_start = [](double ms) { return with_inflection(history(ms, ms), 1); };
+  EXPECT_EQ(
+      verdict(summarize_pair({history(10, 10)}, {from_the_start(9)})),
+      "Balancing did not pay on this scene: shared-memory was faster from the start; with it ours saved 10.0 % of "
+      "the training time (ours 36.0 s, naive 40.0 s).");
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {from_the_start(11)})),
+            "Balancing did not pay on this scene: shared-memory was faster from the start; with it ours took 10.0 % "
+            "longer (ours 44.0 s, naive 40.0 s).");
+  TrainHistory refused = from_the_start(9);
+  for (KernelCheckEvent& check : refused.checks) check.refused = {"combined"};
+  EXPECT_EQ(
+      verdict(summarize_pair({history(10, 10)}, {refused})),
+      "Balancing did not pay on this scene: no balanced kernel was in use; with shared-memory ours saved 10.0 % of "
+      "the training time (ours 36.0 s, naive 40.0 s).");
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(9, 9)})),
+            "ours saved 10.0 % of the training time of naive (ours 36.0 s, naive 40.0 s).")
+      << "which kernel ran is not known";
+}
+
+TEST(CompareSummary, WhereABalancedKernelRanForAPartTheVerdictTellsTheParts) {
+  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2001)})),
+            "Balancing saved 20.0 % in the 2000 of 4000 iterations that combined did; shared-memory saved 5.0 % in the "
+            "others; overall ours saved 12.5 % of the training time (ours 35.0 s, naive 40.0 s).");
+  EXPECT_EQ(
+      verdict(summarize_pair({history(10, 10)}, {with_inflection(history(10.5, 8), 2001)})),
+      "Balancing did not pay on this scene: it took 5.0 % longer in the 2000 of 4000 iterations that combined did; "
+      "shared-memory saved 20.0 % in the others; overall ours saved 7.5 % of the training time (ours 37.0 s, "
+      "naive 40.0 s).");
+  const std::string one_seed = verdict(summarize_pair(
+      {history(10, 10), history(10, 10)}, {with_inflection(history(8, 9.5), 2001), with_inflection(history(9, 9), 1)}));
+  EXPECT_NE(one_seed.find("that combined did in 1 of 2 seeds; shared-memory saved"), std::string::npos) << one_seed;
+}
+
+TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
+  EXPECT_TRUE(kernel_periods(history(10, 10)).empty());
+  const std::vector<KernelPeriod> late = kernel_periods(with_inflection(history(10, 10), 2000));
+  ASSERT_EQ(late.size(), 2u);
+  EXPECT_EQ(late[0].kernel, "combined");
+  EXPECT_EQ(late[0].until, 1999) << "the check comes before the step of its iteration";
+  EXPECT_EQ(late[1].from, 1999);
+  EXPECT_EQ(late[1].until, 4000);
+  const std::vector<KernelPeriod> early = kernel_periods(with_inflection(history(10, 10), 1));
+  ASSERT_EQ(early.size(), 1u);
+  EXPECT_EQ(early[0].kernel, "shared-memory");
+  EXPECT_EQ(early[0].from, 0);
+
+  TrainHistory resumed = with_kernel(history(10, 10), "dynamic");  // with another kernel, without a check
+  for (LogPoint& point : resumed.points) point.kernel = point.iteration > 1000 ? "naive" : "dynamic";
+  EXPECT_EQ(kernel_periods(resumed).at(0).until, 1000);
 }
 
 TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
@@ -145,9 +210,73 @@ TEST(CompareSummary, QualityIsEqualWithinTheSpreadOfTheSeeds) {
   EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)}).compared[0].quality.empty()) << "nothing measured";
 }
 
+TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
+  const auto measured_at = [](TrainHistory history, std::vector<std::pair<int, double>> psnr) {
+    for (const auto& [iteration, value] : psnr) {
+      history.points.at(static_cast<std::size_t>(iteration / 10 - 1)).test_psnr = value;
+    }
+    return history;
+  };
+  const std::vector<QualityDifference> quality =
+      summarize_pair({measured_at(history(10, 10), {{1000, 20}, {4000, 25}})},
+                     {measured_at(history(8, 8, 3000), {{1000, 20.05}, {2000, 23}})})
+          .compared[0]
+          .quality;
+  ASSERT_EQ(quality.size(), 1u);
+  EXPECT_EQ(quality[0].iteration, 1000);
+  EXPECT_EQ(quality[0].baseline.mean, 20);
+  EXPECT_EQ(quality[0].ours.mean, 20.05);
+
+  // A second seed that has not come as far does not count, nor change what is compared.
+  const ComparisonSummary two = summarize_pair(
+      {measured_at(history(10, 10), {{1000, 20}, {4000, 25}}), measured_at(history(10, 10, 2000), {{1000, 10}})},
+      {measured_at(history(8, 8), {{1000, 20}, {4000, 25.2}}), measured_at(history(8, 8, 2000), {{1000, 10}})});
+  const QualityDifference& last = two.compared[0].quality.at(0);
+  EXPECT_EQ(last.iteration, 4000);
+  EXPECT_EQ(last.baseline.n, 1);
+  EXPECT_EQ(last.ours.mean, 25.2);
+  EXPECT_EQ(last.tolerance, 0.1) << "the range of one seed says nothing";
+  EXPECT_NE(quality_criterion(two).find("PSNR, dB 0.1; SSIM 0.003; Gaussians 2 %"), std::string::npos)
+      << quality_criterion(two);
+}
+
+TEST(CompareSummary, SeedsThatHaveNotBegunDoNotCount) {
+  const auto combined = [](int until) { return with_kernel(history(8, 8, until), "combined"); };
+  const ComparisonSummary summary = summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
+                                                   {combined(4000), TrainHistory{}, TrainHistory{}});
+  EXPECT_EQ(summary.done, 4000);
+  EXPECT_EQ(summary.done_by_seed, (std::vector<int>{4000, 0, 0}));
+  EXPECT_EQ(summary.seeds_begun(), 1);
+  EXPECT_EQ(summary.compared[0].overall->n, 1);
+  EXPECT_EQ(
+      verdict(summary),
+      "Not finished: 4000 of 4000 iterations in 1 of 3 seeds. So far: Balancing saved 20.0 % of the training time "
+      "on this scene (ours 32.0 s, naive 40.0 s).");
+  EXPECT_EQ(summarize_pair({TrainHistory{}}, {TrainHistory{}}).done, 0);
+}
+
+TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
+  const TrainHistory naive = history(10, 10);
+  const ComparedConfiguration compared =
+      summarize_pair({naive, naive, naive}, {with_inflection(history(8, 9.5), 2001), with_inflection(history(9, 9), 1),
+                                             with_kernel(history(7, 7), "combined")})
+          .compared[0];
+  ASSERT_TRUE(compared.before && compared.after);
+  EXPECT_EQ(compared.before->n, 1);
+  EXPECT_EQ(compared.after->n, 1) << "the second seed has an after, but no before";
+  EXPECT_NEAR(compared.after->mean, 0.05, 1e-9);
+  EXPECT_EQ(compared.inflection->n, 2);
+  EXPECT_EQ(compared.overall->n, 3);
+  EXPECT_EQ(in_seeds(compared.before->n, compared.overall->n), " in 1 of 3 seeds");
+  EXPECT_EQ(in_seeds(3, 3), "");
+}
+
 TEST(CompareSummary, IsWrittenAsJson) {
-  const auto json = to_json(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2000)}));
-  EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2000);
+  const auto json = to_json(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2001)}));
+  EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2001);
+  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["names"], nlohmann::ordered_json::array({"combined"}));
+  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["iterations"]["mean"], 2000);
+  EXPECT_NEAR(json["compared"][0]["other_kernels"]["saved"]["mean"].get<double>(), 0.05, 1e-9);
   EXPECT_NEAR(json["compared"][0]["saved_before_inflection"]["mean"].get<double>(), 0.2, 1e-9);
   EXPECT_EQ(json["compared"][0]["saved_overall"]["n"], 1);
   EXPECT_TRUE(to_json(summarize_pair({history(10, 10)}, {history(8, 8)}))["compared"][0]["inflection"].is_null());
@@ -182,6 +311,7 @@ TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
   expect_refused("naive,", "an empty part");
   expect_refused("naive,combined+", "an empty part");
   expect_refused("naive,combined+culing=square", "did you mean culling?");
+  expect_refused("naive,combined+tile_width=8", "did you mean tile?");
   expect_refused("naive,combined+culling=round", "culling must be one of");
   expect_refused("naive,combined+seed=3", "has to be the same for all");
   expect_refused("naive,combined+max_steps=3", "has to be the same for all");

@@ -146,6 +146,71 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
 }
 
+TEST_F(Compare, OverwriteTakesTheOldRunsAwayOnceTheSceneIsRead) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet", "--configs", "naive,combined"}).exit_code, 0);
+  const fs::path old = output() / "combined/seed_0/point_cloud/iteration_5/point_cloud.ply";
+  ASSERT_TRUE(fs::exists(old));
+  const Outcome typo = run_b3dgs(
+      {"compare", scene() + "x", "-m", output().string(), "--configs", "naive,combined", "--overwrite", "--quiet"});
+  EXPECT_EQ(typo.exit_code, 2) << typo.err;
+  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene costs nothing";
+  EXPECT_EQ(result()["summary"]["done"], 5);
+
+  ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_FALSE(fs::exists(old)) << "a run that the new comparison does not have";
+  EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
+}
+
+TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const fs::path log = output() / "naive/seed_0/train.jsonl";
+  std::ofstream(log, std::ios::app) << "old\n";
+  ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
+}
+
+TEST_F(Compare, AGivenPlyStandsInForASceneWithoutPoints) {
+  ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
+                       "--quiet"})
+                .exit_code,
+            0);
+  std::ofstream(fs::path(scene()) / "sparse/0/points3D.bin", std::ios::binary) << std::string(8, '\0');  // count: 0
+  const Outcome without = compare({"--iterations", "3", "--quiet"});
+  EXPECT_EQ(without.exit_code, 2);
+  EXPECT_NE(without.err.find("no 3D points"), std::string::npos) << without.err;
+  const Outcome with = compare({"--iterations", "3", "--quiet", "--overwrite", "--init_ply",
+                                (output("model") / "point_cloud/iteration_2/point_cloud.ply").string()});
+  EXPECT_EQ(with.exit_code, 0) << with.err;
+}
+
+TEST_F(Compare, SeedsHave64Bits) {
+  ASSERT_EQ(compare({"--iterations", "2", "--quiet", "--seed", "5000000000"}).exit_code, 0);
+  EXPECT_EQ(result()["plan"]["seeds"], json::array({5000000000}));
+  EXPECT_EQ(result()["runs"][0]["seed"], 5000000000);
+  const json trained = json::parse(read_bytes(output() / "naive/seed_5000000000/config.json"));
+  EXPECT_EQ(trained["seed"], 5000000000);
+  ASSERT_EQ(compare({"--iterations", "2", "--quiet", "--overwrite", "--seeds", "1", "5000000001"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(output() / "naive/seed_5000000001/train.jsonl"));
+}
+
+TEST_F(Compare, WhatResumeWouldIgnoreIsRefused) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const auto refused = [&](const Words& more, const std::string& reason) {
+    Words words{"compare", "--resume", "-m", output().string()};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = run_b3dgs(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
+    EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  };
+  refused({"--seed", "7"}, "--resume continues the seeds 0");
+  refused({"--overwrite"}, "--overwrite");
+  const fs::path file = output() / "seed.json";
+  std::ofstream(file) << json{{"seed", 7}};
+  refused({"--config", file.string()}, "--resume continues the seeds 0");
+  EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
+}
+
 TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
@@ -181,10 +246,13 @@ void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
                  {"test_psnr", 20 + 0.1 * iteration},
                  {"test_ssim", 0.8}}
          << "\n";
-    file << json{{"iteration", iteration},
+    file << json{{"iteration", iteration + 1},
                  {"event", "kernel_check"},
                  {"pass", "forward"},
                  {"times_ms", {{"combined", 1 + 0.01 * iteration}, {"shared-memory", 1.3}}},
+                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
+                 {"views", 5},
+                 {"refused", {"dynamic"}},
                  {"before", iteration <= 30 ? "combined" : "shared-memory"},
                  {"after", iteration < 30 ? "combined" : "shared-memory"},
                  {"reason", "slower by 3 % <b>"},
@@ -221,10 +289,14 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
   write_eventful_log(output() / "shared-memory/seed_0/train.jsonl", 30, 20);
   ASSERT_EQ(run_b3dgs({"report", output().string()}).exit_code, 0);
   ASSERT_EQ(run_b3dgs({"report", (output() / "naive/seed_0").string()}).exit_code, 0);
+  const json check = result()["runs"][0]["kernel_checks"][0];
+  EXPECT_EQ(check["refused"], json::array({"dynamic"}));
+  EXPECT_EQ(check["views"], 5);
+  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
   const std::string html = page();
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_EQ(html.find("<b>"), std::string::npos);
-  for (const char* part : {"inflection, 30", "to shared-memory", "25.0 %", "9.1 %", "19.6 %", "99 % to maximum",
+  for (const char* part : {"inflection, 31", "to shared-memory", "25.0 %", "9.1 %", "19.6 %", "99 % to maximum",
                            "of a later version", "iteration 60", "equal"}) {
     EXPECT_NE(html.find(part), std::string::npos) << part;
   }

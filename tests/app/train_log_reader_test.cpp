@@ -46,7 +46,7 @@ TEST(TrainLogReader, SumsUpElapsedTimeWhereItIsNotSaid) {
 TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   const TrainHistory history = parse(
       R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"
-      R"("spread_ms":{"combined":0.1},"views":5,"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
+      R"("spread_ms":{"combined":0.1},"views":5,"refused":["naive",7],"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
       "\n"
       R"({"iteration":1000,"event":"load_statistics","tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
       R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
@@ -57,6 +57,9 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   ASSERT_EQ(history.checks.size(), 1u);
   EXPECT_EQ(history.checks[0].pass, "forward");
   EXPECT_EQ(history.checks[0].times_ms, (NamedTimes{{"combined", 2}, {"shared-memory", 1.5}}));
+  EXPECT_EQ(history.checks[0].spread_ms, (NamedTimes{{"combined", 0.1}}));
+  EXPECT_EQ(history.checks[0].views, 5);
+  EXPECT_EQ(history.checks[0].refused, (std::vector<std::string>{"naive"})) << "what is no name is left out";
   EXPECT_EQ(history.checks[0].before, "combined");
   EXPECT_EQ(history.checks[0].after, "shared-memory");
   EXPECT_EQ(history.checks[0].cost_ms, 12.5);

@@ -1,0 +1,76 @@
+// What the page of a comparison says, over invented runs.
+#include "app/compare_report.h"
+
+#include <gtest/gtest.h>
+
+#include "support/xml.h"
+
+namespace b3dgs {
+namespace {
+
+/// Lines every 10 iterations up to 100, with one kernel up to `inflection` and another from there on.
+TrainHistory history(double ms, int inflection = 0) {
+  TrainHistory history;
+  for (int iteration = 10; iteration <= 100; iteration += 10) {
+    LogPoint point;
+    point.iteration = iteration;
+    point.elapsed_s = 1e-3 * ms * iteration;
+    point.kernel = inflection == 0 || iteration < inflection ? "combined" : "shared-memory";
+    history.points.push_back(point);
+  }
+  if (inflection == 0) return history;
+  KernelCheckEvent check;
+  check.iteration = inflection;
+  check.pass = "forward";
+  check.times_ms = {{"combined", 2}, {"shared-memory", 1}};
+  check.before = "combined";
+  check.after = "shared-memory";
+  check.reason = "shared-memory takes half";
+  history.checks = {check};
+  return history;
+}
+
+/// Two seeds, 3 and 5, of each.
+Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<TrainHistory>>>& configurations) {
+  Comparison comparison;
+  comparison.plan.base.source_path = "/scenes/garden";
+  comparison.plan.seeds = {3, 5};
+  std::vector<ConfigurationHistory> histories;
+  for (const auto& [name, by_seed] : configurations) {
+    comparison.configurations.push_back({name, comparison.plan.base});
+    histories.push_back({name, name, by_seed});
+    comparison.runs.emplace_back();
+    for (std::size_t i = 0; i < by_seed.size(); ++i) {
+      comparison.runs.back().push_back({comparison.plan.seeds[i], by_seed[i], {}});
+    }
+  }
+  comparison.summary = summarize_comparison(histories, 100);
+  return comparison;
+}
+
+bool contains(const std::string& html, const std::string& part) {
+  return html.find(part) != std::string::npos;
+}
+
+TEST(CompareReport, SaysHowManySeedsAFigureIsOf) {
+  const std::string html = comparison_report(
+      comparison_of({{"naive", {history(10), history(10)}}, {"adaptive", {history(8, 51), history(8)}}}));
+  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_TRUE(contains(html, "<td>20.0 % in 1 of 2 seeds</td>"));
+  EXPECT_TRUE(contains(html, "<td>51 in 1 of 2 seeds</td>"));
+  EXPECT_TRUE(contains(html, "inflection of seed 3, 51")) << "the chart shows one seed, and says which";
+}
+
+TEST(CompareReport, NamesTheRunsThatMeasured) {
+  const std::string html = comparison_report(comparison_of({{"naive", {history(10), history(10)}},
+                                                            {"adaptive", {history(8), history(8, 51)}},
+                                                            {"mine", {history(8, 31), history(8, 51)}}}));
+  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_TRUE(contains(html, "<h3>adaptive, seed 5</h3>")) << "its first seed has no checks";
+  EXPECT_TRUE(contains(html, "<h3>mine, seed 3</h3>"));
+  EXPECT_FALSE(contains(html, "<h3>naive"));
+  EXPECT_TRUE(contains(html, "Load statistics were not taken")) << "of nobody";
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,47 @@
+// What sections of a report say, over invented histories.
+#include "app/report_sections.h"
+
+#include <gtest/gtest.h>
+
+namespace b3dgs {
+namespace {
+
+KernelCheckEvent check_at(int iteration, const std::string& before, const std::string& after) {
+  KernelCheckEvent check;
+  check.iteration = iteration;
+  check.pass = "forward";
+  check.times_ms = {{"combined", 1.25}, {"shared-memory", 1.5}};
+  check.spread_ms = {{"combined", 0.125}};
+  check.views = 4;
+  check.before = before;
+  check.after = after;
+  check.reason = "shared-memory takes longer";
+  return check;
+}
+
+TEST(KernelSection, RefusedCandidatesStandFirst) {
+  TrainHistory history;
+  history.checks = {check_at(1, "combined", "combined")};
+  history.checks[0].refused = {"shared-memory"};
+  history.checks[0].reason = "shared-memory is refused: its image differs";
+  const std::string section = kernel_section(history);
+  EXPECT_EQ(section.find("<p>shared-memory was refused: its image differs (iteration 1, forward pass).</p>"), 0u)
+      << section.substr(0, 200);
+}
+
+TEST(KernelSection, ShowsEveryCheckWithSpreadAndViews) {
+  TrainHistory history;
+  history.checks = {check_at(1, "combined", "combined"), check_at(1000, "combined", "shared-memory")};
+  const std::string section = kernel_section(history);
+  EXPECT_NE(section.find("<td>1</td><td>forward</td><td>combined 1.250 (0.125), shared-memory 1.500</td><td>4</td>"
+                         "<td>combined</td>"),
+            std::string::npos)
+      << section;
+  EXPECT_NE(section.find("<td>from combined to shared-memory</td>"), std::string::npos);
+  EXPECT_EQ(section.find("refused"), std::string::npos);
+  EXPECT_EQ(section.find("never changed"), std::string::npos);
+  EXPECT_NE(kernel_section(TrainHistory{}).find("No kernels were timed"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace b3dgs
