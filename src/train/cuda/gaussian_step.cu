@@ -3,8 +3,8 @@
 // from where the block takes their step side by side, 16 bytes a thread.
 //
 // A step has to read and write parameters and moments, 24 bytes a float; gradients that went through memory would add
-// 8. While gradients are computed, which is a chain of waits, the block's parameters and moments are on their way to the
-// L2 cache. Gaussians that the view does not see have a step as well, for their moments go on.
+// 8. While gradients are computed, which is a chain of waits, the block's parameters and moments are on their way to
+// the L2 cache. Gaussians that the view does not see have a step as well, for their moments go on.
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project_backward.cuh"
