@@ -91,8 +91,7 @@ const cuda::BackwardRow& row_of(BackwardKernel kernel) {
 
 nlohmann::ordered_json compare_forward(Session& session) {
   const TileShape tile = session.frame.forward_args.blend.grid.tile;
-  ComparisonTable table("forward kernel",
-                        {/*image=*/true, /*gradients=*/true, /*resources=*/true, /*keeping=*/true});
+  ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true, /*keeping=*/true});
   for (const ForwardKernelName& kernel : kForwardKernels) {
     const cuda::ForwardRow& row = row_of(kernel.kernel);
     const Timing timing = session.time_forward(row), keeping = session.time_keeping_forward(row);

@@ -80,13 +80,14 @@ void Trainer::Impl::differentiate(const TrainView& view) {
 /// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
 void Trainer::Impl::check_kernels(int iteration) {
   if (!kernels.is_due(iteration)) return;
+  report("checking kernels");
   std::vector<PinholeView> coming;
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
     coming.push_back(images.describe(view).camera);
   }
   const int n_steps = state.iteration - logged_iteration;  // since the last line of the log
-  const double step_ms = n_steps > 0 ? 1e3 * (result.train_s - logged_s) / n_steps : 0;
+  const double step_ms = n_steps > 0 ? 1e3 * (time.train_s() - logged_s) / n_steps : 0;
   for (const KernelCheck& check : kernels.check(
            iteration, {rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming, step_ms})) {
     if (log) log->write_event(iteration, "kernel_check", to_json(check));

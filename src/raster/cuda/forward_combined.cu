@@ -284,8 +284,9 @@ void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchConte
 
 KernelResources forward_combined_resources(const TileShape& tile) {
   KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads); });
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads);
+  });
   return resources;
 }
 
