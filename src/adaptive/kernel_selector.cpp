@@ -16,9 +16,9 @@ using Json = nlohmann::ordered_json;
 
 /// Clocks and caches make two equal kernels differ by about this much.
 constexpr double kMinMargin = 0.01;
-/// Standard errors. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
+/// So many of them. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
 /// that is 5 % slower in under one check of a hundred.
-constexpr double kErrors = 3;
+constexpr double kStandardErrors = 3;
 /// Tracking goes over at once where the lead is larger by this than the margin, else after two checks in a row.
 constexpr double kClearLead = 0.1;
 /// Tracking: a settled choice is checked at most this many times more rarely. Density control rebuilds a scene within
@@ -95,7 +95,7 @@ struct KernelSelector::Lead {
   double median = 0;  // > 0: the other one is faster
   double margin = 0;
   std::size_t n_pairs = 0;
-  bool counts() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
+  bool has_enough_pairs() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
 };
 
 KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
@@ -146,7 +146,7 @@ KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& 
     ratios.push_back(std::log(current.ms[view] / other.ms[view]));
   }
   if (ratios.empty()) return {};
-  return {median(ratios), std::max(kMinMargin, kErrors * standard_error_of_median(ratios)), ratios.size()};
+  return {median(ratios), std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios)), ratios.size()};
 }
 
 bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
@@ -155,7 +155,7 @@ bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements
          std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
            if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
            const Lead lead = lead_over_current(other, *current);
-           return lead.counts() && std::fabs(lead.median) > 2 * lead.margin;
+           return lead.has_enough_pairs() && std::fabs(lead.median) > 2 * lead.margin;
          });
 }
 
@@ -215,7 +215,7 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
   for (const KernelMeasurement& other : measurements) {
     if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
     const Lead lead = lead_over_current(other, *current);
-    if (!lead.counts() || (!fastest.empty() && lead.median <= best.median)) continue;
+    if (!lead.has_enough_pairs() || (!fastest.empty() && lead.median <= best.median)) continue;
     fastest = other.kernel;
     best = lead;
   }
@@ -224,11 +224,11 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
     decision.reason += detail::concat("no two candidates have valid times of ", kMinViews, " views");
     return;
   }
-  decision.reason += answer(fastest, best);
+  decision.reason += settle_challenge(fastest, best);
 }
 
 /// Takes the challenger, or not; says why.
-std::string KernelSelector::answer(const std::string& challenger, const Lead& lead) {
+std::string KernelSelector::settle_challenge(const std::string& challenger, const Lead& lead) {
   const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
                                              lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
                                              percent(std::expm1(lead.margin)), ")");

@@ -88,7 +88,7 @@ class KernelSelector {
   void refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  std::string answer(const std::string& challenger, const Lead& lead);
+  std::string settle_challenge(const std::string& challenger, const Lead& lead);
   bool is_candidate(const std::string& kernel) const;  // and not refused
   std::string first_trusted() const;
 
