@@ -6,6 +6,7 @@
 #include <iterator>
 #include <limits>
 #include <set>
+#include <utility>
 
 #include "check.h"
 
@@ -95,6 +96,7 @@ struct KernelSelector::Lead {
   double median = 0;  // > 0: the other one is faster
   double margin = 0;
   std::size_t n_pairs = 0;
+  bool is_certain() const { return median > margin; }
   bool has_enough_pairs() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
 };
 
@@ -210,12 +212,15 @@ void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measure
 
 void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  std::string fastest;
+  std::string fastest;  // of those that lead by more than their margin, if there are any, else of all
   Lead best;
   for (const KernelMeasurement& other : measurements) {
     if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
     const Lead lead = lead_over_current(other, *current);
-    if (!lead.has_enough_pairs() || (!fastest.empty() && lead.median <= best.median)) continue;
+    if (!lead.has_enough_pairs()) continue;
+    // A lead within its margin may be noise, however large: it must not hide a smaller one that is certain.
+    const auto rank = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
+    if (!fastest.empty() && rank(lead) <= rank(best)) continue;
     fastest = other.kernel;
     best = lead;
   }
@@ -232,7 +237,7 @@ std::string KernelSelector::settle_challenge(const std::string& challenger, cons
   const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
                                              lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
                                              percent(std::expm1(lead.margin)), ")");
-  if (lead.median <= lead.margin) {
+  if (!lead.is_certain()) {
     back_off_ = std::min(2 * back_off_, kMaxBackOff);
     challenger_.clear();
     return figures;

@@ -123,6 +123,35 @@ TEST(Margin, NoiseHardlyEverTakesASlowerKernel) {
   EXPECT_GT(share_taken(0.8), 0.95) << "while a clear lead is seen";
 }
 
+TEST(Margin, ANoisyLeaderDoesNotHideACertainOne) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
+  selector.decide(
+      1, {{"a", {1, 1, 1, 1, 1}, ""}, {"b", {.5, .8, 1.1, .82, .95}, ""}, {"c", {.85, .85, .86, .85, .84}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "c") << selector.history().back().reason;
+
+  std::mt19937 random(11);
+  std::normal_distribution<double> noise(0, 1);
+  std::map<std::string, int> taken;
+  constexpr int kTrials = 4000;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    KernelSelector own(options_of(KernelPolicy::kPaper, {"a", "noisy", "certain"}));
+    std::vector<KernelMeasurement> measured{steady("a", 1), steady("noisy", 0.95), steady("certain", 0.85)};
+    for (double& ms : measured[1].ms) ms *= std::exp(0.3 * noise(random));
+    for (double& ms : measured[2].ms) ms *= std::exp(0.01 * noise(random));
+    own.decide(1, measured, 0);
+    ++taken[own.kernel()];
+  }
+  EXPECT_GT(taken["certain"], 0.9 * kTrials);
+  EXPECT_EQ(taken["a"], 0);
+}
+
+TEST(Margin, WhereNoneIsCertainTheReasonNamesTheLargestLead) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
+  selector.decide(1, {steady("a", 1), steady("b", 0.999), steady("c", 0.995)}, 0);
+  EXPECT_EQ(selector.kernel(), "a");
+  EXPECT_NE(selector.history().back().reason.find("c takes 0.5 % less time than a"), std::string::npos);
+}
+
 TEST(Margin, AnInterruptedRunDoesNotCount) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   KernelMeasurement usual = steady("usual", 1.0);
