@@ -86,6 +86,8 @@ KernelDecision decision_from_json(const Json& json) {
   json.at("reason").get_to(decision.reason);
   if (json.contains("refused")) json.at("refused").get_to(decision.refused);
   json.at("cost_ms").get_to(decision.cost_ms);
+  decision.step_ms = json.value("step_ms", 0.0);  // these two are not in the first checkpoints
+  decision.next_check = json.value("next_check", 0);
   return decision;
 }
 
@@ -104,6 +106,7 @@ KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::mo
   const std::vector<std::string>& names = options_.candidates;
   B3DGS_CHECK(!names.empty() && std::set<std::string>(names.begin(), names.end()).size() == names.size(),
               "the candidates must be at least one and differ, found ", Json(names).dump());
+  B3DGS_CHECK(options_.cost_share > 0, "share of the training time for checks is ", options_.cost_share);
   B3DGS_CHECK(options_.interval >= 1, "check interval is ", options_.interval);
   kernel_ = names.front();
 }
@@ -133,11 +136,37 @@ bool KernelSelector::is_finished() const {
   return options_.policy == KernelPolicy::kPaper && kernel_ != options_.candidates.front();
 }
 
-bool KernelSelector::is_due(int iteration) const {
-  if (is_finished()) return false;
-  if (last_check_ == 0) return true;
+bool KernelSelector::is_affordable(double cost_ms, int n_steps, double step_ms) const {
+  return cost_ms <= options_.cost_share * n_steps * step_ms;
+}
+
+double KernelSelector::budget_ms(double step_ms) const {
+  if (step_ms <= 0) return std::numeric_limits<double>::infinity();
+  return options_.cost_share * options_.interval * step_ms;
+}
+
+/// Of the interval, where the next check comes if its cost does not matter.
+int KernelSelector::next_multiple() const {
   const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
-  return iteration >= (last_check_ / options_.interval + back_off) * options_.interval;
+  return (last_check_ / options_.interval + back_off) * options_.interval;
+}
+
+bool KernelSelector::is_due(const CheckMoment& now) const {
+  if (is_finished()) return false;
+  if (history_.empty()) return true;
+  const double cost_ms = history_.back().cost_ms;
+  if (!is_affordable(cost_ms, now.n_steps_left, now.step_ms)) return false;
+  if (last_check_ == 0) return true;
+  return now.iteration >= next_multiple() && is_affordable(cost_ms, now.iteration - last_check_, now.step_ms);
+}
+
+/// When the next check comes if steps go on taking that long; 0 if none does.
+int KernelSelector::earliest_check(double step_ms) const {
+  if (is_finished()) return 0;
+  if (step_ms <= 0) return next_multiple();
+  const double n_steps = std::ceil(history_.back().cost_ms / (options_.cost_share * step_ms));
+  constexpr double kNever = std::numeric_limits<int>::max();
+  return std::max(next_multiple(), static_cast<int>(std::min(kNever, last_check_ + n_steps)));
 }
 
 KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& other,
@@ -161,12 +190,13 @@ bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements
          });
 }
 
-const KernelDecision& KernelSelector::decide(int iteration, const std::vector<KernelMeasurement>& measurements,
+const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
                                              double cost_ms) {
   KernelDecision decision;
-  decision.iteration = iteration;
+  decision.iteration = now.iteration;
   decision.before = kernel_;
   decision.cost_ms = cost_ms;
+  decision.step_ms = now.step_ms;
   for (const KernelMeasurement& measurement : measurements) {
     const std::vector<double> ms = valid_times(measurement);
     if (ms.empty()) continue;
@@ -181,8 +211,9 @@ const KernelDecision& KernelSelector::decide(int iteration, const std::vector<Ke
     choose(measurements, decision);
   }
   decision.after = kernel_;
-  last_check_ = iteration;
+  last_check_ = now.iteration;
   history_.push_back(std::move(decision));
+  history_.back().next_check = earliest_check(now.step_ms);
   return history_.back();
 }
 
@@ -304,6 +335,8 @@ nlohmann::ordered_json to_json(const KernelDecision& decision) {
   Json json = {{"iteration", decision.iteration}, {"times_ms", decision.times_ms}, {"spread_ms", decision.spread_ms},
                {"views", decision.views},         {"before", decision.before},     {"after", decision.after},
                {"reason", decision.reason},       {"cost_ms", decision.cost_ms}};
+  if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
+  if (decision.next_check > 0) json["next_check"] = decision.next_check;
   if (!decision.refused.empty()) json["refused"] = decision.refused;
   return json;
 }

@@ -9,7 +9,7 @@
 
 #include "check.h"
 #include "train/image_store.h"
-#include "train/kernel_check.h"
+#include "train/kernel_chooser.h"
 #include "train/loss.h"
 #include "train/output_plan.h"
 #include "train/stage_timer.h"
@@ -46,6 +46,8 @@ struct Trainer::Impl {
 
   void start();
   void begin();
+  /// What a step takes (ms): by the last interval of the log, else by the whole training; 0 before the first step.
+  double step_ms() const;
   void check_kernels(int iteration);
   void step();
   void settle_loss();
@@ -73,7 +75,7 @@ struct Trainer::Impl {
 
   Rasterizer rasterizer;
   ImageLoss loss;
-  KernelChecks kernels;
+  KernelChooser kernels;
   ImageStore images;
   StageTimer timer;
   StageAverage stages;
@@ -91,6 +93,7 @@ struct Trainer::Impl {
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
   double logged_s = 0;       // time.train_s() there
+  double logged_ms = 0;      // of a step before that line; 0: there was none in this run
   int staged_iteration = 0;  // of the last line with times of the stages
 };
 

@@ -61,6 +61,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.iteration = state.iteration;
     line.loss = state.loss_average;
     line.ms = 1e3 * (time.train_s() - logged_s) / std::max(1, state.iteration - logged_iteration);
+    logged_ms = line.ms;
     line.count = state.gaussians.size();
     line.elapsed_s = elapsed_s();
     collect_times(timer.take());
