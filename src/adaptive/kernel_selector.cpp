@@ -6,6 +6,7 @@
 #include <iterator>
 #include <limits>
 #include <set>
+#include <utility>
 
 #include "check.h"
 
@@ -16,9 +17,9 @@ using Json = nlohmann::ordered_json;
 
 /// Clocks and caches make two equal kernels differ by about this much.
 constexpr double kMinMargin = 0.01;
-/// Standard errors. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
+/// So many of them. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
 /// that is 5 % slower in under one check of a hundred.
-constexpr double kErrors = 3;
+constexpr double kStandardErrors = 3;
 /// Tracking goes over at once where the lead is larger by this than the margin, else after two checks in a row.
 constexpr double kClearLead = 0.1;
 /// Tracking: a settled choice is checked at most this many times more rarely. Density control rebuilds a scene within
@@ -85,6 +86,8 @@ KernelDecision decision_from_json(const Json& json) {
   json.at("reason").get_to(decision.reason);
   if (json.contains("refused")) json.at("refused").get_to(decision.refused);
   json.at("cost_ms").get_to(decision.cost_ms);
+  decision.step_ms = json.value("step_ms", 0.0);  // these two are not in the first checkpoints
+  decision.next_check = json.value("next_check", 0);
   return decision;
 }
 
@@ -95,13 +98,15 @@ struct KernelSelector::Lead {
   double median = 0;  // > 0: the other one is faster
   double margin = 0;
   std::size_t n_pairs = 0;
-  bool counts() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
+  bool is_certain() const { return median > margin; }
+  bool has_enough_pairs() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
 };
 
 KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
   const std::vector<std::string>& names = options_.candidates;
   B3DGS_CHECK(!names.empty() && std::set<std::string>(names.begin(), names.end()).size() == names.size(),
               "the candidates must be at least one and differ, found ", Json(names).dump());
+  B3DGS_CHECK(options_.cost_share > 0, "share of the training time for checks is ", options_.cost_share);
   B3DGS_CHECK(options_.interval >= 1, "check interval is ", options_.interval);
   kernel_ = names.front();
 }
@@ -131,11 +136,37 @@ bool KernelSelector::is_finished() const {
   return options_.policy == KernelPolicy::kPaper && kernel_ != options_.candidates.front();
 }
 
-bool KernelSelector::is_due(int iteration) const {
-  if (is_finished()) return false;
-  if (last_check_ == 0) return true;
+bool KernelSelector::is_affordable(double cost_ms, int n_steps, double step_ms) const {
+  return cost_ms <= options_.cost_share * n_steps * step_ms;
+}
+
+double KernelSelector::budget_ms(double step_ms) const {
+  if (step_ms <= 0) return std::numeric_limits<double>::infinity();
+  return options_.cost_share * options_.interval * step_ms;
+}
+
+/// Of the interval, where the next check comes if its cost does not matter.
+int KernelSelector::next_multiple() const {
   const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
-  return iteration >= (last_check_ / options_.interval + back_off) * options_.interval;
+  return (last_check_ / options_.interval + back_off) * options_.interval;
+}
+
+bool KernelSelector::is_due(const CheckMoment& now) const {
+  if (is_finished()) return false;
+  if (history_.empty()) return true;
+  const double cost_ms = history_.back().cost_ms;
+  if (!is_affordable(cost_ms, now.n_steps_left, now.step_ms)) return false;
+  if (last_check_ == 0) return true;
+  return now.iteration >= next_multiple() && is_affordable(cost_ms, now.iteration - last_check_, now.step_ms);
+}
+
+/// When the next check comes if steps go on taking that long; 0 if none does.
+int KernelSelector::earliest_check(double step_ms) const {
+  if (is_finished()) return 0;
+  if (step_ms <= 0) return next_multiple();
+  const double n_steps = std::ceil(history_.back().cost_ms / (options_.cost_share * step_ms));
+  constexpr double kNever = std::numeric_limits<int>::max();
+  return std::max(next_multiple(), static_cast<int>(std::min(kNever, last_check_ + n_steps)));
 }
 
 KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& other,
@@ -146,7 +177,7 @@ KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& 
     ratios.push_back(std::log(current.ms[view] / other.ms[view]));
   }
   if (ratios.empty()) return {};
-  return {median(ratios), std::max(kMinMargin, kErrors * standard_error_of_median(ratios)), ratios.size()};
+  return {median(ratios), std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios)), ratios.size()};
 }
 
 bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
@@ -155,16 +186,17 @@ bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements
          std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
            if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
            const Lead lead = lead_over_current(other, *current);
-           return lead.counts() && std::fabs(lead.median) > 2 * lead.margin;
+           return lead.has_enough_pairs() && std::fabs(lead.median) > 2 * lead.margin;
          });
 }
 
-const KernelDecision& KernelSelector::decide(int iteration, const std::vector<KernelMeasurement>& measurements,
+const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
                                              double cost_ms) {
   KernelDecision decision;
-  decision.iteration = iteration;
+  decision.iteration = now.iteration;
   decision.before = kernel_;
   decision.cost_ms = cost_ms;
+  decision.step_ms = now.step_ms;
   for (const KernelMeasurement& measurement : measurements) {
     const std::vector<double> ms = valid_times(measurement);
     if (ms.empty()) continue;
@@ -179,8 +211,9 @@ const KernelDecision& KernelSelector::decide(int iteration, const std::vector<Ke
     choose(measurements, decision);
   }
   decision.after = kernel_;
-  last_check_ = iteration;
+  last_check_ = now.iteration;
   history_.push_back(std::move(decision));
+  history_.back().next_check = earliest_check(now.step_ms);
   return history_.back();
 }
 
@@ -210,12 +243,15 @@ void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measure
 
 void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  std::string fastest;
+  std::string fastest;  // of those that lead by more than their margin, if there are any, else of all
   Lead best;
   for (const KernelMeasurement& other : measurements) {
     if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
     const Lead lead = lead_over_current(other, *current);
-    if (!lead.counts() || (!fastest.empty() && lead.median <= best.median)) continue;
+    if (!lead.has_enough_pairs()) continue;
+    // A lead within its margin may be noise, however large: it must not hide a smaller one that is certain.
+    const auto rank = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
+    if (!fastest.empty() && rank(lead) <= rank(best)) continue;
     fastest = other.kernel;
     best = lead;
   }
@@ -224,15 +260,15 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
     decision.reason += detail::concat("no two candidates have valid times of ", kMinViews, " views");
     return;
   }
-  decision.reason += answer(fastest, best);
+  decision.reason += settle_challenge(fastest, best);
 }
 
 /// Takes the challenger, or not; says why.
-std::string KernelSelector::answer(const std::string& challenger, const Lead& lead) {
+std::string KernelSelector::settle_challenge(const std::string& challenger, const Lead& lead) {
   const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
                                              lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
                                              percent(std::expm1(lead.margin)), ")");
-  if (lead.median <= lead.margin) {
+  if (!lead.is_certain()) {
     back_off_ = std::min(2 * back_off_, kMaxBackOff);
     challenger_.clear();
     return figures;
@@ -299,6 +335,8 @@ nlohmann::ordered_json to_json(const KernelDecision& decision) {
   Json json = {{"iteration", decision.iteration}, {"times_ms", decision.times_ms}, {"spread_ms", decision.spread_ms},
                {"views", decision.views},         {"before", decision.before},     {"after", decision.after},
                {"reason", decision.reason},       {"cost_ms", decision.cost_ms}};
+  if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
+  if (decision.next_check > 0) json["next_check"] = decision.next_check;
   if (!decision.refused.empty()) json["refused"] = decision.refused;
   return json;
 }

@@ -23,7 +23,15 @@ struct KernelSelectorOptions {
   KernelPolicy policy = KernelPolicy::kPaper;
   std::vector<std::string> candidates;  // the first is the one to start with; a single one is fixed
   std::string reference;                // what to use if every candidate is refused
-  int interval = 1000;                  // iterations between two checks
+  int interval = 1000;                  // iterations between two checks, or more if they cost too much
+  double cost_share = 0.005;            // of the training time, that checks may take
+};
+
+/// Where a training stands before a step.
+struct CheckMoment {
+  int iteration = 0;     // of that step
+  int n_steps_left = 0;  // with that step
+  double step_ms = 0;    // what a step takes; 0: not known yet
 };
 
 /// One candidate as a check found it.
@@ -43,6 +51,8 @@ struct KernelDecision {
   std::string reason;
   std::vector<std::string> refused;  // by this check
   double cost_ms = 0;                // of the check itself
+  double step_ms = 0;                // what a step took; 0: not known
+  int next_check = 0;                // not before this iteration, as far as is known by now; 0: none comes
 };
 
 class KernelSelector {
@@ -53,12 +63,18 @@ class KernelSelector {
   /// The kernel in use.
   const std::string& kernel() const { return kernel_; }
 
+  const std::string& reference() const { return options_.reference; }
+
   /// What a check has to measure, the kernel in use first.
   std::vector<std::string> candidates() const;
 
-  /// Whether to measure before this iteration's step. The first check comes before the very first step, the others at
-  /// multiples of the interval.
-  bool is_due(int iteration) const;
+  /// Whether to measure now. The first check comes before the very first step. The others come at multiples of the
+  /// interval, or as soon after them as the cost of the last check is within its share of the training time since; and
+  /// none whose cost, if it is that of the last one, is more than that share of the training time that is left.
+  bool is_due(const CheckMoment& now) const;
+
+  /// What a check may cost to be repeated after one interval; unlimited where no step's time is known.
+  double budget_ms(double step_ms) const;
 
   /// No more checks: one candidate is left, or the paper's policy has gone over.
   bool is_finished() const;
@@ -69,7 +85,8 @@ class KernelSelector {
 
   /// Decides, and keeps the record. Times that are missing, zero or not finite do not count; with fewer than
   /// kMinViews pairs everything stays as it is.
-  const KernelDecision& decide(int iteration, const std::vector<KernelMeasurement>& measurements, double cost_ms);
+  const KernelDecision& decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
+                               double cost_ms);
 
   const std::vector<KernelDecision>& history() const { return history_; }
 
@@ -88,7 +105,10 @@ class KernelSelector {
   void refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  std::string answer(const std::string& challenger, const Lead& lead);
+  std::string settle_challenge(const std::string& challenger, const Lead& lead);
+  bool is_affordable(double cost_ms, int n_steps, double step_ms) const;
+  int next_multiple() const;
+  int earliest_check(double step_ms) const;
   bool is_candidate(const std::string& kernel) const;  // and not refused
   std::string first_trusted() const;
 

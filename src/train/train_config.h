@@ -166,11 +166,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "what adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
-        "iterations between two measurements of the candidates; one more comes before the first step");
-  field(
-      Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
-      "coming views on which the candidates are measured; fewer where those leave no doubt, or cost over 0.5 % of the "
-      "training");
+        "iterations between two measurements of the candidates, or more where measuring would cost over 0.5 % of the "
+        "training time since the last one or still to come; one more comes before the first step");
+  field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
+        "coming views on which the candidates are measured; fewer, but three at least, where those leave no doubt "
+        "or more would delay the next measurement");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward blending kernel, on the GPU; adaptive measures and chooses, with the forward kernel's policy");
   field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},

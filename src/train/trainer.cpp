@@ -2,11 +2,21 @@
 
 #include <torch/cuda.h>
 
+#include <chrono>
+
 #include "train/checkpoint.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
+
+double steady_clock_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void wait_for(torch::Device device) {
+  if (device.is_cuda()) torch::cuda::synchronize();
+}
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
@@ -26,6 +36,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
                 own.config.iterations, "; give a larger number");
   }
   own.state = std::move(read.state);
+  own.resumed_s = own.state.elapsed_s;
   own.result.checkpoint = checkpoint;
   own.kernels.restore(own.state.kernel_selection, checkpoint.string());
   return config_differences(read.config, own.config);
@@ -34,8 +45,8 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
 void Trainer::step() {
   Impl& own = *impl_;
   if (own.state.gaussians.size() == 0) own.start();
-  own.timed([&] { own.step(); });
-  own.timed([&] { own.control_density(); });
+  own.time.train([&] { own.step(); });
+  own.time.train([&] { own.control_density(); });
   own.collect_times(own.timer.take());
 }
 
@@ -62,22 +73,27 @@ TrainResult Trainer::run_until(int iteration) {
   B3DGS_CHECK(iteration <= own.config.iterations, "iteration ", iteration, " of ", own.config.iterations);
   own.begin();
   while (own.state.iteration < iteration && !result.interrupted) {
-    own.timed([&] { own.step(); });
-    own.report("training");
+    own.time.train([&] { own.step(); });
+    own.time.train([&] { own.report("training"); });
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
-    if (plan.log || plan.statistics || plan.evaluate || plan.save || plan.checkpoint || own.is_stopped())
-      own.settle_loss();
-    auto start = std::chrono::steady_clock::now();
-    own.write_outputs(plan);
-    result.output_s += seconds_since(start);
-    own.timed([&] { own.control_density(); });
-    start = std::chrono::steady_clock::now();
+    const bool uses_device = plan.statistics || plan.evaluate || plan.save;
+    // On a GPU this waits for most of the step.
+    if (plan.log || uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settle_loss(); });
+    if (uses_device) {
+      own.time.output([&] { own.write_outputs(plan); });
+    } else if (plan.log) {
+      // The device works meanwhile. A line is not worth waiting for it, and leaving out those microseconds would hide
+      // as many of the step's.
+      own.time.train([&] { own.write_outputs(plan); });
+    }
+    own.time.train([&] { own.control_density(); });
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
-    if (plan.checkpoint || result.interrupted) own.write_checkpoint();
-    result.output_s += seconds_since(start);
+    if (plan.checkpoint || result.interrupted) own.time.output([&] { own.write_checkpoint(); });
   }
-  if (own.device.is_cuda()) own.timed([] { torch::cuda::synchronize(); });
+  own.time.finish_training();
   wait();
+  result.train_s = own.time.train_s();
+  result.output_s = own.time.output_s();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
   return result;

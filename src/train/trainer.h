@@ -20,7 +20,7 @@ struct TrainProgress {
   double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original prints it
   std::int64_t n_gaussians = 0;
   double elapsed_s = 0;  // of training this run, without evaluation and saving
-  std::string activity;  // "training", "densifying", "evaluating", "saving", "checkpoint"
+  std::string activity;  // "training", "checking kernels", "densifying", "evaluating", "saving", "checkpoint"
 };
 
 struct TrainHooks {
@@ -29,14 +29,15 @@ struct TrainHooks {
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
   // If set, every step is timed stage by stage, and told some time after the device has got through it.
   std::function<void(const StageTimes&)> on_stage_times;
+  std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
 };
 
 struct TrainResult {
   int iteration = 0;         // last one done
   bool interrupted = false;  // by stop_signal
   std::int64_t n_gaussians = 0;
-  double train_s = 0;                                   // steps with densification, without reading, evaluation, saving
-  double output_s = 0;                                  // evaluation, saving, checkpoints
+  double train_s = 0;   // all of the steps: uploads, checks of kernels, densification, Adam; but no reading of files
+  double output_s = 0;  // evaluation, statistics, saving, checkpoints
   std::filesystem::path ply, checkpoint;                // last ones written
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
 };

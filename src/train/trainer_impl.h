@@ -2,7 +2,6 @@
 // trainer_outputs.cpp (what is measured and saved).
 #pragma once
 
-#include <chrono>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,19 +9,19 @@
 
 #include "check.h"
 #include "train/image_store.h"
-#include "train/kernel_check.h"
+#include "train/kernel_chooser.h"
 #include "train/loss.h"
 #include "train/output_plan.h"
 #include "train/stage_timer.h"
+#include "train/time_account.h"
 #include "train/train_log.h"
 #include "train/train_state.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
 
-inline double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
+double steady_clock_s();
+void wait_for(torch::Device device);
 
 struct Trainer::Impl {
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
@@ -35,7 +34,8 @@ struct Trainer::Impl {
         loss(device),
         kernels(config, device),
         images(scene.train, device, image_budget(config.image_cache_gb, device)),
-        timer(make_stage_clock(device)) {
+        timer(make_stage_clock(device)),
+        time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {
     if (device.is_cuda() && config.deterministic &&
         evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
       input_error("--deterministic: the backward kernel ", config.backward_kernel,
@@ -46,6 +46,8 @@ struct Trainer::Impl {
 
   void start();
   void begin();
+  /// What a step takes (ms): by the last interval of the log, else by the whole training; 0 before the first step.
+  double step_ms() const;
   void check_kernels(int iteration);
   void step();
   void settle_loss();
@@ -61,15 +63,8 @@ struct Trainer::Impl {
     if (hooks.on_message) hooks.on_message(message);
   }
   RenderSettings step_settings();
-  /// Counts what `work` takes as time of training.
-  template <class Work>
-  void timed(Work&& work) {
-    const auto start = std::chrono::steady_clock::now();
-    work();
-    const double seconds = seconds_since(start);
-    result.train_s += seconds;
-    state.elapsed_s += seconds;
-  }
+  /// Of training, over all runs so far.
+  double elapsed_s() const { return resumed_s + time.train_s(); }
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
 
   const TrainConfig config;
@@ -80,10 +75,12 @@ struct Trainer::Impl {
 
   Rasterizer rasterizer;
   ImageLoss loss;
-  KernelChecks kernels;
+  KernelChooser kernels;
   ImageStore images;
   StageTimer timer;
   StageAverage stages;
+  TimeAccount time;
+  double resumed_s = 0;  // of training before this run
   GaussianTensors grads;
   TrainState state;
   TrainResult result;
@@ -95,7 +92,8 @@ struct Trainer::Impl {
   std::optional<Unsettled> unsettled;
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
-  double logged_s = 0;       // result.train_s at the last line
+  double logged_s = 0;       // time.train_s() there
+  double logged_ms = 0;      // of a step before that line; 0: there was none in this run
   int staged_iteration = 0;  // of the last line with times of the stages
 };
 

@@ -60,9 +60,10 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
   if (plan.log) {
     line.iteration = state.iteration;
     line.loss = state.loss_average;
-    line.ms = 1e3 * (result.train_s - logged_s) / std::max(1, state.iteration - logged_iteration);
+    line.ms = 1e3 * (time.train_s() - logged_s) / std::max(1, state.iteration - logged_iteration);
+    logged_ms = line.ms;
     line.count = state.gaussians.size();
-    line.elapsed_s = state.elapsed_s;
+    line.elapsed_s = elapsed_s();
     collect_times(timer.take());
     line.stages = stages.take(state.iteration - staged_iteration);
     if (line.stages) staged_iteration = state.iteration;
@@ -70,7 +71,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.backward_kernel = kernels.backward_name();
     log->write(line);
     logged_iteration = state.iteration;
-    logged_s = result.train_s;
+    logged_s = time.train_s();
   }
   if (plan.save) {
     report("saving");
@@ -82,6 +83,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 void Trainer::Impl::write_checkpoint() {
   report("checkpoint");
   settle_loss();
+  state.elapsed_s = elapsed_s();
   const std::filesystem::path path = folder.checkpoint(state.iteration);
   b3dgs::write_checkpoint(path, config, state, scene);
   result.checkpoint = path;
@@ -95,7 +97,7 @@ void Trainer::Impl::report(const char* activity) const {
   progress.iterations = config.iterations;
   progress.loss = state.loss_average;
   progress.n_gaussians = state.gaussians.size();
-  progress.elapsed_s = result.train_s;
+  progress.elapsed_s = time.train_s();
   progress.activity = activity;
   hooks.on_progress(progress);
 }

@@ -80,18 +80,23 @@ void Trainer::Impl::learn(const TrainView& view) {
   }
 }
 
+double Trainer::Impl::step_ms() const {
+  if (logged_ms > 0 || state.iteration == 0) return logged_ms;
+  return 1e3 * elapsed_s() / state.iteration;
+}
+
 /// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
 void Trainer::Impl::check_kernels(int iteration) {
-  if (!kernels.is_due(iteration)) return;
+  const CheckMoment now{iteration, config.iterations - state.iteration, step_ms()};
+  if (!kernels.is_due(now)) return;
+  report("checking kernels");
   std::vector<PinholeView> coming;
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
     coming.push_back(images.describe(view).camera);
   }
-  const int n_steps = state.iteration - logged_iteration;  // since the last line of the log
-  const double step_ms = n_steps > 0 ? 1e3 * (result.train_s - logged_s) / n_steps : 0;
-  for (const KernelCheck& check : kernels.check(
-           iteration, {rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming, step_ms})) {
+  const BlendInput input{rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming};
+  for (const KernelCheck& check : kernels.check(now, input)) {
     if (log) log->write_event(iteration, "kernel_check", to_json(check));
     if (!check.message.empty()) say(check.message);
   }

@@ -19,6 +19,11 @@ KernelSelectorOptions options_of(KernelPolicy policy, std::vector<std::string> c
   return {policy, std::move(candidates), "plain", 1000};
 }
 
+/// In a training that goes on for long, with steps of 1 ms: a check of 5 ms fits into an interval.
+CheckMoment at(int iteration) {
+  return {iteration, 1 << 30, 1.0};
+}
+
 /// Five views of very different cost, all of them `ms` times that.
 KernelMeasurement steady(const std::string& kernel, double ms) {
   return {kernel, {ms * 1.0, ms * 5.0, ms * 0.4, ms * 2.0, ms * 1.5}, ""};
@@ -29,8 +34,8 @@ template <class Times>
 std::vector<int> run(KernelSelector& selector, int first, int last, Times&& times) {
   std::vector<int> checked;
   for (int iteration = first; iteration <= last; ++iteration) {
-    if (!selector.is_due(iteration)) continue;
-    selector.decide(iteration, times(iteration), 1.0);
+    if (!selector.is_due(at(iteration))) continue;
+    selector.decide(at(iteration), times(iteration), 1.0);
     checked.push_back(iteration);
   }
   return checked;
@@ -70,7 +75,7 @@ TEST(PaperPolicy, StaysAndKeepsCheckingWhereThereIsNoInflection) {
 
 TEST(PaperPolicy, TakesTheFastestOfSeveral) {
   KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c", "d"}));
-  selector.decide(1, {steady("a", 2), steady("b", 1.5), steady("c", 1.1), steady("d", 1.2)}, 0);
+  selector.decide(at(1), {steady("a", 2), steady("b", 1.5), steady("c", 1.1), steady("d", 1.2)}, 0);
   EXPECT_EQ(selector.kernel(), "c");
 }
 
@@ -84,18 +89,18 @@ TEST(PaperPolicy, IsNotMovedByATie) {
 
 TEST(PaperPolicy, IsNotMovedByALeadWithinAHundredth) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(1, {steady("balanced", 1.009), steady("usual", 1.0)}, 0);
+  selector.decide(at(1), {steady("balanced", 1.009), steady("usual", 1.0)}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(1000, {steady("balanced", 1.012), steady("usual", 1.0)}, 0);
+  selector.decide(at(1000), {steady("balanced", 1.012), steady("usual", 1.0)}, 0);
   EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
 }
 
 TEST(Margin, GrowsWithTheScatterOfTheRatios) {
   // The median leads by 5 %, but views disagree by far more.
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(1, {{"balanced", {1.05, 1.4, 0.8, 1.2, 0.9}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
+  selector.decide(at(1), {{"balanced", {1.05, 1.4, 0.8, 1.2, 0.9}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(1000, {{"balanced", {1.05, 1.06, 1.04, 1.05, 1.05}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
+  selector.decide(at(1000), {{"balanced", {1.05, 1.06, 1.04, 1.05, 1.05}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "usual");
 }
 
@@ -111,7 +116,7 @@ double share_taken(double second_ms) {
     for (KernelMeasurement& one : measured) {
       for (double& ms : one.ms) ms *= std::exp(noise(random));
     }
-    selector.decide(1, measured, 0);
+    selector.decide(at(1), measured, 0);
     n_taken += selector.kernel() == "usual";
   }
   return static_cast<double>(n_taken) / kTrials;
@@ -123,11 +128,40 @@ TEST(Margin, NoiseHardlyEverTakesASlowerKernel) {
   EXPECT_GT(share_taken(0.8), 0.95) << "while a clear lead is seen";
 }
 
+TEST(Margin, ANoisyLeaderDoesNotHideACertainOne) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
+  selector.decide(
+      at(1), {{"a", {1, 1, 1, 1, 1}, ""}, {"b", {.5, .8, 1.1, .82, .95}, ""}, {"c", {.85, .85, .86, .85, .84}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "c") << selector.history().back().reason;
+
+  std::mt19937 random(11);
+  std::normal_distribution<double> noise(0, 1);
+  std::map<std::string, int> taken;
+  constexpr int kTrials = 4000;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    KernelSelector own(options_of(KernelPolicy::kPaper, {"a", "noisy", "certain"}));
+    std::vector<KernelMeasurement> measured{steady("a", 1), steady("noisy", 0.95), steady("certain", 0.85)};
+    for (double& ms : measured[1].ms) ms *= std::exp(0.3 * noise(random));
+    for (double& ms : measured[2].ms) ms *= std::exp(0.01 * noise(random));
+    own.decide(at(1), measured, 0);
+    ++taken[own.kernel()];
+  }
+  EXPECT_GT(taken["certain"], 0.9 * kTrials);
+  EXPECT_EQ(taken["a"], 0);
+}
+
+TEST(Margin, WhereNoneIsCertainTheReasonNamesTheLargestLead) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
+  selector.decide(at(1), {steady("a", 1), steady("b", 0.999), steady("c", 0.995)}, 0);
+  EXPECT_EQ(selector.kernel(), "a");
+  EXPECT_NE(selector.history().back().reason.find("c takes 0.5 % less time than a"), std::string::npos);
+}
+
 TEST(Margin, AnInterruptedRunDoesNotCount) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   KernelMeasurement usual = steady("usual", 1.0);
   usual.ms[2] *= 40;
-  selector.decide(1, {steady("balanced", 1.3), usual}, 0);
+  selector.decide(at(1), {steady("balanced", 1.3), usual}, 0);
   EXPECT_EQ(selector.kernel(), "usual");
 }
 
@@ -145,11 +179,11 @@ TEST(Times, ThatAreNoTimesDoNotCount) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   for (const double wrong : {kNan, 0.0, -1.0, std::numeric_limits<double>::infinity()}) {
     // Two views are left: too few.
-    selector.decide(1, {steady("balanced", 3), {"usual", {wrong, wrong, wrong, 2.0, 1.5}, ""}}, 0);
+    selector.decide(at(1), {steady("balanced", 3), {"usual", {wrong, wrong, wrong, 2.0, 1.5}, ""}}, 0);
     EXPECT_EQ(selector.kernel(), "balanced");
     EXPECT_NE(selector.history().back().reason.find("valid times"), std::string::npos);
   }
-  selector.decide(1000, {steady("balanced", 3), {"usual", {kNan, 5.0, 0.0, 2.0, 1.5}, ""}}, 0);
+  selector.decide(at(1000), {steady("balanced", 3), {"usual", {kNan, 5.0, 0.0, 2.0, 1.5}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "usual") << "three views are enough";
   EXPECT_EQ(selector.history().back().times_ms.at("usual"), 2.0);
   EXPECT_EQ(selector.history().back().times_ms.count("balanced"), 1u);
@@ -157,11 +191,11 @@ TEST(Times, ThatAreNoTimesDoNotCount) {
 
 TEST(Times, MayBeMissingAltogether) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
-  selector.decide(1, {}, 0);
-  selector.decide(1000, {steady("usual", 1)}, 0);
-  selector.decide(2000, {{"balanced", {}, ""}, {"usual", {}, ""}}, 0);
+  selector.decide(at(1), {}, 0);
+  selector.decide(at(1000), {steady("usual", 1)}, 0);
+  selector.decide(at(2000), {{"balanced", {}, ""}, {"usual", {}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  EXPECT_FALSE(selector.is_due(2001));
+  EXPECT_FALSE(selector.is_due(at(2001)));
   EXPECT_EQ(selector.history().size(), 3u);
 }
 
@@ -170,18 +204,18 @@ TEST(TrackingPolicy, WantsASmallLeadTwiceInARow) {
   const auto usual_leads = [](double share) {
     return std::vector<KernelMeasurement>{steady("balanced", 1 + share), steady("usual", 1)};
   };
-  selector.decide(1, usual_leads(0.05), 0);
+  selector.decide(at(1), usual_leads(0.05), 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(1000, usual_leads(-0.05), 0);
-  selector.decide(2000, usual_leads(0.05), 0);
+  selector.decide(at(1000), usual_leads(-0.05), 0);
+  selector.decide(at(2000), usual_leads(0.05), 0);
   EXPECT_EQ(selector.kernel(), "balanced") << "not in a row";
-  selector.decide(3000, usual_leads(0.05), 0);
+  selector.decide(at(3000), usual_leads(0.05), 0);
   EXPECT_EQ(selector.kernel(), "usual");
 }
 
 TEST(TrackingPolicy, GoesOverAtOnceForALargeLead) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
-  selector.decide(1, {steady("balanced", 1.3), steady("usual", 1)}, 0);
+  selector.decide(at(1), {steady("balanced", 1.3), steady("usual", 1)}, 0);
   EXPECT_EQ(selector.kernel(), "usual");
   EXPECT_FALSE(selector.is_finished());
 }
@@ -221,26 +255,26 @@ TEST(TrackingPolicy, NeverFlipsToAndFroOnNoise) {
 TEST(TrackingPolicy, ChecksMoreRarelyWhileNothingChanges) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
   EXPECT_EQ(run(selector, 1, 16000, inflection_at(1 << 30)), (std::vector<int>{1, 2000, 6000, 10000, 14000}));
-  selector.decide(18000, inflection_at(0)(18000), 0);
+  selector.decide(at(18000), inflection_at(0)(18000), 0);
   EXPECT_EQ(selector.kernel(), "usual");
-  EXPECT_FALSE(selector.is_due(18999));
-  EXPECT_TRUE(selector.is_due(19000)) << "a change is looked at again soon";
+  EXPECT_FALSE(selector.is_due(at(18999)));
+  EXPECT_TRUE(selector.is_due(at(19000))) << "a change is looked at again soon";
 }
 
 TEST(Refusal, OfAChallengerIsForGood) {
   KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
-  selector.decide(1, {steady("a", 1.0), {"b", {}, "its image differs"}, steady("c", 1.2)}, 0);
+  selector.decide(at(1), {steady("a", 1.0), {"b", {}, "its image differs"}, steady("c", 1.2)}, 0);
   EXPECT_EQ(selector.kernel(), "a");
   EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"a", "c"}));
   EXPECT_EQ(selector.history().back().refused, (std::vector<std::string>{"b"}));
   EXPECT_NE(selector.history().back().reason.find("b is refused: its image differs"), std::string::npos);
-  selector.decide(2000, {steady("a", 9.0), steady("b", 0.1), steady("c", 8.0)}, 0);
+  selector.decide(at(2000), {steady("a", 9.0), steady("b", 0.1), steady("c", 8.0)}, 0);
   EXPECT_EQ(selector.kernel(), "c") << "refused before, whatever its times";
 }
 
 TEST(Refusal, OfTheKernelInUseLeavesItForTheFastestThatAgrees) {
   KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
-  selector.decide(1, {{"a", {}, "wrong"}, steady("b", 1.4), steady("c", 1.2)}, 0);
+  selector.decide(at(1), {{"a", {}, "wrong"}, steady("b", 1.4), steady("c", 1.2)}, 0);
   EXPECT_EQ(selector.kernel(), "c");
   EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"c", "b"}));
 }
@@ -248,10 +282,10 @@ TEST(Refusal, OfTheKernelInUseLeavesItForTheFastestThatAgrees) {
 TEST(Refusal, OfOneOfTwoEndsTheChecks) {
   for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
     KernelSelector first(options_of(policy)), second(options_of(policy));
-    first.decide(1, {{"balanced", {}, "wrong"}, {"usual", {}, ""}}, 0);
+    first.decide(at(1), {{"balanced", {}, "wrong"}, {"usual", {}, ""}}, 0);
     EXPECT_EQ(first.kernel(), "usual");
     EXPECT_TRUE(first.is_finished());
-    second.decide(1, {{"balanced", {}, ""}, {"usual", {}, "wrong"}}, 0);
+    second.decide(at(1), {{"balanced", {}, ""}, {"usual", {}, "wrong"}}, 0);
     EXPECT_EQ(second.kernel(), "balanced");
     EXPECT_TRUE(second.is_finished());
   }
@@ -259,15 +293,67 @@ TEST(Refusal, OfOneOfTwoEndsTheChecks) {
 
 TEST(Refusal, OfAllLeavesTheReference) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(1, {{"balanced", {}, "wrong"}, {"usual", {}, "wrong too"}}, 0);
+  selector.decide(at(1), {{"balanced", {}, "wrong"}, {"usual", {}, "wrong too"}}, 0);
   EXPECT_EQ(selector.kernel(), "plain");
-  EXPECT_FALSE(selector.is_due(1000));
+  EXPECT_FALSE(selector.is_due(at(1000)));
+}
+
+TEST(Cost, DelaysTheNextCheckUntilItIsWithinItsShare) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  const std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", 1.5)};
+  selector.decide({1, 1 << 30, 0}, measured, 6);
+  EXPECT_EQ(selector.history().back().next_check, 1000) << "no step has been timed";
+  EXPECT_FALSE(selector.is_due({1000, 1 << 30, 1.0}));
+  EXPECT_FALSE(selector.is_due({1200, 1 << 30, 1.0}));
+  EXPECT_TRUE(selector.is_due({1201, 1 << 30, 1.0})) << "0.5 % of 1200 steps of 1 ms";
+  EXPECT_TRUE(selector.is_due({1000, 1 << 30, 1.3})) << "steps have become longer";
+  EXPECT_FALSE(selector.is_due({999, 1 << 30, 100})) << "never before the interval is over";
+  EXPECT_FALSE(selector.is_due({5000, 1 << 30, 0})) << "nothing is known of the steps";
+  selector.decide({1201, 1 << 30, 2.0}, measured, 31);
+  EXPECT_EQ(selector.history().back().next_check, 1201 + 3100);
+  EXPECT_EQ(selector.history().back().step_ms, 2.0);
+  EXPECT_FALSE(selector.is_due({4300, 1 << 30, 2.0}));
+  EXPECT_TRUE(selector.is_due({4301, 1 << 30, 2.0}));
+}
+
+TEST(Cost, AllowsNoCheckThatTheRestOfTheTrainingCannotRepay) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_TRUE(selector.is_due({1, 1, 0})) << "the first one always comes";
+  selector.decide({1, 1 << 30, 0}, {steady("balanced", 1), steady("usual", 1.5)}, 3);
+  EXPECT_TRUE(selector.is_due({2000, 600, 1.0})) << "0.5 % of 600 ms";
+  EXPECT_FALSE(selector.is_due({2000, 599, 1.0}));
+  EXPECT_FALSE(selector.is_due({2000, 1, 100.0})) << "before the last step";
+}
+
+TEST(Cost, OfAllChecksStaysWithinTheShareWhateverTheInterval) {
+  for (const int interval : {1, 11, 1000}) {
+    for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
+      KernelSelectorOptions options = options_of(policy);
+      options.interval = interval;
+      KernelSelector selector(options);
+      constexpr int kIterations = 30000;
+      constexpr double kStepMs = 2, kCheckMs = 13;
+      for (int iteration = 1; iteration <= kIterations; ++iteration) {
+        const CheckMoment now{iteration, kIterations - iteration + 1, iteration == 1 ? 0 : kStepMs};
+        if (selector.is_due(now)) selector.decide(now, inflection_at(1 << 30)(iteration), kCheckMs);
+      }
+      const double cost_ms = kCheckMs * static_cast<double>(selector.history().size());
+      EXPECT_GT(selector.history().size(), 5u);
+      EXPECT_LE(cost_ms, 0.005 * kIterations * kStepMs) << "interval " << interval;
+    }
+  }
+}
+
+TEST(Cost, AllowsWhatCanBeRepeatedAfterAnInterval) {
+  const KernelSelector selector(options_of(KernelPolicy::kPaper));
+  EXPECT_DOUBLE_EQ(selector.budget_ms(3), 15);
+  EXPECT_EQ(selector.budget_ms(0), std::numeric_limits<double>::infinity());
 }
 
 TEST(FixedKernel, IsNeverChecked) {
   KernelSelector selector(options_of(KernelPolicy::kTracking, {"usual"}));
   EXPECT_EQ(selector.kernel(), "usual");
-  for (const int iteration : {1, 1000, 2000}) EXPECT_FALSE(selector.is_due(iteration));
+  for (const int iteration : {1, 1000, 2000}) EXPECT_FALSE(selector.is_due(at(iteration)));
 }
 
 TEST(Selector, RefusesCandidatesThatRepeat) {
@@ -302,12 +388,31 @@ TEST(Restored, ContinuesLikeOneThatNeverStopped) {
   }
 }
 
+TEST(Restored, KnowsWhatTheLastCheckCost) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper));
+  selector.decide(at(1), inflection_at(1 << 30)(1), 20);
+  const KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper));
+  EXPECT_FALSE(copy.is_due(at(4000)));
+  EXPECT_TRUE(copy.is_due(at(4001)));
+}
+
+TEST(Restored, FromACheckpointThatDoesNotSayHowLongAStepTook) {
+  KernelSelector selector(options_of(KernelPolicy::kPaper)), copy = selector;
+  selector.decide(at(1), inflection_at(1 << 30)(1), 2);
+  nlohmann::ordered_json json = selector.to_json();
+  ASSERT_EQ(json["history"][0].erase("step_ms") + json["history"][0].erase("next_check"), 2u);
+  copy.restore(json);
+  EXPECT_EQ(copy.kernel(), "balanced");
+  EXPECT_FALSE(copy.is_due(at(999)));
+  EXPECT_TRUE(copy.is_due(at(1000)));
+}
+
 TEST(Restored, NeverRepeatsAFinishedDecision) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   run(selector, 1, 3000, inflection_at(1500));
   KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper));
   EXPECT_EQ(copy.kernel(), "usual");
-  for (int iteration = 3001; iteration <= 9000; ++iteration) ASSERT_FALSE(copy.is_due(iteration));
+  for (int iteration = 3001; iteration <= 9000; ++iteration) ASSERT_FALSE(copy.is_due(at(iteration)));
 }
 
 TEST(Restored, WithAnotherPolicyGoesOnFromTheKernelInUse) {
@@ -315,8 +420,8 @@ TEST(Restored, WithAnotherPolicyGoesOnFromTheKernelInUse) {
   run(selector, 1, 3000, inflection_at(1500));
   KernelSelector tracking = restored(selector, options_of(KernelPolicy::kTracking));
   EXPECT_EQ(tracking.kernel(), "usual");
-  EXPECT_TRUE(tracking.is_due(3001)) << "its last check is long ago";
-  tracking.decide(3001, inflection_at(1 << 30)(0), 0);
+  EXPECT_TRUE(tracking.is_due(at(3001))) << "its last check is long ago";
+  tracking.decide(at(3001), inflection_at(1 << 30)(0), 0);
   EXPECT_EQ(tracking.kernel(), "balanced");
   EXPECT_FALSE(restored(tracking, options_of(KernelPolicy::kPaper)).is_finished());
 }
@@ -327,13 +432,13 @@ TEST(Restored, WithAnotherIntervalKeepsToThatOne) {
   KernelSelectorOptions options = options_of(KernelPolicy::kPaper);
   options.interval = 300;
   const KernelSelector copy = restored(selector, options);
-  EXPECT_FALSE(copy.is_due(1199));
-  EXPECT_TRUE(copy.is_due(1401));
+  EXPECT_FALSE(copy.is_due(at(1199)));
+  EXPECT_TRUE(copy.is_due(at(1401)));
 }
 
 TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
   KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b"}));
-  selector.decide(1, {{"a", {}, "wrong"}, steady("b", 1)}, 0);
+  selector.decide(at(1), {{"a", {}, "wrong"}, steady("b", 1)}, 0);
   const KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper, {"a", "c", "d"}));
   EXPECT_EQ(copy.kernel(), "c");
   EXPECT_EQ(copy.candidates(), (std::vector<std::string>{"c", "d"}));
@@ -342,7 +447,7 @@ TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
   EXPECT_EQ(fixed.kernel(), "a") << "whoever names a kernel gets it";
   const KernelSelector anew = restored(fixed, options_of(KernelPolicy::kTracking, {"b", "c"}));
   EXPECT_EQ(anew.kernel(), "b");
-  EXPECT_TRUE(anew.is_due(17));
+  EXPECT_TRUE(anew.is_due(at(17)));
 }
 
 TEST(Restored, FromSomethingElseIsAnError) {
@@ -354,7 +459,7 @@ TEST(Restored, FromSomethingElseIsAnError) {
 
 /// The line for the user after a check.
 std::string message_of(KernelSelector& selector, int iteration, const std::vector<KernelMeasurement>& measured) {
-  const KernelDecision decision = selector.decide(iteration, measured, 0);
+  const KernelDecision decision = selector.decide(at(iteration), measured, 0);
   return describe_change(decision, selector.is_finished());
 }
 

@@ -361,7 +361,7 @@ TEST(Trainer, ChecksOfTheKernelsChangeNothingOfTheModel) {
   TrainConfig unchecked = eventful_config();
   unchecked.stats_interval = 0;
   const Trained plain = train(unchecked, scene, temp / "plain"),
-                checked = train(checked_config(), scene, temp / "checked");
+                checked = train(checked_config(), scene, temp / "checked", {}, test::slow_training());
   EXPECT_TRUE(checked.ply == plain.ply);
   EXPECT_GE(log_lines(temp / "checked", "kernel_check").size(), 3u);
   EXPECT_TRUE(log_lines(temp / "plain", "kernel_check").empty());
@@ -373,7 +373,7 @@ TEST(Trainer, LogsChecksOfTheKernels) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   std::vector<std::string> messages;
-  TrainHooks hooks;
+  TrainHooks hooks = test::slow_training();
   hooks.on_message = [&](const std::string& message) {
     if (message.find("gaussian-wise") != std::string::npos) messages.push_back(message);
   };
@@ -409,20 +409,50 @@ TEST(Trainer, ResumesTheChoiceOfTheKernels) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = checked_config();
-  const Trained whole = train(config, scene, temp / "whole");
+  const Trained whole = train(config, scene, temp / "whole", {}, test::slow_training());
   config.iterations = 8;  // between two checks
-  const Trained first = train(config, scene, temp / "halves");
+  const Trained first = train(config, scene, temp / "halves", {}, test::slow_training());
   config.iterations = 20;
-  const Trained second = train(config, scene, temp / "halves", first.result.checkpoint);
+  const Trained second = train(config, scene, temp / "halves", first.result.checkpoint, test::slow_training());
   EXPECT_TRUE(second.ply == whole.ply);
   const nlohmann::json kept =
       read_checkpoint_header(second.result.checkpoint)["kernel_selection"]["forward"]["history"];
   const std::vector<nlohmann::json> checks = log_lines(temp / "halves", "kernel_check");
   ASSERT_EQ(kept.size(), checks.size());
+  ASSERT_GE(checks.size(), 3u);
   for (std::size_t i = 0; i < checks.size(); ++i) {
     EXPECT_EQ(kept[i]["iteration"], checks[i]["iteration"]);
     EXPECT_EQ(kept[i]["times_ms"], checks[i]["times_ms"]);
     EXPECT_TRUE(i == 0 || checks[i]["iteration"] > checks[i - 1]["iteration"]) << "done twice";
+  }
+}
+
+TEST(Trainer, ChecksNoKernelsWhereTheStepsCannotPayForIt) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = checked_config();
+  config.kernel_check_interval = 1;
+  train(config, scene, temp.path());  // a check takes longer than 0.5 % of twenty steps
+  EXPECT_EQ(iterations_of(log_lines(temp.path(), "kernel_check")), (std::vector<int>{1}));
+}
+
+TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = checked_config();
+  config.kernel_policy = "paper";
+  config.kernel_candidates = {"shared-memory", "combined"};  // the second takes several times as long on a CPU
+  config.kernel_check_interval = 11;                         // right after the line of iteration 10
+  train(config, scene, temp / "whole", {}, test::slow_training());
+  config.iterations = 10;
+  const fs::path stopped = train(config, scene, temp / "halves", {}, test::slow_training()).result.checkpoint;
+  config.iterations = 20;
+  train(config, scene, temp / "halves", stopped, test::slow_training());
+  for (const char* folder : {"whole", "halves"}) {
+    const std::vector<nlohmann::json> checks = log_lines(temp / folder, "kernel_check");
+    ASSERT_EQ(iterations_of(checks), (std::vector<int>{1, 11})) << folder;
+    EXPECT_FALSE(checks[0].contains("step_ms")) << "no step has been done";
+    EXPECT_GT(checks[1].at("step_ms"), 3.6e6) << folder;
   }
 }
 

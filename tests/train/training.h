@@ -38,14 +38,21 @@ inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   return bytes;
 }
 
+/// A training whose steps seem to take hours: it can afford checks of kernels at every interval.
+inline TrainHooks slow_training() {
+  TrainHooks hooks;
+  hooks.clock_s = [now_s = 0.0]() mutable { return now_s += 3600; };
+  return hooks;
+}
+
 struct Trained {
   TrainResult result;
   std::string ply, checkpoint;  // bytes, the checkpoint's without times
 };
 
 inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
-                     const std::filesystem::path& resume = {}) {
-  Trainer trainer(config, scene, ModelFolder(folder), {});
+                     const std::filesystem::path& resume = {}, const TrainHooks& hooks = {}) {
+  Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Trained run;
   run.result = trainer.run();

@@ -1,10 +1,11 @@
 // Checks of the kernels on a tiny scene, with a timer whose times are invented, and what counts as the same image.
-#include "train/kernel_check.h"
+#include "train/kernel_chooser.h"
 
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
 #include <limits>
+#include <set>
 
 #include "check.h"
 #include "support/expect_error.h"
@@ -35,16 +36,41 @@ class InventedTimer final : public KernelTimer {
   int n_views_ = 0;
 };
 
-class KernelChecksTest : public testing::Test {
+/// Every kernel computes nothing, but for some: each of those something of its own.
+class WrongBlend final : public BlendPass {
+ public:
+  explicit WrongBlend(std::set<std::string> wrong) : wrong_(std::move(wrong)) {}
+  void prepare(const PinholeView&) override {}
+  void run(const std::string& kernel) override { image_ = wrong_.count(kernel) > 0 ? kernel : ""; }
+  void keep() override { kept_ = image_; }
+  std::string fault() const override { return image_ == kept_ ? "" : "its image differs"; }
+
+ private:
+  std::set<std::string> wrong_;
+  std::string image_, kept_;
+};
+
+/// Before a step of a long training; no step has been timed, unless said.
+CheckMoment at(int iteration, double step_ms = 0) {
+  return {iteration, 1 << 30, step_ms};
+}
+
+class KernelChooserTest : public testing::Test {
  protected:
   void SetUp() override {
     for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
     ASSERT_GE(cameras.size(), 5u);
     cameras.resize(5);
   }
-  KernelCheckInput input(double step_ms = 0) { return {rasterizer, gaussians, {}, cameras, step_ms}; }
-  KernelChecks checks(double in_use_ms, double other_ms) {
-    return KernelChecks(config, torch::kCPU, std::make_unique<InventedTimer>(in_use_ms, other_ms));
+  BlendInput input() { return {rasterizer, gaussians, {}, cameras}; }
+  KernelChooser chooser(double in_use_ms, double other_ms) {
+    return KernelChooser(config, torch::kCPU, {std::make_unique<InventedTimer>(in_use_ms, other_ms)});
+  }
+  /// As chooser(), where some kernels compute something else than the rest.
+  KernelChooser chooser_with_wrong(const std::set<std::string>& kernels, double in_use_ms, double other_ms) {
+    KernelCheckTools tools{std::make_unique<InventedTimer>(in_use_ms, other_ms)};
+    tools.make_forward = [=](const BlendInput&) { return std::make_unique<WrongBlend>(kernels); };
+    return KernelChooser(config, torch::kCPU, std::move(tools));
   }
 
   const Scene scene = test::make_tiny_scene();
@@ -54,11 +80,11 @@ class KernelChecksTest : public testing::Test {
   std::vector<PinholeView> cameras;
 };
 
-TEST_F(KernelChecksTest, GoOverToTheKernelThatTakesLessTime) {
-  KernelChecks own = checks(2.0, 1.0);
+TEST_F(KernelChooserTest, GoesOverToTheKernelThatTakesLessTime) {
+  KernelChooser own = chooser(2.0, 1.0);
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kCombined);
-  ASSERT_TRUE(own.is_due(1));
-  const std::vector<KernelCheck> done = own.check(1, input());
+  ASSERT_TRUE(own.is_due(at(1)));
+  const std::vector<KernelCheck> done = own.check(at(1), input());
   ASSERT_EQ(done.size(), 1u) << "the CPU has one backward kernel";
   EXPECT_STREQ(done[0].pass, "forward");
   EXPECT_EQ(done[0].decision.views, 3) << "no more are needed to see twice the time";
@@ -68,67 +94,89 @@ TEST_F(KernelChecksTest, GoOverToTheKernelThatTakesLessTime) {
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
   EXPECT_EQ(own.forward_name(), "shared-memory");
   EXPECT_EQ(own.backward_name(), "");
-  EXPECT_FALSE(own.is_due(1000));
+  EXPECT_FALSE(own.is_due(at(1000, 1e6)));
 }
 
-TEST_F(KernelChecksTest, StayWithTheBalancedKernelWhileItIsFaster) {
-  KernelChecks own = checks(1.0, 2.0);
-  EXPECT_EQ(own.check(1, input())[0].message, "");
+TEST_F(KernelChooserTest, StaysWithTheBalancedKernelWhileItIsFaster) {
+  KernelChooser own = chooser(1.0, 2.0);
+  EXPECT_EQ(own.check(at(1), input())[0].message, "");
   EXPECT_EQ(own.forward_name(), "combined");
-  EXPECT_TRUE(own.is_due(1000));
+  EXPECT_TRUE(own.is_due(at(1000, 1e6)));
 }
 
-TEST_F(KernelChecksTest, TakeAllViewsWhereThereIsDoubt) {
-  EXPECT_EQ(checks(1.015, 1.0).check(1, input()).front().decision.views, 5);
+TEST_F(KernelChooserTest, TakesAllViewsWhereThereIsDoubt) {
+  EXPECT_EQ(chooser(1.015, 1.0).check(at(1), input()).front().decision.views, 5);
 }
 
-TEST_F(KernelChecksTest, TakeFewerViewsWhereManyWouldCostTooMuch) {
-  KernelChecks own(config, torch::kCPU);
-  const KernelDecision decision = own.check(1, input(1e-9)).front().decision;
+TEST_F(KernelChooserTest, TakesFewerViewsWhereManyWouldCostTooMuch) {
+  // Only the price can end this check early: of so small a lead more views would say more.
+  const KernelDecision decision = chooser(1.015, 1.0).check(at(1, 1e-9), input()).front().decision;
   EXPECT_EQ(decision.views, KernelSelector::kMinViews);
   EXPECT_GT(decision.cost_ms, 0);
 }
 
-TEST_F(KernelChecksTest, LeaveTheRasterizerAsGoodAsNew) {
-  const RenderedView before = rasterizer.forward(gaussians, cameras[0], {});
-  const torch::Tensor color = before.color.clone();
-  KernelChecks own = checks(2.0, 1.0);
-  own.check(1, input());
-  EXPECT_TRUE(torch::equal(rasterizer.forward(gaussians, cameras[0], {}).color, color));
+TEST_F(KernelChooserTest, RefusesAFasterKernelWhoseImageIsWrong) {
+  KernelChooser own = chooser_with_wrong({"shared-memory"}, 2.0, 1.0);
+  const KernelDecision decision = own.check(at(1), input()).front().decision;
+  EXPECT_EQ(decision.refused, (std::vector<std::string>{"shared-memory"}));
+  EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "times of a wrong image say nothing";
+  EXPECT_NE(decision.reason.find("shared-memory is refused: its image differs"), std::string::npos);
+  EXPECT_EQ(own.forward_name(), "combined");
+  EXPECT_FALSE(own.is_due(at(1000, 1e6))) << "nothing is left to choose from";
 }
 
-TEST_F(KernelChecksTest, DecideNothingOnViewsThatCannotBeRendered) {
-  GaussianTensors broken = gaussians;
-  broken.log_scales = torch::full_like(gaussians.log_scales, std::numeric_limits<float>::quiet_NaN());
-  KernelChecks own = checks(2.0, 1.0);
-  const KernelDecision decision = own.check(1, {rasterizer, broken, {}, cameras, 0}).front().decision;
-  EXPECT_EQ(decision.after, "combined");
-  EXPECT_TRUE(decision.times_ms.empty());
-  own.check(1000, input());
+TEST_F(KernelChooserTest, LeavesAKernelInUseWhoseImageIsWrong) {
+  KernelChooser own = chooser_with_wrong({"combined"}, 1.0, 2.0);
+  EXPECT_EQ(own.check(at(1), input()).front().decision.refused, (std::vector<std::string>{"combined"}));
   EXPECT_EQ(own.forward_name(), "shared-memory");
 }
 
-TEST_F(KernelChecksTest, FixTheKernelThatIsNamed) {
+TEST_F(KernelChooserTest, UsesTheReferenceWhereAllImagesAreWrong) {
+  KernelChooser own = chooser_with_wrong({"combined", "shared-memory"}, 1.0, 2.0);
+  EXPECT_EQ(own.check(at(1), input()).front().decision.refused.size(), 2u);
+  EXPECT_EQ(own.forward_name(), "naive");
+}
+
+TEST_F(KernelChooserTest, LeavesTheRasterizerAsGoodAsNew) {
+  const RenderedView before = rasterizer.forward(gaussians, cameras[0], {});
+  const torch::Tensor color = before.color.clone();
+  KernelChooser own = chooser(2.0, 1.0);
+  own.check(at(1), input());
+  EXPECT_TRUE(torch::equal(rasterizer.forward(gaussians, cameras[0], {}).color, color));
+}
+
+TEST_F(KernelChooserTest, DecidesNothingOnViewsThatCannotBeRendered) {
+  GaussianTensors broken = gaussians;
+  broken.log_scales = torch::full_like(gaussians.log_scales, std::numeric_limits<float>::quiet_NaN());
+  KernelChooser own = chooser(2.0, 1.0);
+  const KernelDecision decision = own.check(at(1), {rasterizer, broken, {}, cameras}).front().decision;
+  EXPECT_EQ(decision.after, "combined");
+  EXPECT_TRUE(decision.times_ms.empty());
+  own.check(at(1000, 1e6), input());
+  EXPECT_EQ(own.forward_name(), "shared-memory");
+}
+
+TEST_F(KernelChooserTest, FixesTheKernelThatIsNamed) {
   config.kernel = "gaussian-wise";
-  KernelChecks own(config, torch::kCPU);
-  EXPECT_FALSE(own.is_due(1));
+  KernelChooser own(config, torch::kCPU);
+  EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kGaussianWise);
 }
 
-TEST_F(KernelChecksTest, ChooseNothingByTimesIfTheBytesHaveToBeTheSame) {
+TEST_F(KernelChooserTest, ChoosesNothingByTimesIfTheBytesHaveToBeTheSame) {
   config.deterministic = true;
-  KernelChecks own(config, torch::kCPU);
-  EXPECT_FALSE(own.is_due(1));
+  KernelChooser own(config, torch::kCPU);
+  EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
 }
 
-TEST_F(KernelChecksTest, ContinueFromACheckpoint) {
-  KernelChecks own = checks(2.0, 1.0);
-  own.check(1, input());
-  KernelChecks read(config, torch::kCPU);
+TEST_F(KernelChooserTest, ContinuesFromACheckpoint) {
+  KernelChooser own = chooser(2.0, 1.0);
+  own.check(at(1), input());
+  KernelChooser read(config, torch::kCPU);
   read.restore(nlohmann::ordered_json::parse(own.to_json().dump()), "a.b3dgs");
   EXPECT_EQ(read.forward_name(), "shared-memory");
-  EXPECT_FALSE(read.is_due(1000));
+  EXPECT_FALSE(read.is_due(at(1000, 1e6)));
   read.restore(nlohmann::ordered_json::object(), "from before there were checks");
   EXPECT_EQ(read.forward_name(), "shared-memory");
   EXPECT_TRUE(test::fails_with<InputError>({"a.b3dgs", "kernel checks"}, [&] {

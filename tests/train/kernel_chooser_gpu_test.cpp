@@ -5,7 +5,7 @@
 
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
-#include "train/kernel_check.h"
+#include "train/kernel_chooser.h"
 #include "train/tiny_scene.h"
 #include "train/training.h"
 
@@ -24,7 +24,7 @@ TrainConfig measured_config() {
   return config;
 }
 
-TEST(KernelChecksOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
+TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   B3DGS_NEEDS_GPU();
   const torch::Device device(torch::kCUDA, 0);
   test::TinySceneOptions options;
@@ -35,8 +35,8 @@ TEST(KernelChecksOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   std::vector<PinholeView> cameras;
   for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
   Rasterizer rasterizer(device);
-  KernelChecks checks(measured_config(), device);
-  const std::vector<KernelCheck> done = checks.check(1, {rasterizer, gaussians, {}, cameras, 0});
+  KernelChooser chooser(measured_config(), device);
+  const std::vector<KernelCheck> done = chooser.check({1, 1000, 0}, {rasterizer, gaussians, {}, cameras});
   ASSERT_EQ(done.size(), 2u);
   EXPECT_STREQ(done[0].pass, "forward");
   EXPECT_STREQ(done[1].pass, "backward");
@@ -49,11 +49,11 @@ TEST(KernelChecksOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   }
 }
 
-TEST(KernelChecksOnGpu, AreLoggedAndTrainingGoesOn) {
+TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingGoesOn) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  const test::Trained run = test::train(measured_config(), scene, temp.path());
+  const test::Trained run = test::train(measured_config(), scene, temp.path(), {}, test::slow_training());
   EXPECT_EQ(run.result.iteration, 20);
   std::ifstream file(temp / "train.jsonl");
   int n_forward = 0, n_backward = 0, n_loads = 0;

@@ -1,0 +1,106 @@
+// What counts as training time: on an invented device whose work is done later than it is queued, and in a training
+// with an invented clock.
+#include "train/time_account.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+
+#include "support/temp_dir.h"
+#include "train/tiny_scene.h"
+#include "train/training.h"
+
+namespace b3dgs {
+namespace {
+
+/// Host and device with a time of their own, in seconds.
+struct InventedDevice {
+  double now_s = 0, busy_until_s = 0;
+
+  void queue(double seconds) { busy_until_s = std::max(busy_until_s, now_s) + seconds; }
+  void wait() { now_s = std::max(now_s, busy_until_s); }
+  TimeAccount account() {
+    return {[this] { return now_s; }, [this] { wait(); }};
+  }
+};
+
+TEST(TimeAccount, TrainsWithoutWaitingForTheDevice) {
+  InventedDevice device;
+  TimeAccount time = device.account();
+  time.train([&] { device.queue(8); });
+  EXPECT_EQ(device.now_s, 0);
+  time.train([&] { device.now_s += 3; });
+  time.finish_training();
+  EXPECT_EQ(device.now_s, 8);
+  EXPECT_EQ(time.train_s(), 8) << "the host's 3 s lie within the device's 8";
+  EXPECT_EQ(time.output_s(), 0);
+}
+
+TEST(TimeAccount, EachKindPaysForItsOwnWorkOfTheDevice) {
+  InventedDevice device;
+  TimeAccount time = device.account();
+  time.train([&] { device.queue(8); });
+  time.output([&] {
+    EXPECT_EQ(device.now_s, 8) << "the training is not done";
+    device.now_s += 1;
+    device.queue(100);
+  });
+  EXPECT_EQ(device.now_s, 109) << "the output is not done";
+  time.train([&] { device.queue(16); });
+  time.finish_training();
+  EXPECT_EQ(time.train_s(), 24);
+  EXPECT_EQ(time.output_s(), 101);
+}
+
+TEST(TrainingTime, HoldsDensificationAndChecksOfKernelsButNoOutput) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_config();
+  config.kernel = "adaptive";
+  config.kernel_policy = "tracking";
+  config.kernel_check_interval = 3;
+  config.test_iterations = {7, 10};
+  config.save_iterations = {8, 10};
+  config.checkpoint_iterations = {9, 10};
+  // An activity takes as long as is written here, and nothing else takes any time: sums say what was counted where.
+  const std::map<std::string, double> seconds{{"training", 0},     {"checking kernels", 1}, {"densifying", 1e2},
+                                              {"evaluating", 1e4}, {"saving", 1e6},         {"checkpoint", 1e8}};
+  double now_s = 0;
+  std::map<std::string, int> count;
+  TrainHooks hooks;
+  hooks.clock_s = [&] { return now_s; };
+  hooks.on_progress = [&](const TrainProgress& progress) {
+    now_s += seconds.at(progress.activity);
+    ++count[progress.activity];
+  };
+  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  EXPECT_EQ(count["training"], 20);
+  EXPECT_GE(count["checking kernels"], 1);
+  EXPECT_EQ(count["densifying"], 3);  // 10, 15, 20
+  EXPECT_EQ(count["evaluating"], 3);
+  EXPECT_EQ(count["saving"], 3);
+  EXPECT_EQ(count["checkpoint"], 3);
+  EXPECT_EQ(result.train_s, count["checking kernels"] + 3e2);
+  EXPECT_EQ(result.output_s, 3e4 + 3e6 + 3e8);
+}
+
+TEST(TrainingTime, HoldsTheSteps) {
+  test::TinySceneOptions options;
+  options.width = 240;
+  options.height = 176;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  Trainer trainer(test::eventful_config(), scene, ModelFolder(temp.path()), {});
+  const TrainResult before = trainer.run_until(1);
+  const auto start = std::chrono::steady_clock::now();
+  const TrainResult after = trainer.run_until(19);  // nothing is measured or saved until then
+  const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
+  EXPECT_EQ(after.output_s, before.output_s);
+  EXPECT_LE(after.train_s - before.train_s, passed.count());
+  EXPECT_GT(after.train_s - before.train_s, 0.8 * passed.count());
+}
+
+}  // namespace
+}  // namespace b3dgs
