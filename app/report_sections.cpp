@@ -52,16 +52,19 @@ std::vector<std::string> stage_names(const std::vector<NamedTimes>& all) {
 std::string candidate_figure(const TrainHistory& history, const std::string& pass) {
   std::vector<ChartSeries> series;
   std::vector<ChartEvent> events;
-  for (const KernelCheckEvent& check : history.checks) {
-    if (check.pass != pass) continue;
-    for (const auto& [name, ms] : check.times_ms) {
+  for (const CandidateTimes& timed : history.candidate_times) {
+    if (timed.pass != pass) continue;
+    for (const auto& [name, ms] : timed.times_ms) {
       auto own = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
       if (own == series.end()) {
         series.push_back({name, {}, static_cast<int>(series.size()), true});
         own = series.end() - 1;
       }
-      own->points.push_back({static_cast<double>(check.iteration), ms});
+      own->points.push_back({static_cast<double>(timed.iteration), ms});
     }
+  }
+  for (const KernelCheckEvent& check : history.checks) {
+    if (check.pass != pass) continue;
     if (!check.after.empty() && check.before != check.after) {
       events.push_back({static_cast<double>(check.iteration), "to " + check.after});
     }
@@ -75,9 +78,9 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
                         {},
                         series,
                         events};
-  return html::figure(
-      draw(chart),
-      "Kernel time of the " + pass + " candidates, each timed on the same views at every check. The paper's figure 7.");
+  return html::figure(draw(chart),
+                      "Kernel time of the " + pass +
+                          " candidates over the training, each timed on the same views. The paper's figure 7.");
 }
 
 std::string decisions(const TrainHistory& history) {

@@ -25,13 +25,20 @@ struct LogPoint {
   NamedTimes stages_ms;                 // mean per step, empty if not sampled
 };
 
-/// Candidates timed on the data of the moment, and what was decided.
+/// What a check found and decided.
 struct KernelCheckEvent {
   int iteration = 0;
   std::string pass;  // "forward" or "backward"
   NamedTimes times_ms;
   std::string before, after, reason;
   std::optional<double> cost_ms;
+};
+
+/// Candidates timed on the data of the moment: by a check, or for the record only.
+struct CandidateTimes {
+  int iteration = 0;
+  std::string pass;
+  NamedTimes times_ms;
 };
 
 /// How unevenly work is spread.
@@ -48,6 +55,7 @@ struct LoadEvent {
 struct TrainHistory {
   std::vector<LogPoint> points;  // by iteration, as all of these
   std::vector<KernelCheckEvent> checks;
+  std::vector<CandidateTimes> candidate_times;  // of checks too; one for each iteration and pass
   std::vector<LoadEvent> loads;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
