@@ -18,8 +18,9 @@ struct Scale {
 };
 
 /// Round numbers within [low, high], about `n` of them: steps of 1, 2 or 5 times a power of ten; powers of ten on a
-/// logarithmic scale of more than two decades.
-std::vector<double> nice_ticks(ScaleKind kind, double low, double high, int n);
+/// logarithmic scale of more than two decades. On a linear one they are at least `least_step` apart: 1 for what is
+/// counted.
+std::vector<double> nice_ticks(ScaleKind kind, double low, double high, int n, double least_step = 0);
 
 /// The range to show for values in [low, high]: with room, from 0 where `from_zero`, never empty.
 void pad_range(ScaleKind kind, bool from_zero, double& low, double& high);

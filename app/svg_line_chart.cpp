@@ -119,7 +119,7 @@ class LineChartPainter {
       body += svg::line(kLeft, at, right_, at, is_base ? "class=\"base\"" : "class=\"grid\"");
       body += svg::text(kLeft - 8, at + 4, "class=\"tick\" text-anchor=\"end\"", format_tick(y_ticks[i], step));
     }
-    const std::vector<double> x_ticks = nice_ticks(ScaleKind::kLinear, x_.low, x_.high, 6);
+    const std::vector<double> x_ticks = nice_ticks(ScaleKind::kLinear, x_.low, x_.high, 6, 1);  // iterations
     const double step = x_ticks.size() > 1 ? x_ticks[1] - x_ticks[0] : 1;
     for (const double tick : x_ticks) {
       body += svg::line(x_(tick), bottom_, x_(tick), bottom_ + 4, "class=\"base\"");

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <type_traits>
+#include <utility>
 
 #include "adaptive/load_statistics.h"
 
@@ -74,6 +75,15 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   return check;
 }
 
+/// Keeps the first of two timings at the same iteration: a check comes before the step, what is for the record after
+/// it.
+void add_candidate_times(CandidateTimes times, TrainHistory& history) {
+  for (const CandidateTimes& other : history.candidate_times) {
+    if (other.iteration == times.iteration && other.pass == times.pass) return;
+  }
+  history.candidate_times.push_back(std::move(times));
+}
+
 std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
   const auto it = json.find(key);
   if (it == json.end() || !it->is_object()) return std::nullopt;
@@ -98,7 +108,10 @@ TrainHistory parse_train_log(std::istream& lines) {
     const int iteration = json["iteration"].get<int>();
     const std::string event = text(json, "event");
     if (event == "kernel_check") {
-      history.checks.push_back(parse_check(json, iteration));
+      const KernelCheckEvent& check = history.checks.emplace_back(parse_check(json, iteration));
+      add_candidate_times({iteration, check.pass, check.times_ms}, history);
+    } else if (event == "kernel_times") {
+      add_candidate_times({iteration, text(json, "pass"), named_times(json, "times_ms")}, history);
     } else if (event == "load_statistics") {
       history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
                                parse_load(json, "pixel_contributing")});

@@ -25,7 +25,7 @@ struct LogPoint {
   NamedTimes stages_ms;                 // mean per step, empty if not sampled
 };
 
-/// Candidates timed on the data of the moment, and what was decided.
+/// What a check found and decided.
 struct KernelCheckEvent {
   int iteration = 0;
   std::string pass;                   // "forward" or "backward"
@@ -37,6 +37,13 @@ struct KernelCheckEvent {
   std::optional<double> cost_ms;
 
   bool has_changed() const { return !after.empty() && before != after; }
+};
+
+/// Candidates timed on the data of the moment: by a check, or for the record only.
+struct CandidateTimes {
+  int iteration = 0;
+  std::string pass;
+  NamedTimes times_ms;
 };
 
 /// How unevenly work is spread: LoadStatistics (adaptive/load_statistics.h) as read back.
@@ -53,6 +60,7 @@ struct LoadEvent {
 struct TrainHistory {
   std::vector<LogPoint> points;  // by iteration, as all of these
   std::vector<KernelCheckEvent> checks;
+  std::vector<CandidateTimes> candidate_times;  // of checks too; one for each iteration and pass
   std::vector<LoadEvent> loads;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }

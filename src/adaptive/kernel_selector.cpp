@@ -93,6 +93,18 @@ KernelDecision decision_from_json(const Json& json) {
 
 }  // namespace
 
+KernelTimes summarize(const std::vector<KernelMeasurement>& measurements) {
+  KernelTimes times;
+  for (const KernelMeasurement& measurement : measurements) {
+    const std::vector<double> ms = valid_times(measurement);
+    if (ms.empty()) continue;
+    times.times_ms[measurement.kernel] = median(ms);
+    times.spread_ms[measurement.kernel] = robust_deviation(ms);
+    times.views = std::max(times.views, static_cast<int>(ms.size()));
+  }
+  return times;
+}
+
 /// How much faster one kernel is than another, as natural logarithms of ratios: symmetric, unlike the ratios.
 struct KernelSelector::Lead {
   double median = 0;  // > 0: the other one is faster
@@ -197,13 +209,7 @@ const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::
   decision.before = kernel_;
   decision.cost_ms = cost_ms;
   decision.step_ms = now.step_ms;
-  for (const KernelMeasurement& measurement : measurements) {
-    const std::vector<double> ms = valid_times(measurement);
-    if (ms.empty()) continue;
-    decision.times_ms[measurement.kernel] = median(ms);
-    decision.spread_ms[measurement.kernel] = robust_deviation(ms);
-    decision.views = std::max(decision.views, static_cast<int>(ms.size()));
-  }
+  static_cast<KernelTimes&>(decision) = summarize(measurements);
   refuse_faulty(measurements, decision);
   if (refused_.count(kernel_) > 0) {
     leave_refused(measurements, decision);
@@ -331,10 +337,17 @@ std::string describe_change(const KernelDecision& decision, bool is_final) {
                         is_final ? " from here on" : " for now");
 }
 
+nlohmann::ordered_json to_json(const KernelTimes& times) {
+  return {{"times_ms", times.times_ms}, {"spread_ms", times.spread_ms}, {"views", times.views}};
+}
+
 nlohmann::ordered_json to_json(const KernelDecision& decision) {
-  Json json = {{"iteration", decision.iteration}, {"times_ms", decision.times_ms}, {"spread_ms", decision.spread_ms},
-               {"views", decision.views},         {"before", decision.before},     {"after", decision.after},
-               {"reason", decision.reason},       {"cost_ms", decision.cost_ms}};
+  Json json = {{"iteration", decision.iteration}};
+  json.update(to_json(static_cast<const KernelTimes&>(decision)));
+  json["before"] = decision.before;
+  json["after"] = decision.after;
+  json["reason"] = decision.reason;
+  json["cost_ms"] = decision.cost_ms;
   if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
   if (decision.next_check > 0) json["next_check"] = decision.next_check;
   if (!decision.refused.empty()) json["refused"] = decision.refused;

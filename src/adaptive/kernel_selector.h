@@ -41,12 +41,17 @@ struct KernelMeasurement {
   std::string fault;       // why what it computes cannot be trusted; empty if it can
 };
 
-/// A check and what came of it.
-struct KernelDecision {
-  int iteration = 0;
+/// What measurements come to, by kernel. Times that are missing, zero or not finite do not count.
+struct KernelTimes {
   std::map<std::string, double> times_ms;   // median over the views
   std::map<std::string, double> spread_ms;  // robust standard deviation over the views
   int views = 0;
+};
+KernelTimes summarize(const std::vector<KernelMeasurement>& measurements);
+
+/// A check and what came of it.
+struct KernelDecision : KernelTimes {
+  int iteration = 0;
   std::string before, after;  // kernel in use
   std::string reason;
   std::vector<std::string> refused;  // by this check
@@ -124,6 +129,7 @@ class KernelSelector {
 /// One line for the user where a check changes something, else "".
 std::string describe_change(const KernelDecision& decision, bool is_final);
 
+nlohmann::ordered_json to_json(const KernelTimes& times);
 nlohmann::ordered_json to_json(const KernelDecision& decision);
 
 }  // namespace b3dgs

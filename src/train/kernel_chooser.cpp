@@ -81,7 +81,11 @@ KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, Ke
     : device_(device),
       tools_(std::move(tools)),
       forward_(forward_options(config, device)),
-      backward_(backward_options(config, device)) {}
+      backward_(backward_options(config, device)),
+      timed_forward_(config.kernel_candidates) {
+  const std::vector<std::string> backward = backward_candidates(config, device);
+  if (backward.size() > 1) timed_backward_ = backward;
+}
 
 RenderSettings KernelChooser::apply(RenderSettings settings) const {
   settings.kernel = forward_kernel(forward_.kernel());
@@ -163,6 +167,23 @@ std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::str
   return found;
 }
 
+std::vector<CandidateTiming> KernelChooser::time_candidates(const BlendInput& input) {
+  const BlendInput own{input.rasterizer, input.gaussians, apply(input.settings), input.views};
+  std::vector<CandidateTiming> timings;
+  const auto time = [&](const char* pass, const std::vector<std::string>& kernels, const std::string& reference,
+                        BlendPass& blend) {
+    const auto takes_all_views = [](int, const std::vector<KernelMeasurement>&) { return false; };
+    timings.push_back({pass, summarize(measure(kernels, reference, blend, own.views, takes_all_views))});
+  };
+  try {
+    time("forward", timed_forward_, kForwardReference, *tools_.make_forward(own));
+    if (!timed_backward_.empty()) time("backward", timed_backward_, kBackwardReference, *tools_.make_backward(own));
+  } catch (const NumericError&) {
+    timer().finish();
+  }
+  return timings;
+}
+
 nlohmann::ordered_json KernelChooser::to_json() const {
   return {{"forward", forward_.to_json()}, {"backward", backward_.to_json()}};
 }
@@ -179,6 +200,12 @@ void KernelChooser::restore(const nlohmann::ordered_json& json, const std::strin
 nlohmann::ordered_json to_json(const KernelCheck& check) {
   Json json = {{"pass", check.pass}};
   json.update(to_json(check.decision));
+  return json;
+}
+
+nlohmann::ordered_json to_json(const CandidateTiming& timing) {
+  Json json = {{"pass", timing.pass}};
+  json.update(to_json(timing.times));
   return json;
 }
 

@@ -23,6 +23,12 @@ struct KernelCheck {
   std::string message;  // a line for the user if something changed, else empty
 };
 
+/// Times of the candidates for one pass that nothing is decided by.
+struct CandidateTiming {
+  const char* pass = "";  // "forward" or "backward"
+  KernelTimes times;
+};
+
 /// What measures and what is measured; tests put their own in place of the device's.
 struct KernelCheckTools {
   using MakeBlend = std::function<std::unique_ptr<BlendPass>(const BlendInput&)>;
@@ -54,6 +60,11 @@ class KernelChooser {
   /// that meets them says so.
   std::vector<KernelCheck> check(const CheckMoment& now, const BlendInput& input);
 
+  /// Times the candidates on all views, also where the kernel is fixed or chosen for good, and decides nothing: the
+  /// forward ones, and the backward ones if the backward kernel is adaptive. Nothing comes of views that cannot be
+  /// rendered, and no times of kernels that do not agree with the reference.
+  std::vector<CandidateTiming> time_candidates(const BlendInput& input);
+
   /// State for a checkpoint, and back; an object without a pass leaves that pass as it is.
   /// @throws InputError naming `place`
   nlohmann::ordered_json to_json() const;
@@ -74,10 +85,14 @@ class KernelChooser {
   torch::Device device_;
   KernelCheckTools tools_;  // the timer is made on first use
   KernelSelector forward_, backward_;
+  std::vector<std::string> timed_forward_, timed_backward_;  // by time_candidates(); empty: not timed
 };
 
 /// Fields of the log's "kernel_check" line.
 nlohmann::ordered_json to_json(const KernelCheck& check);
+
+/// Fields of the log's "kernel_times" line.
+nlohmann::ordered_json to_json(const CandidateTiming& timing);
 
 /// Fields of the log's "load_statistics" line.
 nlohmann::ordered_json load_json(const std::string& view, const ViewLoad& load);

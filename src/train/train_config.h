@@ -86,6 +86,7 @@ struct TrainConfig {
 
   // What train.jsonl tells
   int stats_interval = 1000;
+  int kernel_times_interval = 0;
 };
 
 template <class Config, class Visitor>
@@ -183,6 +184,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"stats_interval"}, c.stats_interval, AtLeast{0},
         "write how unevenly the load is spread over tiles and pixels every so many iterations; 0: not");
+  field(
+      Option{"kernel_times_interval"}, c.kernel_times_interval, AtLeast{0},
+      "write how long each of --kernel_candidates takes every so many iterations, whatever kernel is used; not counted "
+      "as training; 0: not, or as often as --stats_interval in b3dgs compare");
 }
 
 }  // namespace b3dgs

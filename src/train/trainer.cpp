@@ -76,7 +76,7 @@ TrainResult Trainer::run_until(int iteration) {
     own.time.train([&] { own.step(); });
     own.time.train([&] { own.report("training"); });
     const OutputPlan plan = output_plan(own.config, own.state.iteration, !own.scene.test.empty());
-    const bool uses_device = plan.statistics || plan.evaluate || plan.save;
+    const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
     // On a GPU this waits for most of the step.
     if (plan.log || uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settle_loss(); });
     if (uses_device) {

@@ -20,7 +20,8 @@ struct TrainProgress {
   double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original prints it
   std::int64_t n_gaussians = 0;
   double elapsed_s = 0;  // of training this run, without evaluation and saving
-  std::string activity;  // "training", "checking kernels", "densifying", "evaluating", "saving", "checkpoint"
+  // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint"
+  std::string activity;
 };
 
 struct TrainHooks {

@@ -48,6 +48,7 @@ struct Trainer::Impl {
   void begin();
   /// What a step takes (ms): by the last interval of the log, else by the whole training; 0 before the first step.
   double step_ms() const;
+  BlendInput kernel_check_input();
   void check_kernels(int iteration);
   void step();
   void settle_loss();
@@ -56,6 +57,7 @@ struct Trainer::Impl {
   void control_density();
   void collect_times(const std::vector<StageTimes>& known);
   void log_load();
+  void log_kernel_times();
   void write_outputs(const OutputPlan& plan);
   void write_checkpoint();
   void report(const char* activity) const;

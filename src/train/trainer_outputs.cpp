@@ -35,6 +35,14 @@ void Trainer::Impl::log_load() {
   log->write_event(state.iteration, "load_statistics", load_json(view.name, rasterizer.count_load()));
 }
 
+/// How long the candidates for the blends take by now, for whoever plots a training; nothing is decided.
+void Trainer::Impl::log_kernel_times() {
+  report("timing kernels");
+  for (const CandidateTiming& timing : kernels.time_candidates(kernel_check_input())) {
+    log->write_event(state.iteration, "kernel_times", to_json(timing));
+  }
+}
+
 void Trainer::Impl::collect_times(const std::vector<StageTimes>& known) {
   for (const StageTimes& times : known) {
     stages.add(times);
@@ -44,6 +52,7 @@ void Trainer::Impl::collect_times(const std::vector<StageTimes>& known) {
 
 void Trainer::Impl::write_outputs(const OutputPlan& plan) {
   if (plan.statistics) log_load();
+  if (plan.kernel_times) log_kernel_times();
   TrainLogLine line;
   if (plan.evaluate) {
     report("evaluating");

@@ -85,18 +85,22 @@ double Trainer::Impl::step_ms() const {
   return 1e3 * elapsed_s() / state.iteration;
 }
 
+/// The views that come next, and the model as it stands.
+BlendInput Trainer::Impl::kernel_check_input() {
+  BlendInput input{rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), {}};
+  for (const std::int32_t view :
+       state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
+    input.views.push_back(images.describe(view).camera);
+  }
+  return input;
+}
+
 /// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
 void Trainer::Impl::check_kernels(int iteration) {
   const CheckMoment now{iteration, config.iterations - state.iteration, step_ms()};
   if (!kernels.is_due(now)) return;
   report("checking kernels");
-  std::vector<PinholeView> coming;
-  for (const std::int32_t view :
-       state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
-    coming.push_back(images.describe(view).camera);
-  }
-  const BlendInput input{rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), coming};
-  for (const KernelCheck& check : kernels.check(now, input)) {
+  for (const KernelCheck& check : kernels.check(now, kernel_check_input())) {
     if (log) log->write_event(iteration, "kernel_check", to_json(check));
     if (!check.message.empty()) say(check.message);
   }

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/run_program.h"
+#include "app/train_log_reader.h"
 #include "scene/image_io.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -106,7 +107,7 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
 
 TEST_F(Compare, SeveralSeedsGiveARange) {
   const Outcome outcome = compare({"--iterations", "20", "--seeds", "3", "5", "--quiet", "--configs", "naive,adaptive",
-                                   "--kernel_check_interval", "10"});
+                                   "--kernel_check_interval", "10", "--stats_interval", "5"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = this->result();
   ASSERT_EQ(result["runs"].size(), 4u);
@@ -114,6 +115,9 @@ TEST_F(Compare, SeveralSeedsGiveARange) {
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5/train.jsonl"));
   EXPECT_EQ(result["summary"]["ours"], "adaptive");
   EXPECT_FALSE(result["runs"][2]["kernel_checks"].empty()) << "the candidates were timed";
+  const TrainHistory history = read_train_log(output() / "adaptive/seed_5/train.jsonl");
+  ASSERT_FALSE(history.candidate_times.empty());
+  EXPECT_EQ(history.candidate_times.back().iteration, 20) << "as often as the load, to the end";
   EXPECT_NE(page().find("Kernel time of the forward candidates"), std::string::npos);
   EXPECT_EQ(test::xml_fault(page()), "");
 }

@@ -91,6 +91,9 @@ TEST(SvgAxis, TicksAreRoundAndInside) {
   EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 30000, 6),
             (std::vector<double>{0, 5000, 10000, 15000, 20000, 25000, 30000}));
   EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 1.05, 5).size(), 6u);  // 0, 0.2, ... 1
+  EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 1, 2, 6, 1), (std::vector<double>{1, 2})) << "there is no iteration 1.2";
+  EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 5, 6, 1), (std::vector<double>{0, 1, 2, 3, 4, 5}));
+  EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 0, 30000, 6, 1), nice_ticks(ScaleKind::kLinear, 0, 30000, 6));
   EXPECT_EQ(nice_ticks(ScaleKind::kLog, 1, 5000, 5), (std::vector<double>{1, 10, 100, 1000}));
   EXPECT_EQ(nice_ticks(ScaleKind::kLog, 1, 12, 5), (std::vector<double>{1, 2, 5, 10}));
   for (const double high : {1e-6, 0.3, 7.0, 123456.0}) {

@@ -71,6 +71,21 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   EXPECT_FALSE(history.loads[0].pixel_processed);
 }
 
+TEST(TrainLogReader, MakesOneSeriesOfTheCandidatesTimes) {
+  const TrainHistory history = parse(R"({"iteration":1,"event":"kernel_check","pass":"forward","times_ms":{"a":2,"b":1}}
+{"iteration":1,"event":"kernel_check","pass":"backward","times_ms":{"c":5}}
+{"iteration":1,"event":"kernel_times","pass":"forward","times_ms":{"a":3,"b":3}}
+{"iteration":1000,"event":"kernel_times","pass":"forward","times_ms":{"a":4,"b":1.5}}
+{"iteration":2000,"event":"kernel_times","pass":"forward"})");
+  EXPECT_EQ(history.checks.size(), 2u) << "what is timed for the record decides nothing";
+  ASSERT_EQ(history.candidate_times.size(), 4u);
+  EXPECT_EQ(history.candidate_times[0].times_ms, (NamedTimes{{"a", 2}, {"b", 1}})) << "the check's, of two at once";
+  EXPECT_EQ(history.candidate_times[1].pass, "backward");
+  EXPECT_EQ(history.candidate_times[2].iteration, 1000);
+  EXPECT_EQ(history.candidate_times[2].times_ms, (NamedTimes{{"a", 4}, {"b", 1.5}}));
+  EXPECT_TRUE(history.candidate_times[3].times_ms.empty());
+}
+
 TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
   const TrainHistory history = parse(R"(no json
 {"loss":1}

@@ -61,12 +61,14 @@ TEST(TrainingTime, HoldsDensificationAndChecksOfKernelsButNoOutput) {
   config.kernel = "adaptive";
   config.kernel_policy = "tracking";
   config.kernel_check_interval = 3;
+  config.kernel_times_interval = 4;
   config.test_iterations = {7, 10};
   config.save_iterations = {8, 10};
   config.checkpoint_iterations = {9, 10};
   // An activity takes as long as is written here, and nothing else takes any time: sums say what was counted where.
-  const std::map<std::string, double> seconds{{"training", 0},     {"checking kernels", 1}, {"densifying", 1e2},
-                                              {"evaluating", 1e4}, {"saving", 1e6},         {"checkpoint", 1e8}};
+  const std::map<std::string, double> seconds{{"training", 0},         {"checking kernels", 1}, {"densifying", 1e2},
+                                              {"evaluating", 1e4},     {"saving", 1e6},         {"checkpoint", 1e8},
+                                              {"timing kernels", 1e10}};
   double now_s = 0;
   std::map<std::string, int> count;
   TrainHooks hooks;
@@ -83,7 +85,8 @@ TEST(TrainingTime, HoldsDensificationAndChecksOfKernelsButNoOutput) {
   EXPECT_EQ(count["saving"], 3);
   EXPECT_EQ(count["checkpoint"], 3);
   EXPECT_EQ(result.train_s, count["checking kernels"] + 3e2);
-  EXPECT_EQ(result.output_s, 3e4 + 3e6 + 3e8);
+  EXPECT_EQ(count["timing kernels"], 5);
+  EXPECT_EQ(result.output_s, 3e4 + 3e6 + 3e8 + 5e10);
 }
 
 TEST(TrainingTime, HoldsTheSteps) {

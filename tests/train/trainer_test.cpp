@@ -456,6 +456,27 @@ TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
   }
 }
 
+TEST(Trainer, LogsTimesOfTheCandidatesWhateverKernelIsUsed) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = eventful_config();
+  const Trained plain = train(config, scene, temp / "plain");
+  EXPECT_TRUE(log_lines(temp / "plain", "kernel_times").empty());
+  config.kernel_candidates = {"gaussian-wise", "naive"};
+  config.kernel_times_interval = 7;
+  EXPECT_TRUE(train(config, scene, temp / "timed").ply == plain.ply) << "the training is another";
+  const std::vector<nlohmann::json> lines = log_lines(temp / "timed", "kernel_times");
+  EXPECT_EQ(iterations_of(lines), (std::vector<int>{7, 14}));
+  for (const nlohmann::json& line : lines) {
+    EXPECT_EQ(line.at("pass"), "forward");
+    EXPECT_EQ(line.at("views"), config.kernel_check_views);
+    EXPECT_EQ(line.at("times_ms").size(), 2u);
+    for (const char* candidate : {"gaussian-wise", "naive"}) EXPECT_GT(line["times_ms"].at(candidate), 0);
+  }
+  EXPECT_TRUE(log_lines(temp / "timed", "kernel_check").empty());
+  for (const nlohmann::json& line : log_lines(temp / "timed", "")) EXPECT_EQ(line.at("kernel"), "shared-memory");
+}
+
 TEST(Trainer, LogsHowUnevenTheLoadIs) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
