@@ -11,7 +11,7 @@ shift $(($# < 2 ? $# : 2))
 
 if [[ ! -d $work/street ]]; then "$b3dgs" synth street "$work/street" --points 4000000; fi
 "$b3dgs" compare "$work/street" -m "$work/compare" --configs naive,adaptive,combined,shared-memory \
-  --device cuda --iterations 3000 --kernel_check_interval 250 --stats_interval 250 --test_iterations 500 1000 2000 3000 \
+  --device cuda --iterations 3000 --stats_interval 250 --test_iterations 500 1000 2000 3000 \
   --overwrite "$@"
 
 bytes=$(stat -c %s "$work/compare/report.html")

@@ -119,10 +119,22 @@ std::vector<KernelCheck> KernelChooser::check(const CheckMoment& now, const Blen
   return checks;
 }
 
+void KernelChooser::warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend,
+                            const PinholeView& view) {
+  if (device_.is_cpu() || !warm_passes_.insert(pass).second) return;
+  try {
+    blend.prepare(view);
+    for (const std::string& kernel : selector.candidates()) blend.run(kernel);
+  } catch (const NumericError&) {
+    // The check itself will find that again.
+  }
+}
+
 KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector,
                                       BlendPass& blend, const BlendInput& input) {
+  warm_up(pass, selector, blend, input.views.front());
   timer().measure([] {});
-  timer().finish();  // the steps before are done, and not part of the cost
+  timer().finish();  // that and the steps before are done, and not part of the cost
   const auto start = std::chrono::steady_clock::now();
   const double budget_ms = selector.budget_ms(now.step_ms);
   std::vector<KernelMeasurement> found;

@@ -6,6 +6,7 @@
 
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -74,6 +75,10 @@ class KernelChooser {
   /// Whether what so many views gave is enough.
   using IsEnough = std::function<bool(int n_views, const std::vector<KernelMeasurement>&)>;
 
+  /// Runs the candidates once before a pass is checked for the first time: on a GPU a kernel's first launch loads its
+  /// code, and the first view makes room for the others. Steps would pay for that too, once; as the price of a check it
+  /// would put the next one off.
+  void warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const PinholeView& view);
   KernelCheck check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector, BlendPass& blend,
                          const BlendInput& input);
   /// Times kernels on the views. A kernel that does not agree with `reference` has a fault and no times.
@@ -85,6 +90,7 @@ class KernelChooser {
   torch::Device device_;
   KernelCheckTools tools_;  // the timer is made on first use
   KernelSelector forward_, backward_;
+  std::set<std::string> warm_passes_;
   std::vector<std::string> timed_forward_, timed_backward_;  // by time_candidates(); empty: not timed
 };
 

@@ -3,8 +3,7 @@
 // from where the block takes their step side by side, 16 bytes a thread.
 //
 // A step has to read and write parameters and moments, 24 bytes a float; gradients that went through memory would add
-// 8. While gradients are computed, which is a chain of waits, the block's parameters and moments are on their way to
-// the L2 cache. Gaussians that the view does not see have a step as well, for their moments go on.
+// 8. Gaussians that the view does not see have a step as well, for their moments go on.
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project_backward.cuh"
@@ -21,19 +20,6 @@ __device__ __forceinline__ void step_one(const AdamArgs& args, float grad, float
   m = kBeta1 * m + (1 - kBeta1) * grad;
   v = kBeta2 * v + (1 - kBeta2) * grad * grad;
   param -= args.step_size * m / (sqrtf(v) * args.inverse_root_bias2 + static_cast<float>(kAdamEpsilon));
-}
-
-/// Asks for floats of an array to be brought to the L2 cache.
-__device__ __forceinline__ void prefetch(const float* array, std::int64_t first, int n_floats) {
-  constexpr int kLine = 128 / sizeof(float);
-  for (int k = kLine * static_cast<int>(threadIdx.x); k < n_floats; k += kLine * kThreads) {
-    asm volatile("prefetch.global.L2 [%0];" ::"l"(array + first + k));
-  }
-}
-
-/// What the rows of a block need of one group.
-__device__ __forceinline__ void prefetch_rows(const AdamArgs& args, std::int64_t first_row, int n_rows, int n_floats) {
-  for (const float* array : {args.param, args.m, args.v}) prefetch(array, first_row * n_floats, n_rows * n_floats);
 }
 
 /// `kFloats` of one Gaussian. All is read before anything is written.
@@ -117,12 +103,6 @@ __global__ void __launch_bounds__(kThreads)
   const std::int64_t n = args.backward.gaussians.n_gaussians;
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
   const int n_rows = static_cast<int>(n - first_row < kThreads ? n - first_row : kThreads);
-  constexpr int kFloats[kRestGroup] = {3, 3, 4, 1, 3};
-#pragma unroll
-  for (std::size_t group = 0; group < kRestGroup; ++group) {
-    prefetch_rows(args.adam[group], first_row, n_rows, kFloats[group]);
-  }
-  if (n_rest == kActive) prefetch_rows(args.adam[kRestGroup], first_row, n_rows, n_rest);
   if (i < n) step_gaussian<kShDegree>(args, i, rests + threadIdx.x * kActive);
   if constexpr (kActive > 0) {
     __syncthreads();  // all gradients are in shared memory, and nobody reads the harmonics any more
