@@ -70,15 +70,16 @@ std::string listed(const std::vector<std::int64_t>& seeds) {
 /// The plan of --resume, or one of the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   const std::string root = output_folder(line);
-  constexpr int kNotGiven = -1;
   ComparisonPlan plan;
   plan.base = default_config();
-  plan.base.kernel_times_interval = kNotGiven;
   if (options.resume) plan = read_plan(root);
   const std::int64_t planned_seed = plan.base.seed;
   if (!options.config.empty()) apply_config_file(plan.base, options.config);
   line.apply(plan.base);
-  if (plan.base.kernel_times_interval == kNotGiven) plan.base.kernel_times_interval = plan.base.stats_interval;
+  // A comparison shows the candidates' times over the whole training, unless the command line says otherwise.
+  if (!options.resume && !line.was_given("kernel_times_interval") && plan.base.kernel_times_interval == 0) {
+    plan.base.kernel_times_interval = plan.base.stats_interval;
+  }
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) input_error("command line: which scene? b3dgs compare SCENE");
   make_absolute(plan.base.source_path);
