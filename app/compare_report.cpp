@@ -36,19 +36,38 @@ const TrainHistory& history_of_ours(const Comparison& comparison) {
   return comparison.runs.back().front().history;
 }
 
-/// A section of one run for each configuration that has what it shows: of its first seed that does.
-std::string by_configuration(const Comparison& comparison, bool (*has)(const TrainHistory&),
+/// A section of one run, under its name: of the configuration's first seed that has what it shows. Empty if none has.
+std::string of_configuration(const Comparison& comparison, std::size_t index, bool (*has)(const TrainHistory&),
                              std::string (*section)(const TrainHistory&)) {
+  for (const ComparedRun& run : comparison.runs[index]) {
+    if (!has(run.history)) continue;
+    return html::subsection(detail::concat(comparison.configurations[index].name, ", seed ", run.seed),
+                            section(run.history));
+  }
+  return "";
+}
+
+/// The section of ours, or else of the first configuration that has what it shows.
+std::string of_one(const Comparison& comparison, bool (*has)(const TrainHistory&),
+                   std::string (*section)(const TrainHistory&)) {
+  std::string first;
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    const std::string body = of_configuration(comparison, i, has, section);
+    if (comparison.configurations[i].name == comparison.summary.ours && !body.empty()) return body;
+    if (first.empty()) first = body;
+  }
+  return first.empty() ? section(TrainHistory{}) : first;  // which says that nothing is there
+}
+
+/// All that decided; where no kernel was chosen, the candidates' times of one.
+std::string kernels(const Comparison& comparison) {
+  const auto has_checks = [](const TrainHistory& history) { return !history.checks.empty(); };
+  const auto has_times = [](const TrainHistory& history) { return !history.candidate_times.empty(); };
   std::string body;
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    for (const ComparedRun& run : comparison.runs[i]) {
-      if (!has(run.history)) continue;
-      const std::string heading = detail::concat(comparison.configurations[i].name, ", seed ", run.seed);
-      body += html::subsection(heading, section(run.history));
-      break;
-    }
+    body += of_configuration(comparison, i, has_checks, kernel_section);
   }
-  return body.empty() ? section(TrainHistory{}) : body;  // which says that nothing is there
+  return body.empty() ? of_one(comparison, has_times, kernel_section) : body;
 }
 
 std::string what_was_measured(const Comparison& comparison) {
@@ -210,16 +229,15 @@ std::string settings_section(const Comparison& comparison) {
 
 std::string comparison_report(const Comparison& comparison) {
   const std::vector<ReportedRun> runs = first_runs(comparison);
-  const auto has_checks = [](const TrainHistory& history) { return !history.checks.empty(); };
   const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
-  const std::string body = what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
-                           html::section("Training time", time_section(comparison)) +
-                           html::section("Kernels", by_configuration(comparison, has_checks, kernel_section)) +
-                           html::section("Load", by_configuration(comparison, has_loads, load_section)) +
-                           html::section("Time by stage", stage_section(runs)) +
-                           html::section("Quality", quality_section(comparison)) +
-                           html::section("Renders", preview_section(runs)) +
-                           html::section("Machine and settings", settings_section(comparison));
+  const std::string body =
+      what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
+      html::section("Training time", time_section(comparison)) + html::section("Kernels", kernels(comparison)) +
+      // The same scene is as uneven for all of them, whatever kernel has to bear it.
+      html::section("Load", of_one(comparison, has_loads, load_section)) +
+      html::section("Time by stage", stage_section(runs)) + html::section("Quality", quality_section(comparison)) +
+      html::section("Renders", preview_section(runs)) +
+      html::section("Machine and settings", settings_section(comparison));
   return html::page("Comparison on " + scene_name(comparison.plan.base.source_path), verdict(comparison.summary), body);
 }
 

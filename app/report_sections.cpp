@@ -251,9 +251,11 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
 }
 
 std::string kernel_section(const TrainHistory& history) {
-  if (history.checks.empty()) return html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
+  if (history.checks.empty() && history.candidate_times.empty()) {
+    return html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
+  }
   return refusals(history) + candidate_figure(history, "forward") + candidate_figure(history, "backward") +
-         decisions(history);
+         (history.checks.empty() ? "" : decisions(history));
 }
 
 std::string load_section(const TrainHistory& history) {

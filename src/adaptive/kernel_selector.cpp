@@ -152,6 +152,12 @@ bool KernelSelector::is_affordable(double cost_ms, int n_steps, double step_ms) 
   return cost_ms <= options_.cost_share * n_steps * step_ms;
 }
 
+double KernelSelector::cost_with_next_ms() const {
+  double sum_ms = history_.back().cost_ms;
+  for (const KernelDecision& decision : history_) sum_ms += decision.cost_ms;
+  return sum_ms;
+}
+
 double KernelSelector::budget_ms(double step_ms) const {
   if (step_ms <= 0) return std::numeric_limits<double>::infinity();
   return options_.cost_share * options_.interval * step_ms;
@@ -166,19 +172,18 @@ int KernelSelector::next_multiple() const {
 bool KernelSelector::is_due(const CheckMoment& now) const {
   if (is_finished()) return false;
   if (history_.empty()) return true;
-  const double cost_ms = history_.back().cost_ms;
-  if (!is_affordable(cost_ms, now.n_steps_left, now.step_ms)) return false;
+  if (!is_affordable(history_.back().cost_ms, now.n_steps_left, now.step_ms)) return false;
   if (last_check_ == 0) return true;
-  return now.iteration >= next_multiple() && is_affordable(cost_ms, now.iteration - last_check_, now.step_ms);
+  return now.iteration >= next_multiple() && is_affordable(cost_with_next_ms(), now.iteration - 1, now.step_ms);
 }
 
 /// When the next check comes if steps go on taking that long; 0 if none does.
 int KernelSelector::earliest_check(double step_ms) const {
   if (is_finished()) return 0;
   if (step_ms <= 0) return next_multiple();
-  const double n_steps = std::ceil(history_.back().cost_ms / (options_.cost_share * step_ms));
+  const double n_steps = std::ceil(cost_with_next_ms() / (options_.cost_share * step_ms));
   constexpr double kNever = std::numeric_limits<int>::max();
-  return std::max(next_multiple(), static_cast<int>(std::min(kNever, last_check_ + n_steps)));
+  return std::max(next_multiple(), static_cast<int>(std::min(kNever, 1 + n_steps)));
 }
 
 KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& other,

@@ -74,8 +74,8 @@ class KernelSelector {
   std::vector<std::string> candidates() const;
 
   /// Whether to measure now. The first check comes before the very first step. The others come at multiples of the
-  /// interval, or as soon after them as the cost of the last check is within its share of the training time since; and
-  /// none whose cost, if it is that of the last one, is more than that share of the training time that is left.
+  /// interval, or as soon after them as all checks so far and this one, if it costs what the last one did, are within
+  /// their share of the training time so far; and none whose cost is more than that share of the time that is left.
   bool is_due(const CheckMoment& now) const;
 
   /// What a check may cost to be repeated after one interval; unlimited where no step's time is known.
@@ -112,6 +112,7 @@ class KernelSelector {
   void leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   std::string settle_challenge(const std::string& challenger, const Lead& lead);
   bool is_affordable(double cost_ms, int n_steps, double step_ms) const;
+  double cost_with_next_ms() const;  // of all checks and one more like the last
   int next_multiple() const;
   int earliest_check(double step_ms) const;
   bool is_candidate(const std::string& kernel) const;  // and not refused

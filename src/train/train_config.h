@@ -167,8 +167,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "what adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
-        "iterations between two measurements of the candidates, or more where measuring would cost over 0.5 % of the "
-        "training time since the last one or still to come; one more comes before the first step");
+        "iterations between two measurements of the candidates, or more where all of them would cost over 0.5 % of "
+        "the training time so far, or the next one of what is still to come; one more comes before the first step");
   field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
         "coming views on which the candidates are measured; fewer, but three at least, where those leave no doubt "
         "or more would delay the next measurement");

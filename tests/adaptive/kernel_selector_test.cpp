@@ -304,16 +304,16 @@ TEST(Cost, DelaysTheNextCheckUntilItIsWithinItsShare) {
   selector.decide({1, 1 << 30, 0}, measured, 6);
   EXPECT_EQ(selector.history().back().next_check, 1000) << "no step has been timed";
   EXPECT_FALSE(selector.is_due({1000, 1 << 30, 1.0}));
-  EXPECT_FALSE(selector.is_due({1200, 1 << 30, 1.0}));
-  EXPECT_TRUE(selector.is_due({1201, 1 << 30, 1.0})) << "0.5 % of 1200 steps of 1 ms";
-  EXPECT_TRUE(selector.is_due({1000, 1 << 30, 1.3})) << "steps have become longer";
+  EXPECT_FALSE(selector.is_due({2400, 1 << 30, 1.0}));
+  EXPECT_TRUE(selector.is_due({2401, 1 << 30, 1.0})) << "12 ms for two are 0.5 % of 2400 steps of 1 ms";
+  EXPECT_TRUE(selector.is_due({1000, 1 << 30, 2.5})) << "steps have become longer";
   EXPECT_FALSE(selector.is_due({999, 1 << 30, 100})) << "never before the interval is over";
   EXPECT_FALSE(selector.is_due({5000, 1 << 30, 0})) << "nothing is known of the steps";
-  selector.decide({1201, 1 << 30, 2.0}, measured, 31);
-  EXPECT_EQ(selector.history().back().next_check, 1201 + 3100);
+  selector.decide({2401, 1 << 30, 2.0}, measured, 31);
+  EXPECT_EQ(selector.history().back().next_check, 6801) << "6, 31 and again 31 ms";
   EXPECT_EQ(selector.history().back().step_ms, 2.0);
-  EXPECT_FALSE(selector.is_due({4300, 1 << 30, 2.0}));
-  EXPECT_TRUE(selector.is_due({4301, 1 << 30, 2.0}));
+  EXPECT_FALSE(selector.is_due({6800, 1 << 30, 2.0}));
+  EXPECT_TRUE(selector.is_due({6801, 1 << 30, 2.0}));
 }
 
 TEST(Cost, AllowsNoCheckThatTheRestOfTheTrainingCannotRepay) {
@@ -392,8 +392,8 @@ TEST(Restored, KnowsWhatTheLastCheckCost) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   selector.decide(at(1), inflection_at(1 << 30)(1), 20);
   const KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper));
-  EXPECT_FALSE(copy.is_due(at(4000)));
-  EXPECT_TRUE(copy.is_due(at(4001)));
+  EXPECT_FALSE(copy.is_due(at(8000)));
+  EXPECT_TRUE(copy.is_due(at(8001))) << "20 ms and as much again are 0.5 % of 8000 steps of 1 ms";
 }
 
 TEST(Restored, FromACheckpointThatDoesNotSayHowLongAStepTook) {

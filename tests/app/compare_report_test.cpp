@@ -72,5 +72,20 @@ TEST(CompareReport, NamesTheRunsThatMeasured) {
   EXPECT_TRUE(contains(html, "Load statistics were not taken")) << "of nobody";
 }
 
+TEST(CompareReport, ShowsTheLoadOfOursAndTimesOfFixedKernels) {
+  TrainHistory timed = history(10);
+  timed.loads = {{1, LoadFigures{1, 2, 3, 4, 5, 2, 0.5, {0, 1, 2}}, {}, {}}};
+  timed.candidate_times = {{1, "forward", {{"combined", 1.5}, {"shared-memory", 2}}}};
+  const std::string html = comparison_report(
+      comparison_of({{"naive", {timed, timed}}, {"combined", {history(8), timed}}, {"other", {timed, timed}}}));
+  EXPECT_EQ(test::xml_fault(html), "");
+  const std::string heading = "<h3>combined, seed 5</h3>";  // its first seed has neither
+  const std::size_t kernels = html.find(heading);
+  ASSERT_NE(kernels, std::string::npos);
+  EXPECT_NE(html.find(heading, kernels + 1), std::string::npos) << "kernels and load";
+  EXPECT_FALSE(contains(html, "<h3>naive") || contains(html, "<h3>other")) << "one stands for all";
+  EXPECT_TRUE(contains(html, "Time of the forward candidates over the training"));
+}
+
 }  // namespace
 }  // namespace b3dgs
