@@ -35,7 +35,7 @@ table { border-collapse: collapse; margin: 14px 0; font-variant-numeric: tabular
 th, td { padding: 5px 18px 5px 0; text-align: right; border-bottom: 1px solid var(--grid); vertical-align: top; }
 table.figures td, table.figures th { white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; white-space: normal !important; } th { color: var(--soft); font-weight: 500; }
-table.words th, table.words td { text-align: left; } tr.marked td { background: var(--mark); font-weight: 600; }
+table.words th, table.words td { text-align: left; overflow-wrap: break-word; } tr.marked td { background: var(--mark); font-weight: 600; }
 svg.chart { display: block; width: 100%; height: auto; overflow: visible; font: 12px system-ui, "DejaVu Sans", sans-serif; }
 .tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); }
 .note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 { paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
