@@ -19,6 +19,7 @@ inline constexpr float kCovarianceBlur =
 // affine approximation of EWA splatting grows without bound.
 inline constexpr float kFrustumMargin = 0.3f;
 inline constexpr float kNearPlane = 0.2f;     // world units; the original rasterizer's, and the default
+inline constexpr float kRadiusMax = 1e9f;     // px; nothing that is being learned is that large: a fault, as NaN is
 inline constexpr float kSquareSigmas = 3.0f;  // half side of the original's culling square, in standard deviations
 inline constexpr int kShDegreeMax = 3;
 

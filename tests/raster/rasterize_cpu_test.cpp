@@ -177,6 +177,21 @@ TEST(RasterizeCpu, NumericErrorNamesTheGaussianOfAParameterThatIsNotFinite) {
   }
 }
 
+TEST(RasterizeCpu, NumericErrorNamesTheGaussianThatIsAbsurdlyLarge) {
+  const auto render = [](float log_scale) {
+    const TestScene scene = smooth_scene();
+    scene.gaussians.log_scales[5] = log_scale;
+    const CpuView view(scene, settings_of(scene));
+  };
+  EXPECT_NO_THROW(render(12)) << "a million pixels";
+  try {
+    render(30);
+    ADD_FAILURE() << "rendered without an error";
+  } catch (const NumericError& error) {
+    EXPECT_NE(std::string(error.what()).find("Gaussian 5 "), std::string::npos) << error.what();
+  }
+}
+
 TEST(RasterizeCpu, NumericErrorNamesTheFirstOfSeveral) {
   const ScopedThreadCount threads(2);
   const TestScene scene = large_cloud();

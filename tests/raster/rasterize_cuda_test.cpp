@@ -107,15 +107,17 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
   }
 }
 
-TEST(RasterizeCuda, ErrorNamesTheGaussianThatIsNotFinite) {
+TEST(RasterizeCuda, ErrorNamesTheGaussianThatIsNotFiniteOrAbsurdlyLarge) {
   B3DGS_NEEDS_GPU();
-  TestScene scene = thirty_three_in_one_tile();
-  scene.gaussians.log_scales[17][1] = std::numeric_limits<float>::infinity();
-  try {
-    const CudaView view(scene, settings_of(scene));
-    FAIL() << "rendered without an error";
-  } catch (const NumericError& error) {
-    EXPECT_NE(std::string(error.what()).find("Gaussian 17 "), std::string::npos) << error.what();
+  for (const float log_scale : {std::numeric_limits<float>::infinity(), 30.0f}) {
+    TestScene scene = thirty_three_in_one_tile();
+    scene.gaussians.log_scales[17][1] = log_scale;
+    try {
+      const CudaView view(scene, settings_of(scene));
+      ADD_FAILURE() << "rendered without an error: " << log_scale;
+    } catch (const NumericError& error) {
+      EXPECT_NE(std::string(error.what()).find("Gaussian 17 "), std::string::npos) << error.what();
+    }
   }
 }
 

@@ -57,11 +57,12 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 
   const Shape<float> shape = make_shape(log_scales, quat);
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  const float sigma = largest_sigma(p.cov);
-  if (!std::isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + sigma + log2_opacity)) {
+  const float radius_px = std::ceil(kSquareSigmas * largest_sigma(p.cov));
+  if (!std::isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
+      !(radius_px <= kRadiusMax)) {
     return Outcome::kNotFinite;
   }
-  radius = static_cast<std::int32_t>(std::min(std::ceil(kSquareSigmas * sigma), 1e9f));
+  radius = static_cast<std::int32_t>(radius_px);
   extent = ellipse_extent(log2_opacity, p.cov);
   const Rect tiles = args.culling == Culling::kSquare
                          ? square_tiles(args.grid, p.mean2d.x, p.mean2d.y, static_cast<float>(radius))
@@ -90,11 +91,11 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 [[noreturn]] void fail_not_finite(const GaussianArrays& g, std::int64_t i) {
   const Vec3f mean = load3(g.means, i), scale = load3(g.log_scales, i);
   const Vec4f quat = load4(g.quats, i);
-  throw NumericError(detail::concat("Gaussian ", i, " has no finite projection: mean (", mean.x, ", ", mean.y, ", ",
-                                    mean.z, "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (",
-                                    quat.x, ", ", quat.y, ", ", quat.z, ", ", quat.w, "), opacity logit ",
-                                    g.logit_opacities[i], ", colour (", g.sh0[3 * i], ", ", g.sh0[3 * i + 1], ", ",
-                                    g.sh0[3 * i + 2], ")"));
+  throw NumericError(detail::concat("Gaussian ", i, " has no finite projection, or one of more than 1e9 px: mean (",
+                                    mean.x, ", ", mean.y, ", ", mean.z, "), log scales (", scale.x, ", ", scale.y, ", ",
+                                    scale.z, "), rotation (", quat.x, ", ", quat.y, ", ", quat.z, ", ", quat.w,
+                                    "), opacity logit ", g.logit_opacities[i], ", colour (", g.sh0[3 * i], ", ",
+                                    g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
 }
 
 }  // namespace

@@ -55,8 +55,9 @@ __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, co
 
   const Shape<float> shape = make_shape(log_scales, Vec4f{quat.x, quat.y, quat.z, quat.w});
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  const float sigma = largest_sigma(p.cov);
-  if (!isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + sigma + log2_opacity)) {
+  const float radius_px = ceilf(kSquareSigmas * largest_sigma(p.cov));
+  if (!isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
+      !(radius_px <= kRadiusMax)) {
     result.finite = false;
     return result;
   }
@@ -72,7 +73,7 @@ __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, co
               0,
               0,
               0};
-  const auto radius = static_cast<std::int32_t>(fminf(ceilf(kSquareSigmas * sigma), 1e9f));
+  const auto radius = static_cast<std::int32_t>(radius_px);
   const Vec2f extent = ellipse_extent(log2_opacity, p.cov);
   visit_tile_rows(args.grid, args.culling, splat, extent, radius,
                   [&](std::int32_t, TileSpan span) { result.n_tiles += span.end - span.begin; });

@@ -2,6 +2,9 @@
 
 #include "raster/cuda/rasterize_cuda.h"
 
+#include <utility>
+#include <vector>
+
 #include "raster/args_check.h"
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/forward_table.h"
@@ -24,6 +27,20 @@ class PinnedValue {
  private:
   T* value_ = nullptr;
 };
+
+/// Of all Gaussians, and the tiles that it touches. Waits.
+std::pair<std::int64_t, std::int32_t> widest_gaussian(const std::int32_t* n_tiles, std::int64_t n,
+                                                      const LaunchContext& context) {
+  std::vector<std::int32_t> host(static_cast<std::size_t>(n));
+  B3DGS_CUDA_CHECK(cudaMemcpyAsync(host.data(), n_tiles, host.size() * sizeof(std::int32_t), cudaMemcpyDeviceToHost,
+                                   context.stream));
+  B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
+  std::size_t widest = 0;
+  for (std::size_t i = 0; i < host.size(); ++i) {
+    if (host[i] > host[widest]) widest = i;
+  }
+  return {static_cast<std::int64_t>(widest), host[widest]};
+}
 
 }  // namespace
 
@@ -123,11 +140,15 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
-    throw NumericError(detail::concat("Gaussian ", counts.not_finite, " has no finite projection"));
+    throw NumericError(
+        detail::concat("Gaussian ", counts.not_finite, " has no finite projection, or one of more than 1e9 px"));
   }
   if (counts.n_isects > kIndexMax) {
+    const auto [widest, tiles] = widest_gaussian(projected.n_tiles, n, context);
     throw NumericError(detail::concat("the view needs ", counts.n_isects, " (tile, Gaussian) pairs, more than ",
-                                      kIndexMax, "; Gaussians have grown over the whole image, or there are too many"));
+                                      kIndexMax, "; Gaussian ", widest, " alone touches ", tiles, " of ",
+                                      s.grid.n_tiles(), " tiles: Gaussians have grown over the whole image, or there ",
+                                      "are too many"));
   }
   s.n_splats = counts.n_splats;
   begin_stage(s.stages, Stage::kBin);
