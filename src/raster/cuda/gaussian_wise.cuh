@@ -151,8 +151,8 @@ class GaussianWisePixel {
   bool finished_ = false;
   PixelState<float> part_{1, 0, 0, 0, 0};  // of the own lane; its transmittance is not used
   std::int64_t first_part_ = 0;            // place of the first bucket's part
-  PixelState<float> open_{1, 0, 0, 0,
-                          0};  // of the bucket of last_, whose part is not written yet; the same in all lanes
+  // Of the bucket of last_, whose part is not written yet; the same in all lanes.
+  PixelState<float> open_{1, 0, 0, 0, 0};
 };
 
 }  // namespace b3dgs::cuda
