@@ -1,11 +1,14 @@
 #!/usr/bin/env bash
 # Compiles every CUDA source for each architecture with warnings as errors, and compares registers and spills of the
-# kernels with docs/kernel_resources.txt; needs nvcc, but no GPU.
+# kernels with docs/kernel_resources.txt. Compiles the tests that need a GPU too, as far as LibTorch without CUDA goes,
+# and runs them: without a GPU they say that they skip. Needs nvcc, but no GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH=$PATH:/usr/local/cuda/bin
 
 scripts/install_packages.sh
-cmake --preset cuda-compile -DB3DGS_TESTS=OFF
-cmake --build --preset cuda-compile --target b3dgs_raster_cuda b3dgs_train_cuda
+cmake --preset cuda-compile -DB3DGS_TESTS=ON
+cmake --build --preset cuda-compile --target b3dgs_raster_cuda b3dgs_train_cuda b3dgs_adaptive_cuda \
+  raster_cuda_tests train_cuda_tests adaptive_cuda_tests
 scripts/kernel_resources.sh --check
+ctest --test-dir build/cuda-compile -L gpu --no-tests=error --parallel 2 --output-on-failure
