@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "app/compare_verdict.h"
 #include "app/html_report.h"
 #include "app/print.h"
 #include "app/progress.h"

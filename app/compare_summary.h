@@ -108,23 +108,9 @@ struct ComparisonSummary {
 /// The first configuration is the baseline; there are at least two.
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
 
-/// Less than this share saved or lost is called no difference.
-inline constexpr double kNoDifference = 0.01;
-
 /// How differences of quality are judged, in a sentence or two.
 std::string quality_criterion(const ComparisonSummary& summary);
 
-/// Did it pay? Balancing is credited only with what was saved while a balanced kernel ran.
-std::string verdict(const ComparisonSummary& summary);
-
 nlohmann::ordered_json to_json(const ComparisonSummary& summary);
-
-/// "18.3 %"
-std::string format_percent(double share);
-/// "18 %"
-std::string format_whole_percent(double share);
-
-/// " in 1 of 3 seeds", or "" if it is all of them.
-std::string in_seeds(int n, int of);
 
 }  // namespace b3dgs

@@ -5,6 +5,7 @@
 #include "adaptive/load_statistics.h"
 #include "app/cli.h"
 #include "app/compare_report.h"
+#include "app/compare_verdict.h"
 #include "app/print.h"
 #include "app/report_sections.h"
 #include "check.h"

@@ -1,5 +1,6 @@
 // What a comparison says, over invented curves.
 #include "app/compare_summary.h"
+#include "app/compare_verdict.h"
 
 #include <gtest/gtest.h>
 
