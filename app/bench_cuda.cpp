@@ -34,6 +34,13 @@ void check_tile(const BenchRun& run) {
   }
 }
 
+const cuda::ForwardRow& row_of(ForwardKernel kernel) {
+  return cuda::kForwardTable[static_cast<std::size_t>(kernel)];
+}
+const cuda::BackwardRow& row_of(BackwardKernel kernel) {
+  return cuda::kBackwardTable[static_cast<std::size_t>(kernel)];
+}
+
 /// The device, one view on it, and its clock.
 struct Session {
   cuda::DriverMemory memory;
@@ -49,68 +56,64 @@ struct Session {
         repeat(run.repeat) {}
 
   /// The blend alone, as in the paper's table, without what a training step keeps for its backward pass.
-  Timing time_forward(const cuda::ForwardRow& row) {
+  Timing time_forward(ForwardKernel kernel) {
     cuda::BlendForwardCudaArgs alone = frame.forward_args;
     alone.parts = {};
     return timer.time(
-        repeat, [&] { frame.reset_pool(); }, [&] { row.launch(alone, context); });
+        repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(alone, context); });
   }
 
   /// As in a training step, where it keeps for each bucket of 32 splats what that adds to each pixel.
-  Timing time_keeping_forward(const cuda::ForwardRow& row) {
+  Timing time_keeping_forward(ForwardKernel kernel) {
     return timer.time(
-        repeat, [&] { frame.reset_pool(); }, [&] { row.launch(frame.forward_args, context); });
+        repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(frame.forward_args, context); });
   }
 
-  Timing time_backward(const cuda::BackwardRow& row) {
+  Timing time_backward(BackwardKernel kernel) {
     return timer.time(
-        repeat, [&] { frame.clear_splat_grads(); }, [&] { row.launch(frame.backward_args, context); });
+        repeat, [&] { frame.clear_splat_grads(); }, [&] { row_of(kernel).launch(frame.backward_args, context); });
   }
 
   /// The forward pass that the backward pass is to follow.
-  void run_forward(const cuda::ForwardRow& row) {
+  void run_forward(ForwardKernel kernel) {
     frame.poison_outputs();
     frame.reset_pool();
-    row.launch(frame.forward_args, context);
+    row_of(kernel).launch(frame.forward_args, context);
+    frame.backward_args.parts = cuda::parts_after(kernel, frame.forward_args);
   }
 
-  std::vector<NamedArray> run_backward(const cuda::BackwardRow& row) {
+  std::vector<NamedArray> run_backward(BackwardKernel kernel) {
     frame.clear_splat_grads();
-    row.launch(frame.backward_args, context);
+    row_of(kernel).launch(frame.backward_args, context);
     cuda::project_backward(frame.project_backward_args, context);
     return frame.gradients();
   }
 };
 
-const cuda::ForwardRow& row_of(ForwardKernel kernel) {
-  return cuda::kForwardTable[static_cast<std::size_t>(kernel)];
-}
-const cuda::BackwardRow& row_of(BackwardKernel kernel) {
-  return cuda::kBackwardTable[static_cast<std::size_t>(kernel)];
-}
-
 nlohmann::ordered_json compare_forward(Session& session) {
   const TileShape tile = session.frame.forward_args.blend.grid.tile;
   ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true, /*keeping=*/true});
   for (const ForwardKernelName& kernel : kForwardKernels) {
-    const cuda::ForwardRow& row = row_of(kernel.kernel);
-    const Timing timing = session.time_forward(row), keeping = session.time_keeping_forward(row);
-    session.run_forward(row);
+    const Timing timing = session.time_forward(kernel.kernel), keeping = session.time_keeping_forward(kernel.kernel);
+    session.run_forward(kernel.kernel);
     std::vector<float> image = session.frame.image();
-    table.add({std::string(kernel.name), timing, std::move(image),
-               session.run_backward(row_of(BackwardKernel::kPerSplat)), row.resources(tile), keeping});
+    table.add({std::string(kernel.name), timing, std::move(image), session.run_backward(BackwardKernel::kPerSplat),
+               row_of(kernel.kernel).resources(tile), keeping});
   }
   return table.rows();
 }
 
 nlohmann::ordered_json compare_backward(Session& session) {
   const TileShape tile = session.frame.forward_args.blend.grid.tile;
-  session.run_forward(row_of(ForwardKernel::kSharedMemory));
+  session.run_forward(ForwardKernel::kSharedMemory);
   ComparisonTable table("backward kernel", {/*image=*/false, /*gradients=*/true, /*resources=*/true});
   for (const BackwardKernelName& kernel : kBackwardKernels) {
-    const cuda::BackwardRow& row = row_of(kernel.kernel);
-    const Timing timing = session.time_backward(row);
-    table.add({std::string(kernel.name), timing, {}, session.run_backward(row), row.resources(tile)});
+    const Timing timing = session.time_backward(kernel.kernel);
+    table.add({std::string(kernel.name),
+               timing,
+               {},
+               session.run_backward(kernel.kernel),
+               row_of(kernel.kernel).resources(tile)});
   }
   return table.rows();
 }
@@ -125,8 +128,8 @@ nlohmann::ordered_json time_passes(Session& session) {
   const auto nothing = [] {};
   add("project", nothing, [&] { cuda::project(frame.project_args, context); });
   add("bin", nothing, [&] { cuda::bin(frame.bin_args, frame.bin_buffers, context); });
-  table.add("blend forward", session.time_keeping_forward(row_of(ForwardKernel::kSharedMemory)));
-  table.add("blend backward", session.time_backward(row_of(BackwardKernel::kPerSplat)));
+  table.add("blend forward", session.time_keeping_forward(ForwardKernel::kSharedMemory));
+  table.add("blend backward", session.time_backward(BackwardKernel::kPerSplat));
   add("project backward", nothing, [&] { cuda::project_backward(frame.project_backward_args, context); });
   table.print_sum("forward+backward");
   return table.rows();
@@ -163,7 +166,7 @@ ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& sc
   Session session(run, scene);
   times.lists = session.frame.lists();
   for (const ForwardKernelName& kernel : kForwardKernels) {
-    times.rows.push_back({std::string(kernel.name), session.time_forward(row_of(kernel.kernel))});
+    times.rows.push_back({std::string(kernel.name), session.time_forward(kernel.kernel)});
   }
   return times;
 }

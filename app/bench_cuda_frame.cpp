@@ -81,9 +81,8 @@ void CudaFrame::set_up_blending(const TileGrid& grid) {
   forward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image,
                    transmittance_.resize(n_pixels_, context_), last_ids_.resize(n_pixels_, context_)},
                   binned.buckets,
-                  parts,
-                  next_task_.resize(1, context_),
-                  quad_words_.resize(n_parts_ / 4, context_)};
+                  parts};
+  for (const ForwardKernelName& kernel : kForwardKernels) scratch_.lend(kernel.kernel, forward_args, context_);
   const std::vector<float> mean(static_cast<std::size_t>(3 * n_pixels_), 1.0f / static_cast<float>(3 * n_pixels_));
   const ImageGradArrays grad{upload(grad_color_, mean), nullptr, nullptr};
   backward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image, transmittance_.data(),
@@ -107,7 +106,7 @@ void CudaFrame::poison_outputs() {
 }
 
 void CudaFrame::reset_pool() {
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task_.data(), 0, sizeof(std::int32_t), context_.stream));
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(forward_args.next_task, 0, sizeof(std::int32_t), context_.stream));
 }
 
 void CudaFrame::clear_splat_grads() {

@@ -9,6 +9,7 @@
 
 #include "app/bench_report.h"
 #include "app/bench_scenes.h"
+#include "raster/cuda/forward_scratch.h"
 #include "raster/cuda/passes.h"
 #include "raster/forward_kernel.h"
 
@@ -73,11 +74,11 @@ class CudaFrame {
   DeviceBuffer<float> grad_means_, grad_log_scales_, grad_quats_, grad_opacities_, grad_sh0_, grad_shN_, grad_means2d_;
   DeviceBuffer<Splat> splats_;
   DeviceBuffer<Vec2f> extents_;
-  DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_, next_task_;
+  DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_light_;
   DeviceBuffer<float2> bucket_ends_;
-  DeviceBuffer<std::uint32_t> quad_words_;
+  ForwardScratch scratch_;
   DeviceBuffer<SplatGradSum> splat_grads_;
 };
 

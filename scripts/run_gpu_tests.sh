@@ -19,7 +19,7 @@ sanitizer_timeout=${SANITIZER_TIMEOUT:-150}
 is_quick=false only=all has_build=true report=
 
 # Scenes under the sanitizers: each branch of the kernels, and none of the long lists, on which a tool takes minutes.
-few_scenes='*/thirty_three_in_one_tile:*/odd_image_size:*/saturated_pixels'
+few_scenes='*/thirty_three_in_one_tile:*/odd_image_size:*/saturated_pixels:SegmentedCuda.CutLists*'
 most_scenes="$few_scenes:*/empty:*/one_splat:*/splat_on_tile_corner:*/around_the_near_plane:*/opaque_front_layer"
 most_scenes+=":*/one_pixel_image:*/anisotropic_cloud:*/near_the_cutoff:*/no_higher_degrees"
 

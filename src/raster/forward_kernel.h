@@ -8,7 +8,7 @@
 namespace b3dgs {
 
 /// Every schedule computes the same image; README.md of this folder says what sets each apart, on CPU and on CUDA.
-enum class ForwardKernel { kNaive, kDynamic, kGaussianWise, kCombined, kSharedMemory };
+enum class ForwardKernel { kNaive, kDynamic, kGaussianWise, kCombined, kSharedMemory, kSegmented };
 
 struct ForwardKernelName {
   ForwardKernel kernel;
@@ -17,7 +17,7 @@ struct ForwardKernelName {
   std::string_view summary;  // one line for the help text
 };
 
-inline constexpr std::array<ForwardKernelName, 5> kForwardKernels{{
+inline constexpr std::array<ForwardKernelName, 6> kForwardKernels{{
     {ForwardKernel::kNaive, "naive", false, "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
     {ForwardKernel::kDynamic, "dynamic", true, "as naive, tiles taken from an atomic pool (inter-block balancing)"},
     {ForwardKernel::kGaussianWise, "gaussian-wise", true,
@@ -25,6 +25,8 @@ inline constexpr std::array<ForwardKernelName, 5> kForwardKernels{{
     {ForwardKernel::kCombined, "combined", true,
      "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
     {ForwardKernel::kSharedMemory, "shared-memory", false, "lanes over pixels, splats staged in fast memory"},
+    {ForwardKernel::kSegmented, "segmented", true,
+     "as shared-memory, long lists in segments that are joined at the end"},
 }};
 
 constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {

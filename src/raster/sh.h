@@ -18,6 +18,11 @@ inline constexpr double kSh3c = 0.4570457994644658;   // sqrt(21 / (32 pi))
 inline constexpr double kSh3d = 0.3731763325901154;   // sqrt(7 / (16 pi))
 inline constexpr double kSh3e = 1.445305721320277;    // sqrt(105 / (16 pi))
 
+/// Floats of a Gaussian's harmonics beyond degree 0.
+B3DGS_HD constexpr int rest_floats(int sh_degree) {
+  return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
+}
+
 /// Basis values for a unit direction; writes (degree + 1)^2 of them.
 template <class Real>
 B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {

@@ -239,6 +239,35 @@ TestScene ten_thousand_in_one_tile() {
   return cloud_scene(make_view(20, 16, 30), 0, cloud, 202);
 }
 
+TestScene ends_along_a_long_list() {
+  const PinholeView view = make_view(16, 12, 24);
+  SceneBuilder builder(view, 0);
+  Random random(203);
+  Cloud faint = cloud_over(view, 5000, -1);
+  faint.depth_min = 1;
+  faint.depth_max = 6;
+  faint.size_min = 0.4;
+  faint.size_max = 0.8;
+  faint.opacity_min = 0.01;
+  faint.opacity_max = 0.02;
+  add_cloud(builder, faint, random);
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 3; ++row) {
+      for (int layer = 0; layer < 5; ++layer) {
+        Splat2D splat;
+        splat.x = 2.4 + 4 * column;
+        splat.y = 2.3 + 4 * row;
+        splat.depth = 1.3 + 1.2 * column + 0.07 * layer;
+        splat.size = {1.3, 1.3, 1.3};
+        splat.opacity = 0.9;
+        splat.color = random.uniform3(0.1, 0.9);
+        builder.add(splat, random);
+      }
+    }
+  }
+  return builder.build();
+}
+
 TestScene opaque_front_layer() {
   const PinholeView view = make_view(40, 24, 40);
   SceneBuilder builder(view, 1);
@@ -448,6 +477,7 @@ const std::vector<TestSceneRow>& test_scenes() {
       {"around_the_near_plane", around_the_near_plane},
       {"thirty_three_in_one_tile", thirty_three_in_one_tile},
       {"ten_thousand_in_one_tile", ten_thousand_in_one_tile},
+      {"ends_along_a_long_list", ends_along_a_long_list},
       {"opaque_front_layer", opaque_front_layer},
       {"saturated_pixels", saturated_pixels},
       {"odd_image_size", odd_image_size},

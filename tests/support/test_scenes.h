@@ -26,6 +26,7 @@ TestScene behind_the_camera();              // nothing to see: behind, at the ca
 TestScene around_the_near_plane();          // some behind, some seen
 TestScene thirty_three_in_one_tile();       // one more than a warp, and no other tile is reached
 TestScene ten_thousand_in_one_tile();       // one long list, empty tiles beside it
+TestScene ends_along_a_long_list();         // of thousands of faint ones, stopped by a few opaque ones here and there
 TestScene opaque_front_layer();             // every pixel ends in front of most Gaussians
 TestScene saturated_pixels();               // pixels end at different depths
 TestScene odd_image_size();                 // 37 x 29: tiles cut on both sides

@@ -69,7 +69,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
                          : box_tiles(args.grid, p.mean2d.x, p.mean2d.y, extent);
   if (tiles.empty()) return Outcome::kCulled;
 
-  const std::int64_t rest = 3 * ((g.sh_degree_max + 1) * (g.sh_degree_max + 1) - 1);
+  const std::int64_t rest = rest_floats(g.sh_degree_max);
   const ShColor<float> color = sh_color(args.sh_degree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
   if (!std::isfinite(color.color.x + color.color.y + color.color.z)) return Outcome::kNotFinite;
 
@@ -144,8 +144,8 @@ std::int64_t project(const ProjectArgs& args) {
 void project_backward(const ProjectBackwardArgs& args) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  const std::int64_t rest = 3 * ((g.sh_degree_max + 1) * (g.sh_degree_max + 1) - 1);
-  const std::int64_t rendered_rest = 3 * ((args.sh_degree + 1) * (args.sh_degree + 1) - 1);
+  const std::int64_t rest = rest_floats(g.sh_degree_max);
+  const std::int64_t rendered_rest = rest_floats(args.sh_degree);
 
   const auto backward_one = [&](std::int64_t i, const Splat& splat, std::int64_t first, std::int64_t last) {
     SplatGrad sum{};

@@ -29,6 +29,23 @@ struct PixelRing {
 
 constexpr int kChunks = 8;  // of a pixel's buckets, summed at the same time
 
+/// Light of a pixel before the segments of its list, by which what is kept of their buckets has to be multiplied.
+template <int kTilePixels>
+class LightBefore {
+ public:
+  __device__ __forceinline__ LightBefore(const BucketParts& parts, std::int32_t tile, std::int32_t pixel_index) {
+    const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
+    if (first >= 0) before_ = parts.before_segment + std::int64_t{first} * kTilePixels + pixel_index;
+  }
+  __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
+    constexpr int kBuckets = kSegmentEntries / kWarpSize;
+    return before_ != nullptr ? __ldg(before_ + std::int64_t{bucket / kBuckets} * kTilePixels) : 1.0f;
+  }
+
+ private:
+  const float* before_ = nullptr;  // null: the list is not cut
+};
+
 /// What a bucket shows at a pixel, seen through the loss.
 template <bool kWithDepth>
 __device__ __forceinline__ float seen_through_loss(const BlendBackwardCudaArgs& args, std::int64_t kept, float4 part,
@@ -55,11 +72,13 @@ __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const Bl
   const std::int32_t n = last >= 0 ? last / kWarpSize + 1 : 0, per_chunk = (n + kChunks - 1) / kChunks;
   const std::int32_t begin = chunk * per_chunk, end = begin + per_chunk < n ? begin + per_chunk : n;
   const std::int64_t first = args.buckets.offsets[tile] * kTilePixels + at.index;
+  const LightBefore<kTilePixels> light_before(args.parts, tile, at.index);
   float sum = 0;
 #pragma unroll 8
   for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
     const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
-    sum += seen_through_loss<kWithDepth>(args, kept, __ldg(args.parts.light + kept), g);
+    sum +=
+        light_before.of_bucket(bucket) * seen_through_loss<kWithDepth>(args, kept, __ldg(args.parts.light + kept), g);
   }
   chunk_sums[chunk][lane] = sum;
   __syncthreads();
@@ -70,8 +89,9 @@ __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const Bl
   for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
     const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
     const float4 part = __ldg(args.parts.light + kept);
-    args.bucket_ends[kept] = make_float2(part.x, behind);
-    behind += seen_through_loss<kWithDepth>(args, kept, part, g);
+    const float before = light_before.of_bucket(bucket);
+    args.bucket_ends[kept] = make_float2(before * part.x, behind);
+    behind += before * seen_through_loss<kWithDepth>(args, kept, part, g);
   }
 }
 

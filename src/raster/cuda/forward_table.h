@@ -14,6 +14,7 @@ void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContex
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context);
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context);
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context);
+void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context);
 
 /// Resources of the schedule's kernel; of the longest-running one if it launches several.
 KernelResources forward_naive_resources(const TileShape& tile);
@@ -21,6 +22,7 @@ KernelResources forward_dynamic_resources(const TileShape& tile);
 KernelResources forward_gaussian_wise_resources(const TileShape& tile);
 KernelResources forward_combined_resources(const TileShape& tile);
 KernelResources forward_shared_memory_resources(const TileShape& tile);
+KernelResources forward_segmented_resources(const TileShape& tile);
 
 struct ForwardRow {
   void (*launch)(const BlendForwardCudaArgs& args, const LaunchContext& context);
@@ -34,6 +36,7 @@ inline constexpr std::array<ForwardRow, kForwardKernels.size()> kForwardTable{{
     {launch_forward_gaussian_wise, forward_gaussian_wise_resources},
     {launch_forward_combined, forward_combined_resources},
     {launch_forward_shared_memory, forward_shared_memory_resources},
+    {launch_forward_segmented, forward_segmented_resources},
 }};
 
 }  // namespace b3dgs::cuda

@@ -81,6 +81,31 @@ struct BucketParts {
   // red, green, blue that it adds. Null: no parts are kept.
   float4* light = nullptr;
   float* depth = nullptr;  // likewise: depth that it adds; null: no gradient by depth will be asked for
+  // Where a list was cut into segments, its parts are those of light that reaches the segment undimmed.
+  const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is
+  const float* before_segment = nullptr;                // Segments::before
+};
+
+/// `segmented` cuts lists of more entries than this into segments of so many: whole buckets.
+inline constexpr std::int32_t kSegmentEntries = 1024;
+
+/// A segment of a tile's list; the first one may be the whole list.
+struct SegmentTask {
+  std::int32_t tile, segment;  // the segment's number within the list
+};
+
+/// Scratch of `segmented`. Segments of a tile follow one another.
+struct Segments {
+  std::int32_t n_max = 0;                 // bound on their number that the host knows
+  SegmentTask* tasks = nullptr;           // [n_max] second segments of all lists, then third ones, ...
+  std::int32_t* n_tasks = nullptr;        // [1]
+  std::int32_t* first_of_tile = nullptr;  // [n_tiles] first segment; -1: the list is not cut
+  std::int32_t* is_done = nullptr;        // [n_max] 1 once the segment is blended
+  // [n_max, tile pixels row by row]
+  float* before = nullptr;  // transmittance before the segment; 1 where the segment ends the pixel or lies behind
+  float* transmittance = nullptr;  // of the segment alone, negated where it ends the pixel
+  float4* shown = nullptr;         // red, green, blue and depth that it adds to a pixel whose transmittance is 1
+  std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
 };
 
 struct BlendForwardCudaArgs {
@@ -89,6 +114,7 @@ struct BlendForwardCudaArgs {
   BucketParts parts{};
   std::int32_t* next_task = nullptr;    // [1] the pool's counter, 0 at the start
   std::uint32_t* quad_words = nullptr;  // [n_buckets_max, pixels of a tile / 4] scratch of `combined`
+  Segments segments{};
 };
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);

@@ -5,6 +5,7 @@
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
+#include "raster/cuda/rows.cuh"
 #include "raster/cuda/warp.cuh"
 #include "raster/projection.h"
 #include "raster/sh.h"
@@ -15,10 +16,6 @@ namespace {
 
 constexpr int kThreads = 128;
 constexpr float kLog2e = 1.44269504f;
-
-__device__ __forceinline__ Vec3f load3(const float* array, std::int64_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
 
 /// log2 of the logistic function, exact in both tails.
 __device__ __forceinline__ float log2_sigmoid(float logit) {
@@ -79,8 +76,8 @@ __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, co
                   [&](std::int32_t, TileSpan span) { result.n_tiles += span.end - span.begin; });
   if (result.n_tiles == 0) return result;
 
-  const std::int64_t rest = 3 * ((g.sh_degree_max + 1) * (g.sh_degree_max + 1) - 1);
-  const ShColor<float> color = sh_color(kShDegree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
+  const ShColor<float> color =
+      sh_color(kShDegree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest_floats(g.sh_degree_max) * i);
   if (!isfinite(color.color.x + color.color.y + color.color.z)) {
     result.finite = false;
     return result;

@@ -3,24 +3,11 @@
 #pragma once
 
 #include "raster/cuda/passes.h"
+#include "raster/cuda/rows.cuh"
 #include "raster/projection.h"
 #include "raster/sh.h"
 
 namespace b3dgs::cuda {
-
-/// Floats of a Gaussian's harmonics beyond degree 0.
-B3DGS_HD constexpr int rest_floats(int sh_degree) {
-  return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
-}
-
-__device__ __forceinline__ Vec3f load3(const float* array, std::int64_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
-__device__ __forceinline__ void store3(float* array, std::int64_t i, Vec3f v) {
-  array[3 * i] = v.x;
-  array[3 * i + 1] = v.y;
-  array[3 * i + 2] = v.z;
-}
 
 /// By the stored parameters, and by the splat's centre in px; zeros for what no view sees.
 struct GaussianGrad {

@@ -7,6 +7,7 @@
 
 #include "raster/args_check.h"
 #include "raster/cuda/backward_table.h"
+#include "raster/cuda/forward_scratch.h"
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/passes.h"
 #include "raster/tiling.h"
@@ -47,12 +48,12 @@ std::pair<std::int64_t, std::int32_t> widest_gaussian(const std::int32_t* n_tile
 struct Rasterizer::Impl {
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
-  DeviceBuffer<std::int32_t> radii, n_tiles, last_ids, next_task;
+  DeviceBuffer<std::int32_t> radii, n_tiles, last_ids;
   DeviceBuffer<ViewCounts> counts;
   DeviceBuffer<float4> part_light;
   DeviceBuffer<float> part_depth, transmittance;
   DeviceBuffer<float2> bucket_ends;
-  DeviceBuffer<std::uint32_t> quad_words;
+  ForwardScratch forward_scratch;
   DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
@@ -65,7 +66,8 @@ struct Rasterizer::Impl {
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
-  BucketParts parts{};
+  BucketParts parts{};       // memory for what it keeps
+  BucketParts kept_parts{};  // what it has kept
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
@@ -78,13 +80,13 @@ struct Rasterizer::Impl {
 };
 
 void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-  std::int32_t* const task = next_task.resize(1, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(task, 0, sizeof(std::int32_t), context.stream));
   const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
                                background,    rendered,       transmittance.data(), last_ids.data()};
-  std::uint32_t* const words =
-      kernel == ForwardKernel::kCombined ? quad_words.resize(n_bucket_pixels() / 4, context) : nullptr;
-  kForwardTable[static_cast<std::size_t>(kernel)].launch({blend, binned.buckets, parts, task, words}, context);
+  BlendForwardCudaArgs args{blend, binned.buckets, parts};
+  forward_scratch.lend(kernel, args, context);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
+  kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+  kept_parts = parts_after(kernel, args);
 }
 
 void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
@@ -101,7 +103,7 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
   args.blend = {binned.splats, binned.extents,       binned.bins,     grid, background,
                 rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
   args.buckets = binned.buckets;
-  args.parts = parts;
+  args.parts = kept_parts;
   args.bucket_ends = bucket_ends.resize(n_bucket_pixels(), context);
   args.splat_grads = zeroed(splat_grads, n_splats);
   if (deterministic) args.isect_grads = zeroed(isect_grads, binned.bins.n_isects);

@@ -78,6 +78,11 @@ __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& ar
   if (args.parts.depth != nullptr) args.parts.depth[at] = part.depth;
 }
 
+/// Entries of a tile's list.
+__device__ __forceinline__ std::int32_t list_length(const BinnedSplats& bins, std::int32_t tile) {
+  return static_cast<std::int32_t>(bins.tile_offsets[tile + 1] - bins.tile_offsets[tile]);
+}
+
 /// The next task of the pool, for all threads of the block. Two barriers: the ticket is there; everyone has read it.
 __device__ __forceinline__ std::int32_t take_task(std::int32_t* next_task, std::int32_t& ticket) {
   __syncthreads();
