@@ -75,7 +75,8 @@ Json checks_of(const TrainHistory& history) {
                       {"after", check.after},
                       {"reason", check.reason},
                       {"refused", check.refused},
-                      {"cost_ms", to_json(check.cost_ms)}});
+                      {"cost_ms", to_json(check.cost_ms)},
+                      {"warm_up_ms", to_json(check.warm_up_ms)}});
   }
   return checks;
 }

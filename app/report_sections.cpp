@@ -107,12 +107,13 @@ std::string times_and_spreads(const KernelCheckEvent& check) {
 
 std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
-  double cost_ms = 0;
+  double cost_ms = 0, warm_up_ms = 0;
   bool has_cost = false, has_changed = false;
   for (const KernelCheckEvent& check : history.checks) {
     has_cost = has_cost || check.cost_ms;
     has_changed = has_changed || check.has_changed();
     cost_ms += check.cost_ms.value_or(0);
+    warm_up_ms += check.warm_up_ms.value_or(0);
     rows.push_back({format_tick(check.iteration, 1), check.pass, times_and_spreads(check),
                     check.views ? std::to_string(*check.views) : "-",
                     check.has_changed() ? "from " + check.before + " to " + check.after : check.after, check.reason});
@@ -122,9 +123,14 @@ std::string decisions(const TrainHistory& history) {
                       html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   if (has_cost && elapsed_s > 0) {
+    const bool is_one = history.checks.size() == 1;
     body += html::paragraph(
-        detail::concat("The ", history.checks.size(), " checks took ", format_figure(cost_ms), " ms in all, ",
-                       format_figure(0.1 * cost_ms / elapsed_s), " % of the training time, which they are part of."),
+        detail::concat(is_one ? "The check took " : "The checks took ", format_figure(cost_ms), " ms, ",
+                       format_figure(0.1 * cost_ms / elapsed_s), " % of the training time, which ",
+                       is_one ? "it is part of." : "they are part of.",
+                       warm_up_ms > 0 ? " Before the first, loading the kernels' code and making room took " +
+                                            format_figure(warm_up_ms) + " ms of it."
+                                      : ""),
         "soft");
   }
   return body;

@@ -72,6 +72,7 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   check.reason = text(json, "reason");
   check.refused = texts(json, "refused");
   check.cost_ms = number(json, "cost_ms");
+  check.warm_up_ms = number(json, "warm_up_ms");
   return check;
 }
 

@@ -35,6 +35,7 @@ struct KernelCheckEvent {
   std::string before, after, reason;  // kernel in use
   std::vector<std::string> refused;   // candidates that computed something else, and are not used from here on
   std::optional<double> cost_ms;
+  std::optional<double> warm_up_ms;  // before the first check of a pass, not part of its cost
 
   bool has_changed() const { return !after.empty() && before != after; }
 };

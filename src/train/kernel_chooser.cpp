@@ -119,22 +119,33 @@ std::vector<KernelCheck> KernelChooser::check(const CheckMoment& now, const Blen
   return checks;
 }
 
-void KernelChooser::warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend,
-                            const PinholeView& view) {
-  if (device_.is_cpu() || !warm_passes_.insert(pass).second) return;
+void KernelChooser::wait_for_device() {
+  timer().measure([] {});
+  timer().finish();
+}
+
+double KernelChooser::warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend,
+                              const PinholeView& view) {
+  if (device_.is_cpu() || !warm_passes_.insert(pass).second) return 0;
+  const auto start = std::chrono::steady_clock::now();
   try {
     blend.prepare(view);
-    for (const std::string& kernel : selector.candidates()) blend.run(kernel);
+    std::vector<KernelMeasurement> kernels;
+    for (const std::string& kernel : selector.candidates()) kernels.push_back({kernel, {}, {}});
+    find_faults(blend, selector.reference(), kernels);
   } catch (const NumericError&) {
     // The check itself will find that again.
   }
+  wait_for_device();
+  return ms_since(start);
 }
 
 KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector,
                                       BlendPass& blend, const BlendInput& input) {
-  warm_up(pass, selector, blend, input.views.front());
-  timer().measure([] {});
-  timer().finish();  // that and the steps before are done, and not part of the cost
+  KernelCheck check;
+  check.pass = pass;
+  check.warm_up_ms = warm_up(pass, selector, blend, input.views.front());
+  wait_for_device();  // for the steps before, which are not part of the cost
   const auto start = std::chrono::steady_clock::now();
   const double budget_ms = selector.budget_ms(now.step_ms);
   std::vector<KernelMeasurement> found;
@@ -147,8 +158,6 @@ KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, 
   } catch (const NumericError&) {
     timer().finish();
   }
-  KernelCheck check;
-  check.pass = pass;
   check.decision = selector.decide(now, found, ms_since(start));
   check.message = describe_change(check.decision, selector.is_finished());
   return check;
@@ -212,6 +221,7 @@ void KernelChooser::restore(const nlohmann::ordered_json& json, const std::strin
 nlohmann::ordered_json to_json(const KernelCheck& check) {
   Json json = {{"pass", check.pass}};
   json.update(to_json(check.decision));
+  if (check.warm_up_ms > 0) json["warm_up_ms"] = check.warm_up_ms;
   return json;
 }
 

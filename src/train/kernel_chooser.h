@@ -21,7 +21,8 @@ namespace b3dgs {
 struct KernelCheck {
   const char* pass = "";  // "forward" or "backward"
   KernelDecision decision;
-  std::string message;  // a line for the user if something changed, else empty
+  double warm_up_ms = 0;  // before the first check of a pass: not part of its cost
+  std::string message;    // a line for the user if something changed, else empty
 };
 
 /// Times of the candidates for one pass that nothing is decided by.
@@ -75,10 +76,11 @@ class KernelChooser {
   /// Whether what so many views gave is enough.
   using IsEnough = std::function<bool(int n_views, const std::vector<KernelMeasurement>&)>;
 
-  /// Runs the candidates once before a pass is checked for the first time: on a GPU a kernel's first launch loads its
-  /// code, and the first view makes room for the others. Steps would pay for that too, once; as the price of a check it
-  /// would put the next one off.
-  void warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const PinholeView& view);
+  /// Runs and compares the candidates once before a pass is checked for the first time: on a GPU a kernel's first
+  /// launch loads its code, and the first view makes room for the others. That is paid once in a process; as the price
+  /// of a check it would put the next one off. Returns the time it took, ms, with all work that was queued before.
+  double warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const PinholeView& view);
+  void wait_for_device();
   KernelCheck check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector, BlendPass& blend,
                          const BlendInput& input);
   /// Times kernels on the views. A kernel that does not agree with `reference` has a fault and no times.

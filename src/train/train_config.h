@@ -75,7 +75,7 @@ struct TrainConfig {
   // Rasterizer
   std::string kernel = "adaptive";
   std::string kernel_policy = "paper";
-  std::vector<std::string> kernel_candidates{"combined", "shared-memory"};
+  std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
   int kernel_check_interval = 1000;
   int kernel_check_views = 5;
   std::string backward_kernel = "per-splat";

@@ -29,6 +29,20 @@ TEST(KernelSection, RefusedCandidatesStandFirst) {
       << section.substr(0, 200);
 }
 
+TEST(KernelSection, TellsWhatChecksAndTheirWarmUpTook) {
+  TrainHistory history;
+  history.checks = {check_at(1, "combined", "combined")};
+  history.points.emplace_back().elapsed_s = 10;
+  history.checks[0].cost_ms = 20;
+  EXPECT_NE(
+      kernel_section(history).find("The check took 20 ms, 0.200 % of the training time, which it is part of.</p>"),
+      std::string::npos)
+      << kernel_section(history);
+  history.checks[0].warm_up_ms = 125;
+  EXPECT_NE(kernel_section(history).find("making room took 125 ms of it."), std::string::npos)
+      << kernel_section(history);
+}
+
 TEST(KernelSection, ShowsEveryCheckWithSpreadAndViews) {
   TrainHistory history;
   history.checks = {check_at(1, "combined", "combined"), check_at(1000, "combined", "shared-memory")};

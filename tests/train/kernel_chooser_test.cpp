@@ -82,15 +82,15 @@ class KernelChooserTest : public testing::Test {
 
 TEST_F(KernelChooserTest, GoesOverToTheKernelThatTakesLessTime) {
   KernelChooser own = chooser(2.0, 1.0);
-  EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kCombined);
+  EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSegmented);
   ASSERT_TRUE(own.is_due(at(1)));
   const std::vector<KernelCheck> done = own.check(at(1), input());
   ASSERT_EQ(done.size(), 1u) << "the CPU has one backward kernel";
   EXPECT_STREQ(done[0].pass, "forward");
   EXPECT_EQ(done[0].decision.views, 3) << "no more are needed to see twice the time";
-  EXPECT_EQ(done[0].decision.times_ms.at("combined"), 2.0);
+  EXPECT_EQ(done[0].decision.times_ms.at("segmented"), 2.0);
   EXPECT_EQ(done[0].decision.times_ms.at("shared-memory"), 1.0);
-  EXPECT_EQ(done[0].message, "iteration 1: combined 2 ms, shared-memory 1 ms: shared-memory from here on");
+  EXPECT_EQ(done[0].message, "iteration 1: segmented 2 ms, shared-memory 1 ms: shared-memory from here on");
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
   EXPECT_EQ(own.forward_name(), "shared-memory");
   EXPECT_EQ(own.backward_name(), "");
@@ -100,7 +100,7 @@ TEST_F(KernelChooserTest, GoesOverToTheKernelThatTakesLessTime) {
 TEST_F(KernelChooserTest, StaysWithTheBalancedKernelWhileItIsFaster) {
   KernelChooser own = chooser(1.0, 2.0);
   EXPECT_EQ(own.check(at(1), input())[0].message, "");
-  EXPECT_EQ(own.forward_name(), "combined");
+  EXPECT_EQ(own.forward_name(), "segmented");
   EXPECT_TRUE(own.is_due(at(1000, 1e6)));
 }
 
@@ -121,18 +121,18 @@ TEST_F(KernelChooserTest, RefusesAFasterKernelWhoseImageIsWrong) {
   EXPECT_EQ(decision.refused, (std::vector<std::string>{"shared-memory"}));
   EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "times of a wrong image say nothing";
   EXPECT_NE(decision.reason.find("shared-memory is refused: its image differs"), std::string::npos);
-  EXPECT_EQ(own.forward_name(), "combined");
+  EXPECT_EQ(own.forward_name(), "segmented");
   EXPECT_FALSE(own.is_due(at(1000, 1e6))) << "nothing is left to choose from";
 }
 
 TEST_F(KernelChooserTest, LeavesAKernelInUseWhoseImageIsWrong) {
-  KernelChooser own = chooser_with_wrong({"combined"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.refused, (std::vector<std::string>{"combined"}));
+  KernelChooser own = chooser_with_wrong({"segmented"}, 1.0, 2.0);
+  EXPECT_EQ(own.check(at(1), input()).front().decision.refused, (std::vector<std::string>{"segmented"}));
   EXPECT_EQ(own.forward_name(), "shared-memory");
 }
 
 TEST_F(KernelChooserTest, UsesTheReferenceWhereAllImagesAreWrong) {
-  KernelChooser own = chooser_with_wrong({"combined", "shared-memory"}, 1.0, 2.0);
+  KernelChooser own = chooser_with_wrong({"segmented", "shared-memory"}, 1.0, 2.0);
   EXPECT_EQ(own.check(at(1), input()).front().decision.refused.size(), 2u);
   EXPECT_EQ(own.forward_name(), "naive");
 }
@@ -150,7 +150,7 @@ TEST_F(KernelChooserTest, DecidesNothingOnViewsThatCannotBeRendered) {
   broken.log_scales = torch::full_like(gaussians.log_scales, std::numeric_limits<float>::quiet_NaN());
   KernelChooser own = chooser(2.0, 1.0);
   const KernelDecision decision = own.check(at(1), {rasterizer, broken, {}, cameras}).front().decision;
-  EXPECT_EQ(decision.after, "combined");
+  EXPECT_EQ(decision.after, "segmented");
   EXPECT_TRUE(decision.times_ms.empty());
   own.check(at(1000, 1e6), input());
   EXPECT_EQ(own.forward_name(), "shared-memory");
