@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <type_traits>
 
 #include "app/cli.h"
 #include "check.h"
@@ -45,7 +46,18 @@ std::string unknown_option(const std::string& key) {
   return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
 }
 
-/// "tile=16x8" or "combined" as a word of a command line.
+bool is_list(const std::string& name) {
+  const TrainConfig config;
+  bool found = false;
+  visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
+    using Value = std::decay_t<decltype(value)>;
+    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
+    found = found || (kIsList && option.name == name);
+  });
+  return found;
+}
+
+/// "tile=16x8" or "combined" as a word of a command line. Commas separate configurations, so lists have slashes.
 std::string to_word(const std::string& entry, const std::string& part) {
   if (part.empty())
     input_error("command line: --configs ", entry, ": an empty part; expected a kernel or option=value");
@@ -59,7 +71,9 @@ std::string to_word(const std::string& entry, const std::string& part) {
     input_error("command line: --configs ", entry, ": ", name,
                 " has to be the same for all configurations; give it as --", name);
   }
-  return "--" + name + part.substr(equals);
+  std::string value = part.substr(equals);
+  if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
+  return "--" + name + value;
 }
 
 void check_name(const std::string& entry, const std::string& name) {

@@ -17,6 +17,7 @@ struct Configuration {
 /// training option, or a bare word, which is a --kernel. An entry without a name is its own name:
 ///
 ///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square
+/// Values of an option that takes several are separated by slashes: paper:kernel_candidates=combined/shared-memory.
 ///
 /// `base` has the options that all share. @throws InputError for fewer than two configurations, a name that occurs
 /// twice or cannot name a folder, an unknown option or value, and an option that would change scene, views or length

@@ -10,7 +10,7 @@ work=${2:-output/sample}
 shift $(($# < 2 ? $# : 2))
 
 if [[ ! -d $work/street ]]; then "$b3dgs" synth street "$work/street" --points 4000000; fi
-"$b3dgs" compare "$work/street" -m "$work/compare" --configs naive,adaptive,combined,shared-memory \
+"$b3dgs" compare "$work/street" -m "$work/compare" --configs naive,adaptive,segmented,combined,shared-memory \
   --device cuda --iterations 3000 --stats_interval 250 --test_iterations 500 1000 2000 3000 \
   --overwrite "$@"
 

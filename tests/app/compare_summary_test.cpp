@@ -299,6 +299,9 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
   EXPECT_TRUE(entries[2].config.random_background);
   EXPECT_EQ(entries[2].config.kernel, base.kernel);
+  const auto paper = parse_configurations("naive,paper:kernel_candidates=combined/shared-memory", base);
+  EXPECT_EQ(paper[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
+      << "commas separate configurations";
   EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u) << "one against itself measures the noise";
 }
 
