@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <memory>
 
 #include "app/cli.h"
 #include "app/commands.h"
@@ -130,17 +131,6 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   std::printf("%-12s%s\n", "model", config.model_path.c_str());
 }
 
-/// report.html and what it is made of; adds to the times of earlier sessions.
-void write_report(Trainer& trainer, const TrainResult& result, const Scene& scene, const ModelFolder& folder,
-                  const torch::Device& device, double reading_s) {
-  RunRecord record = read_run_record(folder);
-  record.machine = describe_machine(device);
-  record.reading_s += reading_s;
-  record.output_s += result.output_s;
-  write_run_record(record, trainer, scene, folder);
-  std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
-}
-
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
@@ -179,7 +169,10 @@ int run_train(const std::vector<std::string>& words) {
     if (!options.quiet) status.print(message);
   };
   hooks.stop_signal = &stop_signal();
-  Trainer trainer(config, scene, folder, hooks);
+  std::unique_ptr<Trainer> owned;
+  hooks.on_result = [&] { record_previews(*owned, scene, folder); };
+  owned = std::make_unique<Trainer>(config, scene, folder, hooks);
+  Trainer& trainer = *owned;
   if (!plan.checkpoint.empty()) {
     const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
     std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;
@@ -192,7 +185,8 @@ int run_train(const std::vector<std::string>& words) {
   const TrainResult result = trainer.run();
   status.clear();
   report(result, config, steady_seconds() - start_s);
-  write_report(trainer, result, scene, folder, device, reading_s);
+  record_session({describe_machine(device), reading_s, result}, trainer, scene, folder);
+  std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
   if (!result.interrupted) return 0;
   std::cout << "stopped by a signal; continue with b3dgs train --resume " << result.checkpoint.string() << "\n";
   return 128 + stop_signal();

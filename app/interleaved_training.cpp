@@ -65,6 +65,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
     if (!status_.is_quiet()) status_.print(turn.configuration.name + ", " + label_ + ": " + message);
   };
   hooks.stop_signal = &stop_signal();
+  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
   const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_message);
   if (checkpoint.empty()) return;
@@ -101,11 +102,7 @@ bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& ma
   if (!is_complete) write_checkpoints();
   for (const auto& turn : turns_) {
     if (turn->result.iteration == 0) continue;  // stopped before its first turn
-    RunRecord record = read_run_record(turn->folder);
-    record.machine = machine;
-    record.reading_s += reading_s;
-    record.output_s += turn->result.output_s;
-    write_run_record(record, *turn->trainer, scene_, turn->folder);
+    record_session({machine, reading_s, turn->result}, *turn->trainer, scene_, turn->folder);
     write_train_report(turn->folder);
   }
   return is_complete;

@@ -61,6 +61,11 @@ Json to_json(const RunRecord& record) {
           {"machine", record.machine},     {"held_out", record.held_out},   {"previews", previews}};
 }
 
+void write_record(const RunRecord& record, const ModelFolder& folder) {
+  write_file(report_folder(folder) / "run.json",
+             to_json(record).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
 }  // namespace
 
 RunRecord read_run_record(const ModelFolder& folder) {
@@ -85,12 +90,24 @@ RunRecord read_run_record(const ModelFolder& folder) {
   return record;
 }
 
-void write_run_record(RunRecord record, Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+  RunRecord record = read_run_record(folder);
   record.iteration = trainer.iteration();
   record.held_out = !scene.test.empty();
   record.previews = render_previews(trainer, record.held_out ? scene.test : scene.train, folder);
-  write_file(report_folder(folder) / "run.json",
-             to_json(record).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_record(record, folder);
+}
+
+void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+  RunRecord record = read_run_record(folder);
+  if (record.iteration != trainer.iteration() || record.previews.empty()) {
+    record_previews(trainer, scene, folder);
+    record = read_run_record(folder);
+  }
+  record.machine = session.machine;
+  record.reading_s += session.reading_s;
+  record.output_s += session.result.output_s;
+  write_record(record, folder);
 }
 
 void remove_run_record(const ModelFolder& folder) {

@@ -1,6 +1,8 @@
 #include "app/train_setup.h"
 
 #include <csignal>
+#include <cstdint>
+#include <ctime>
 
 #include "app/run_record.h"
 #include "scene/remove_tree.h"
@@ -11,11 +13,25 @@ namespace {
 namespace fs = std::filesystem;
 
 std::atomic<int> asked_to_stop{0};
+std::atomic<std::int64_t> asked_at_ms{0};
 
+std::int64_t now_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);  // of the few calls that a signal handler may make
+  return std::int64_t{now.tv_sec} * 1000 + now.tv_nsec / 1000000;
+}
+
+/// timeout(1) and some batch systems signal the program and its group: two signals that mean one. Who asks again later
+/// wants an end at once.
 extern "C" void ask_to_stop(int signal) {
-  asked_to_stop = signal;
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
+  constexpr std::int64_t kOneRequestMs = 500;
+  int nothing = 0;
+  if (asked_to_stop.compare_exchange_strong(nothing, signal)) {
+    asked_at_ms = now_ms();
+  } else if (asked_at_ms > 0 && now_ms() - asked_at_ms > kOneRequestMs) {
+    std::signal(signal, SIG_DFL);
+    std::raise(signal);
+  }
 }
 
 }  // namespace

@@ -12,8 +12,8 @@ namespace b3dgs {
 /// The number of the signal that asked the program to stop, or 0.
 const std::atomic<int>& stop_signal();
 
-/// From now on the first SIGINT or SIGTERM asks for a checkpoint; the second finds the system's own action, which ends
-/// the program at once.
+/// From now on the first SIGINT or SIGTERM asks for a checkpoint. Another one more than half a second later ends the
+/// program at once.
 void catch_stop_signals();
 
 /// "bonsai" of "/data/bonsai/".

@@ -86,6 +86,7 @@ TrainResult Trainer::run_until(int iteration) {
       // as many of the step's.
       own.time.train([&] { own.write_outputs(plan); });
     }
+    if (own.hooks.on_result && own.state.iteration == own.config.iterations) own.time.output(own.hooks.on_result);
     own.time.train([&] { own.control_density(); });
     result.interrupted = own.state.iteration < own.config.iterations && own.is_stopped();
     if (plan.checkpoint || result.interrupted) own.time.output([&] { own.write_checkpoint(); });

@@ -30,6 +30,8 @@ struct TrainHooks {
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
   // If set, every step is timed stage by stage, and told some time after the device has got through it.
   std::function<void(const StageTimes&)> on_stage_times;
+  // After the last iteration's files and before its density control: the model is the one that is saved.
+  std::function<void()> on_result;
   std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
 };
 

@@ -41,9 +41,10 @@ class EndToEnd : public ::testing::Test {
   }
 
   /// A training that is stopped by a signal once it has written a checkpoint of its own.
-  Outcome train_and_signal(int signal) const {
+  Outcome train_and_signal(int signal, int n_signals = 1) const {
     test::RunOptions options;
     options.signal = signal;
+    options.n_signals = n_signals;
     options.signal_when = [&] { return !checkpoints().empty(); };
     return train({"--iterations", "1000000", "--checkpoint_interval", "5"}, options);
   }
@@ -106,6 +107,18 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   }
 }
 
+TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
+  // The opacity reset after the last iteration belongs to the checkpoint, for a training that goes on.
+  const Outcome trained = train({"--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
+  ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  const auto views = nlohmann::json::parse(read_bytes(fs::path(model()) / "per_view.json"))["ours_60"]["PSNR"];
+  const auto record = nlohmann::json::parse(read_bytes(fs::path(model()) / "report" / "run.json"));
+  ASSERT_EQ(record["previews"].size(), 2u);
+  for (const auto& preview : record["previews"]) {
+    EXPECT_EQ(preview["psnr"], views[preview["view"].get<std::string>()]) << record;
+  }
+}
+
 TEST_F(EndToEnd, APlyIsRenderedWithTheCamerasOfAScene) {
   const std::string truth = scene() + "/truth.ply";
   const std::string output = model("frames");
@@ -136,6 +149,14 @@ TEST_F(EndToEnd, ASignalLeavesACheckpointThatContinues) {
     EXPECT_NE(resumed.out.find("iterations: 1000000 -> " + last), std::string::npos) << resumed.out;
     EXPECT_TRUE(fs::exists(ply("model", newest + 3)));
   }
+}
+
+TEST_F(EndToEnd, SignalsAtOnceAreOneRequest) {
+  // timeout(1) signals the program and its group, the program among them. The exit code would be the same if the second
+  // signal killed it.
+  const Outcome stopped = train_and_signal(SIGTERM, 4);
+  EXPECT_EQ(stopped.exit_code, 143) << stopped.err;
+  EXPECT_NE(stopped.out.find("--resume"), std::string::npos) << stopped.out;
 }
 
 TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {

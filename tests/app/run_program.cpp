@@ -58,7 +58,10 @@ Outcome run_b3dgs(const std::vector<std::string>& words, const RunOptions& optio
   const auto end = SteadyClock::now() + std::chrono::minutes(2);
   while (waitpid(child, &status, WNOHANG) == 0) {
     if (options.signal_when && !is_signalled && options.signal_when()) {
-      kill(child, options.signal);
+      for (int i = 0; i < options.n_signals; ++i) {
+        kill(child, options.signal);
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
       is_signalled = true;
     }
     if (SteadyClock::now() > end) {

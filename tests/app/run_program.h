@@ -20,6 +20,7 @@ struct RunOptions {
   long long file_size_limit = 0;      // bytes; a write beyond it fails as on a full disk; 0: none
   std::function<bool()> signal_when;  // polled while the program runs; `signal` is sent once it is true
   int signal = 0;
+  int n_signals = 1;  // one a millisecond
 };
 
 /// Runs `b3dgs WORDS...` to its end. Fails the test, and kills the program, after two minutes.
