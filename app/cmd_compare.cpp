@@ -108,12 +108,22 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   return plan;
 }
 
-/// A comparison is hours of work: it is not replaced by accident.
+/// A comparison is hours of work: it is not replaced by accident. Nor are models of other trainings taken for its own.
 void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options) {
-  if (options.resume || options.overwrite || !holds_comparison(plan.root())) return;
-  input_error(plan.root().string(),
-              ": already holds a comparison; continue it with --resume, replace it with --overwrite, or name another "
-              "folder with -m");
+  if (options.resume || options.overwrite) return;
+  if (holds_comparison(plan.root())) {
+    input_error(plan.root().string(),
+                ": already holds a comparison; continue it with --resume, replace it with --overwrite, or name another "
+                "folder with -m");
+  }
+  for (const Configuration& configuration : plan.configurations()) {
+    for (const std::int64_t seed : plan.seeds) {
+      const ModelFolder folder = plan.folder(configuration, seed);
+      if (!holds_model(folder)) continue;
+      input_error(folder.root().string(), ": already holds a model, and ", plan.root().string(),
+                  " no comparison that it is of; replace it with --overwrite, or name another folder with -m");
+    }
+  }
 }
 
 void remove_runs(const ComparisonPlan& plan) {

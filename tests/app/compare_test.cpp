@@ -148,6 +148,13 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   const Outcome other = run_b3dgs({"compare", "--resume", "-m", output().string(), "--configs", "naive,combined"});
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
+  // Models without their comparison are not gone on with as if they were of this one.
+  fs::remove(output() / "compare.json");
+  const Outcome orphans = compare({"--iterations", "7"});
+  EXPECT_EQ(orphans.exit_code, 2);
+  EXPECT_NE(orphans.err.find("already holds a model"), std::string::npos) << orphans.err;
+  EXPECT_EQ(compare({"--iterations", "7", "--overwrite", "--quiet"}).exit_code, 0);
+  EXPECT_EQ(result()["summary"]["done"], 7);
 }
 
 TEST_F(Compare, OverwriteTakesTheOldRunsAwayOnceTheSceneIsRead) {
