@@ -60,13 +60,14 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
 }
 
 /// 2500 splats that each cover a large image, faint ones before and behind ten opaque ones: hundreds of tiles whose
-/// second and third segments come up when the first ones are done.
+/// second and third segments come up when the first ones are done. The image cuts through sub-tiles of 8 x 4 pixels, so
+/// that warps hold pixels outside of it.
 TestScene wall_behind(int n_faint) {
   constexpr int kSplats = 2500, kOpaque = 10;
   TestScene scene;
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = 640;
-  scene.view.height = 400;
+  scene.view.width = 637;
+  scene.view.height = 397;
   scene.view.fx = scene.view.fy = 500;
   scene.view.cx = 320;
   scene.view.cy = 200;

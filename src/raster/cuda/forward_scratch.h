@@ -8,8 +8,8 @@ namespace b3dgs::cuda {
 
 class ForwardScratch {
  public:
-  /// Fills in what the kernel needs for a view whose other arguments are there. For `segmented` kept parts will need
-  /// `args.parts` as parts_after() gives them.
+  /// Fills in what the kernel needs for a view whose other arguments are there. The backward pass after it needs the
+  /// parts that parts_after() gives.
   void lend(ForwardKernel kernel, BlendForwardCudaArgs& args, const LaunchContext& context) {
     const std::int64_t tile_pixels = std::int64_t{args.blend.grid.tile.width} * args.blend.grid.tile.height;
     args.next_task = next_task_.resize(1, context);
@@ -17,7 +17,7 @@ class ForwardScratch {
       args.quad_words = quad_words_.resize(args.buckets.n_max * tile_pixels / 4, context);
     }
     if (kernel == ForwardKernel::kSegmented) {
-      // Only lists of more than one segment are cut, and so none into twice as many as it fills or more.
+      // A list of more entries than one segment's is cut into at most 2 entries / kSegmentEntries.
       const std::int64_t n_max = 2 * args.blend.bins.n_isects / kSegmentEntries, n_pixels = n_max * tile_pixels;
       args.segments = {static_cast<std::int32_t>(n_max),
                        tasks_.resize(n_max, context),

@@ -30,7 +30,8 @@ __device__ __forceinline__ std::int32_t n_segments(std::int32_t length) {
   return length > kSegmentEntries ? (length + kSegmentEntries - 1) / kSegmentEntries : 1;
 }
 
-/// One block lists the segments after the first ones in the order of their numbers; from kCutThreads on in any order.
+/// One block lists the segments after the first ones in the order of their numbers; from kCutThreads - 1 on in any
+/// order.
 __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwardCudaArgs args) {
   using BlockScan = cub::BlockScan<std::int32_t, kCutThreads>;
   __shared__ typename BlockScan::TempStorage scan_memory;
@@ -92,7 +93,8 @@ struct OwnSegment {
   }
 };
 
-/// Upper bound on what comes through the pixel's segments before the own one: the product of those that are done.
+/// Upper bound on what comes through the pixel's segments before the own one: the product of those that are done. For
+/// all threads of the block, those of pixels outside the image too.
 template <int kThreads>
 __device__ __forceinline__ float light_so_far(const Segments& segments, const OwnSegment& own,
                                               std::int32_t pixel_index) {
@@ -135,8 +137,8 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   bool is_lit = true;
   if (own.index > own.first) {
     segments.before[pixel_of_segment] = 1;
-    const float light = at.inside ? light_so_far<kThreads>(segments, own, at.index) : 0.0f;
-    is_lit = __syncthreads_or(light >= kTransmittanceMin) != 0;
+    const float light = light_so_far<kThreads>(segments, own, at.index);  // its votes need all lanes
+    is_lit = __syncthreads_or(at.inside && light >= kTransmittanceMin) != 0;
   }
 
   PixelState<float> pixel{at.inside ? 1.0f : -1.0f, 0, 0, 0, 0};  // outside the image: finished
@@ -156,8 +158,8 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   }
 }
 
-/// A pixel's segments front to back, to the one in which the pixel ends. That one is left what was blended so far, and
-/// the negated transmittance before it.
+/// A pixel's segments front to back, to the one in which the pixel ends. There end_pixels_kernel goes on: it finds what
+/// was blended so far in the segment's `shown` and `last`, and the negated transmittance in `before`.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForwardCudaArgs args) {
   constexpr int kAtOnce = 8;  // loads on their way
@@ -211,8 +213,8 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
   store_pixel(args.blend, at, pixel, last);
 }
 
-/// The segments in which pixels end, for these pixels. What buckets add is then as it is, and no more relative to what
-/// reaches the segment.
+/// The segments in which pixels end, for these pixels. What is kept of their buckets is then absolute, so that `before`
+/// becomes 1.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
   __shared__ BatchPair<kThreads> batches;

@@ -81,7 +81,7 @@ struct BucketParts {
   // red, green, blue that it adds. Null: no parts are kept.
   float4* light = nullptr;
   float* depth = nullptr;  // likewise: depth that it adds; null: no gradient by depth will be asked for
-  // Where a list was cut into segments, its parts are those of light that reaches the segment undimmed.
+  // Where a list was cut into segments, its parts have to be multiplied by what reaches the segment.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is
   const float* before_segment = nullptr;                // Segments::before
 };
@@ -102,7 +102,9 @@ struct Segments {
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] first segment; -1: the list is not cut
   std::int32_t* is_done = nullptr;        // [n_max] 1 once the segment is blended
   // [n_max, tile pixels row by row]
-  float* before = nullptr;  // transmittance before the segment; 1 where the segment ends the pixel or lies behind
+  // Transmittance before the segment; 1 where the segment ends the pixel or lies behind. Between join and end negated
+  // where the segment ends the pixel, with what is blended before it in `shown` and `last`.
+  float* before = nullptr;
   float* transmittance = nullptr;  // of the segment alone, negated where it ends the pixel
   float4* shown = nullptr;         // red, green, blue and depth that it adds to a pixel whose transmittance is 1
   std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
