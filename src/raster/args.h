@@ -13,6 +13,10 @@
 
 namespace b3dgs {
 
+namespace cuda {
+class ColorPass;
+}
+
 /// One pinhole view. Camera frame: +x right, +y down, +z forward; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
 struct PinholeView {
   Mat3f rotation;              // cam_from_world
@@ -68,6 +72,7 @@ struct RenderSettings {
   bool keep_for_backward = true;    // false saves memory and time where no gradient is wanted
   bool depth_gradient = true;       // false saves on CUDA what a gradient by depth would need
   StageRecorder* stages = nullptr;  // told which pass begins, of the backward passes too; null: nobody asks
+  cuda::ColorPass* color_pass = nullptr;  // on CUDA: finds the colours; null: the rasterizer does
 };
 
 /// The rendered view.

@@ -102,29 +102,52 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   return result;
 }
 
+/// Gradients by the coefficients beyond degree 0, [k][channel]: of a colour that is seen along the unit vector `dir`.
+template <class Real>
+B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, float* grad_shN) {
+  Real basis[16];
+  sh_basis(degree, dir, basis);
+  const Real grad[3] = {grad_color.x, grad_color.y, grad_color.z};
+  const int n = (degree + 1) * (degree + 1);
+  for (int k = 1; k < n; ++k) {
+    for (int c = 0; c < 3; ++c) grad_shN[3 * (k - 1) + c] = float(basis[k] * grad[c]);
+  }
+}
+
+/// Where a colour is seen from, and what follows for the gradient.
+template <class Real>
+struct ShOffsetGrad {
+  Vec3<Real> dir;     // unit vector along the offset
+  Vec3<Real> offset;  // gradient by the offset
+};
+
+/// `grad_color` is 0 where the colour was clamped.
+template <class Real>
+B3DGS_HD ShOffsetGrad<Real> sh_offset_grad(int degree, Vec3<Real> offset, const float* shN, Vec3<Real> grad_color) {
+  using std::sqrt;
+  const Real inverse_length = 1 / sqrt(dot(offset, offset));
+  const Vec3<Real> dir = inverse_length * offset;
+  const int n = (degree + 1) * (degree + 1);
+  Real weight[16];
+  for (int k = 1; k < n; ++k) {
+    const float* const row = shN + 3 * (k - 1);
+    weight[k] = row[0] * grad_color.x + row[1] * grad_color.y + row[2] * grad_color.z;
+  }
+  const Vec3<Real> grad_dir = sh_direction_grad(degree, dir, weight);
+  return {dir, inverse_length * (grad_dir - dot(grad_dir, dir) * dir)};
+}
+
 /// Writes the gradients by the coefficients of `degree` and returns the gradient by the offset. `grad_color` is 0 where
 /// the colour was clamped.
 template <class Real>
 B3DGS_HD Vec3<Real> sh_color_backward(int degree, Vec3<Real> offset, const float* shN, Vec3<Real> grad_color,
                                       float* grad_sh0, float* grad_shN) {
-  using std::sqrt;
-  const Real inverse_length = 1 / sqrt(dot(offset, offset));
-  const Vec3<Real> dir = inverse_length * offset;
-  Real basis[16];
-  sh_basis(degree, dir, basis);
-  const Real grad[3] = {grad_color.x, grad_color.y, grad_color.z};
-  for (int c = 0; c < 3; ++c) grad_sh0[c] = float(basis[0] * grad[c]);
-  const int n = (degree + 1) * (degree + 1);
-  Real weight[16];
-  for (int k = 1; k < n; ++k) {
-    weight[k] = 0;
-    for (int c = 0; c < 3; ++c) {
-      grad_shN[3 * (k - 1) + c] = float(basis[k] * grad[c]);
-      weight[k] += shN[3 * (k - 1) + c] * grad[c];
-    }
-  }
-  const Vec3<Real> grad_dir = sh_direction_grad(degree, dir, weight);
-  return inverse_length * (grad_dir - dot(grad_dir, dir) * dir);
+  const ShOffsetGrad<Real> grad = sh_offset_grad(degree, offset, shN, grad_color);
+  grad_sh0[0] = float(Real(kSh0) * grad_color.x);
+  grad_sh0[1] = float(Real(kSh0) * grad_color.y);
+  grad_sh0[2] = float(Real(kSh0) * grad_color.z);
+  sh_rest_grad(degree, grad.dir, grad_color, grad_shN);
+  return grad.offset;
 }
 
 }  // namespace b3dgs

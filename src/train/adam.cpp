@@ -17,6 +17,13 @@ void check_is_like(const torch::Tensor& other, const torch::Tensor& param, std::
 
 }  // namespace
 
+void check_adam_state(const GaussianTensors& gaussians, const AdamState& state) {
+  for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
+    const torch::Tensor& param = *gaussians.all()[i];
+    for (const torch::Tensor* other : {&param, state.m.all()[i], state.v.all()[i]}) check_is_like(*other, param, i);
+  }
+}
+
 AdamState make_adam_state(const GaussianTensors& gaussians) {
   AdamState state;
   for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
@@ -30,16 +37,14 @@ AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, A
   ++state.steps;
   const double t = static_cast<double>(state.steps);
   const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
+  check_adam_state(gaussians, state);
   AdamGroups groups;
   for (std::size_t i = 0; i < groups.size(); ++i) {
-    const torch::Tensor &param = *gaussians.all()[i], &m = *state.m.all()[i], &v = *state.v.all()[i];
-    for (const torch::Tensor* other : {&param, &m, &v}) check_is_like(*other, param, i);
-    groups[i].n = param.numel();
-    groups[i].param = param.data_ptr<float>();
-    groups[i].m = m.data_ptr<float>();
-    groups[i].v = v.data_ptr<float>();
-    groups[i].step_size = static_cast<float>(rates[i] / bias1);
-    groups[i].inverse_root_bias2 = static_cast<float>(1 / std::sqrt(bias2));
+    groups[i].n = gaussians.all()[i]->numel();
+    groups[i].param = gaussians.all()[i]->data_ptr<float>();
+    groups[i].m = state.m.all()[i]->data_ptr<float>();
+    groups[i].v = state.v.all()[i]->data_ptr<float>();
+    groups[i].size = {static_cast<float>(rates[i] / bias1), static_cast<float>(1 / std::sqrt(bias2))};
   }
   return groups;
 }

@@ -28,8 +28,11 @@ using AdamRates = std::array<double, std::tuple_size_v<AdamGroups>>;
 /// Zero moments for these parameters.
 AdamState make_adam_state(const GaussianTensors& gaussians);
 
-/// What the next step of torch.optim.Adam with the constants above does to each group; counts the step. All tensors are
-/// contiguous floats on one device. Gradients are left out.
+/// @throws LogicError unless all tensors are contiguous floats on one device, of the parameters' shapes.
+void check_adam_state(const GaussianTensors& gaussians, const AdamState& state);
+
+/// What the next step of torch.optim.Adam with the constants above does to each group; counts the step. Gradients are
+/// left out. @throws as check_adam_state()
 AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state);
 
 /// Takes that step on the CPU.

@@ -10,6 +10,12 @@ inline constexpr double kAdamBeta1 = 0.9;
 inline constexpr double kAdamBeta2 = 0.999;
 inline constexpr double kAdamEpsilon = 1e-15;  // the original's: gradients of a mean over all pixels are tiny
 
+/// What sets one step t apart from another.
+struct AdamStepSize {
+  float step_size = 0;           // rate / (1 - beta1^t)
+  float inverse_root_bias2 = 0;  // 1 / sqrt(1 - beta2^t)
+};
+
 /// m and v follow the gradient and its square, and
 /// param -= step_size * m / (sqrt(v) * inverse_root_bias2 + epsilon).
 struct AdamArgs {
@@ -18,8 +24,7 @@ struct AdamArgs {
   const float* grad = nullptr;
   float* m = nullptr;
   float* v = nullptr;
-  float step_size = 0;           // rate / (1 - beta1^t)
-  float inverse_root_bias2 = 0;  // 1 / sqrt(1 - beta2^t)
+  AdamStepSize size{};
 };
 
 /// Means, log scales, quaternions, opacities, harmonics of degree 0 and those beyond.

@@ -1,30 +1,79 @@
 #include "train/gaussian_step.h"
 
 #if B3DGS_TORCH_CUDA
+#include "raster/sh.h"
 #include "raster/torch_launch.h"
 #include "train/cuda/gaussian_step_cuda.h"
 #endif
 
 namespace b3dgs {
+namespace {
 
-ViewStatistics step_gaussians(const GaussianStep& step, Rasterizer& rasterizer, const RenderedViewGrad& view_grad,
-                              GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
+#if B3DGS_TORCH_CUDA
+cuda::RestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
+  check_adam_state(gaussians, state);
+  int sh_degree_max = 0;
+  while (rest_floats(sh_degree_max) < 3 * gaussians.shN.size(1)) ++sh_degree_max;
+  return {gaussians.size(), sh_degree_max, gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
+          state.v.shN.data_ptr<float>()};
+}
+#endif
+
+}  // namespace
+
+struct GaussianStepper::Impl {
+  explicit Impl(Rasterizer& with) : rasterizer(with) {}
+
+  Rasterizer& rasterizer;
+  GaussianTensors grads;  // on the CPU
+#if B3DGS_TORCH_CUDA
+  cuda::DeferredHarmonics harmonics;
+#endif
+};
+
+GaussianStepper::GaussianStepper(Rasterizer& rasterizer) : impl_(std::make_unique<Impl>(rasterizer)) {}
+GaussianStepper::~GaussianStepper() = default;
+
+RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
+                                      RenderSettings settings) {
+#if B3DGS_TORCH_CUDA
+  if (!gaussians.means.is_cpu()) {
+    impl_->harmonics.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    settings.color_pass = &impl_->harmonics;
+  }
+#endif
+  (void)state;
+  return impl_->rasterizer.forward(gaussians, view, settings);
+}
+
+ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
+                                     GaussianTensors& gaussians, AdamState& state, StageRecorder* stages) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
-    const ViewStatistics statistics = rasterizer.backward_blend(gaussians, view_grad, args.backward);
-    begin_stage(step.stages, Stage::kOptimizer);
-    args.adam = begin_adam_step(step.rates, gaussians, state);
+    const ViewStatistics statistics = impl_->rasterizer.backward_blend(gaussians, view_grad, args.backward);
+    begin_stage(stages, Stage::kOptimizer);
+    args.adam = begin_adam_step(rates, gaussians, state);
+    args.owed = impl_->harmonics.owed();
+    args.n_put_off = impl_->harmonics.n_put_off();
     cuda::step_gaussians(args, torch_launch_context());
-    end_stage(step.stages);
+    impl_->harmonics.put_off_step(args.adam.back().size);
+    end_stage(stages);
     return statistics;
   }
 #endif
-  const ViewStatistics statistics = rasterizer.backward(gaussians, view_grad, grads);
-  begin_stage(step.stages, Stage::kOptimizer);
-  adam_step(step.rates, grads, gaussians, state);
-  end_stage(step.stages);
+  const ViewStatistics statistics = impl_->rasterizer.backward(gaussians, view_grad, impl_->grads);
+  begin_stage(stages, Stage::kOptimizer);
+  adam_step(rates, impl_->grads, gaussians, state);
+  end_stage(stages);
   return statistics;
+}
+
+void GaussianStepper::settle(GaussianTensors& gaussians, AdamState& state) {
+#if B3DGS_TORCH_CUDA
+  if (!gaussians.means.is_cpu()) impl_->harmonics.settle(rest_arrays(gaussians, state), torch_launch_context());
+#endif
+  (void)gaussians, (void)state;
 }
 
 }  // namespace b3dgs

@@ -1,5 +1,7 @@
-// Backward pass and Adam together, for that is how a GPU does them.
+// Forward pass, backward pass and Adam together, for that is how a GPU does them.
 #pragma once
+
+#include <memory>
 
 #include "raster/rasterizer.h"
 #include "raster/stages.h"
@@ -7,14 +9,29 @@
 
 namespace b3dgs {
 
-struct GaussianStep {
-  AdamRates rates{};
-  StageRecorder* stages = nullptr;  // on a GPU the projection's backward pass is part of Stage::kOptimizer
-};
+/// Steps of Adam along the gradients of one view each. On a GPU a step of harmonics that no view sees is put off
+/// (cuda/deferred_harmonics.h): between forward() and settle() they and their moments are not to be read, nor may the
+/// tensors be replaced.
+class GaussianStepper {
+ public:
+  /// Renders with `rasterizer`, which has to outlive this.
+  explicit GaussianStepper(Rasterizer& rasterizer);
+  ~GaussianStepper();
 
-/// Gradients of the view that `rasterizer` rendered last, and one step of Adam along them. `grads` is memory for the
-/// gradients where they are stored at all: on the CPU. Does not wait for the device.
-ViewStatistics step_gaussians(const GaussianStep& step, Rasterizer& rasterizer, const RenderedViewGrad& view_grad,
-                              GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state);
+  /// Rasterizer::forward() for a step.
+  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view, RenderSettings settings);
+
+  /// Gradients of that view, and one step along them. `stages` is told of the optimizer, which on a GPU includes the
+  /// projection's backward pass; null: nobody asks. Does not wait for the device.
+  ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
+                      AdamState& state, StageRecorder* stages);
+
+  /// Takes what steps were put off. Does not wait for the device.
+  void settle(GaussianTensors& gaussians, AdamState& state);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace b3dgs

@@ -79,6 +79,7 @@ TrainResult Trainer::run_until(int iteration) {
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
     // On a GPU this waits for most of the step.
     if (plan.log || uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settle_loss(); });
+    if (uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settled(); });
     if (uses_device) {
       own.time.output([&] { own.write_outputs(plan); });
     } else if (plan.log) {
@@ -107,7 +108,7 @@ int Trainer::iteration() const {
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   Impl& own = *impl_;
   B3DGS_CHECK(own.log, "the training has not begun");
-  return evaluate_views(own.rasterizer, own.state.gaussians, views,
+  return evaluate_views(own.rasterizer, own.settled().gaussians, views,
                         evaluation_settings(own.config, own.state.sh_degree), on_rendered);
 }
 

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "check.h"
+#include "train/gaussian_step.h"
 #include "train/image_store.h"
 #include "train/kernel_chooser.h"
 #include "train/loss.h"
@@ -31,6 +32,7 @@ struct Trainer::Impl {
         hooks(std::move(hooks)),
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
         rasterizer(device),
+        stepper(rasterizer),
         loss(device),
         kernels(config, device),
         images(scene.train, device, image_budget(config.image_cache_gb, device)),
@@ -65,6 +67,11 @@ struct Trainer::Impl {
     if (hooks.on_message) hooks.on_message(message);
   }
   RenderSettings step_settings();
+  /// The state with no step put off.
+  TrainState& settled() {
+    if (state.gaussians.size() > 0) stepper.settle(state.gaussians, state.adam);
+    return state;
+  }
   /// Of training, over all runs so far.
   double elapsed_s() const { return resumed_s + time.train_s(); }
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
@@ -76,6 +83,7 @@ struct Trainer::Impl {
   const torch::Device device;
 
   Rasterizer rasterizer;
+  GaussianStepper stepper;
   ImageLoss loss;
   KernelChooser kernels;
   ImageStore images;
@@ -83,8 +91,7 @@ struct Trainer::Impl {
   StageAverage stages;
   TimeAccount time;
   double resumed_s = 0;  // of training before this run
-  GaussianTensors grads;
-  TrainState state;
+  TrainState state;  // to be read through settled() where harmonics or all moments are wanted
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {

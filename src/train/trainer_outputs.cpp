@@ -28,7 +28,7 @@ void Trainer::Impl::log_load() {
   RenderSettings settings = evaluation_settings(config, state.sh_degree);
   settings.keep_for_backward = false;
   try {
-    rasterizer.forward(state.gaussians, view.camera, settings);
+    rasterizer.forward(settled().gaussians, view.camera, settings);
   } catch (const NumericError& error) {
     fail(state.iteration, view.name, error.what());
   }
@@ -56,7 +56,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
   TrainLogLine line;
   if (plan.evaluate) {
     report("evaluating");
-    result.evaluations.emplace_back(state.iteration, evaluate_views(rasterizer, state.gaussians, scene.test,
+    result.evaluations.emplace_back(state.iteration, evaluate_views(rasterizer, settled().gaussians, scene.test,
                                                                     evaluation_settings(config, state.sh_degree)));
     const Evaluation& evaluation = result.evaluations.back().second;
     folder.write_results(state.iteration, evaluation);
@@ -85,7 +85,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
   if (plan.save) {
     report("saving");
     result.ply = folder.ply(state.iteration);
-    write_splat_ply(result.ply, to_splat_cloud(state.gaussians));
+    write_splat_ply(result.ply, to_splat_cloud(settled().gaussians));
   }
 }
 
@@ -94,7 +94,7 @@ void Trainer::Impl::write_checkpoint() {
   settle_loss();
   state.elapsed_s = elapsed_s();
   const std::filesystem::path path = folder.checkpoint(state.iteration);
-  b3dgs::write_checkpoint(path, config, state, scene);
+  b3dgs::write_checkpoint(path, config, settled(), scene);
   result.checkpoint = path;
   remove_superseded_checkpoints(folder, state.iteration, config.keep_checkpoints);
 }

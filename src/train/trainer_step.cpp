@@ -11,7 +11,6 @@
 
 #include "train/densifier.h"
 #include "train/gaussian_model.h"
-#include "train/gaussian_step.h"
 #include "train/initial_splats.h"
 #include "train/lr_schedule.h"
 #include "train/random.h"
@@ -60,7 +59,7 @@ void Trainer::Impl::fail(int iteration, const std::string& view, const std::stri
 void Trainer::Impl::learn(const TrainView& view) {
   RenderedView rendered;
   try {
-    rendered = rasterizer.forward(state.gaussians, view.camera, step_settings());
+    rendered = stepper.forward(state.gaussians, state.adam, view.camera, step_settings());
   } catch (const NumericError& error) {
     fail(state.iteration, view.name, error.what());
   }
@@ -70,9 +69,8 @@ void Trainer::Impl::learn(const TrainView& view) {
   timer.end();
   unsettled = {state.iteration, view.name};
   if (device.is_cpu()) settle_loss();
-  const ViewStatistics statistics =
-      step_gaussians({adam_rates(config, scene.extent, state.iteration), &timer}, rasterizer, {loss.grad(), {}, {}},
-                     grads, state.gaussians, state.adam);
+  const ViewStatistics statistics = stepper.step(adam_rates(config, scene.extent, state.iteration),
+                                                 {loss.grad(), {}, {}}, state.gaussians, state.adam, &timer);
   if (density_plan(config, state.iteration).add_statistics) {
     timer.begin(Stage::kDensify);
     add_view(statistics, view.camera.width, view.camera.height, state.statistics);
@@ -87,7 +85,7 @@ double Trainer::Impl::step_ms() const {
 
 /// The views that come next, and the model as it stands.
 BlendInput Trainer::Impl::kernel_check_input() {
-  BlendInput input{rasterizer, state.gaussians, evaluation_settings(config, state.sh_degree), {}};
+  BlendInput input{rasterizer, settled().gaussians, evaluation_settings(config, state.sh_degree), {}};
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
     input.views.push_back(images.describe(view).camera);
@@ -129,6 +127,7 @@ void Trainer::Impl::control_density() {
   if (plan.densify) {
     report("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
+    settled();
     const DensityRound round =
         densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
                 state.iteration);

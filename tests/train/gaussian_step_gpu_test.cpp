@@ -1,4 +1,5 @@
-// The fused step on the GPU against its two halves: gradients that are stored, and Adam on the CPU.
+// The fused step on the GPU against its two halves: gradients that are stored, and Adam on the CPU. Steps that are put
+// off against steps that are not.
 #include "train/gaussian_step.h"
 
 #include <gtest/gtest.h>
@@ -44,6 +45,20 @@ GaussianTensors some_gaussians(int sh_degree_max) {
   return g;
 }
 
+PinholeView view_from(double x, double z) {
+  return to_pinhole_view(test::look_at_origin(x, 0, z, 90, 70));
+}
+
+RenderSettings settings_of(int sh_degree) {
+  RenderSettings settings;
+  settings.sh_degree = sh_degree;
+  settings.tile = {16, 8};
+  settings.deterministic = true;  // whoever renders the same gets the same sums
+  return settings;
+}
+
+const AdamRates kRates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
+
 class GaussianStepOnGpu : public testing::TestWithParam<std::pair<int, int>> {};
 
 TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
@@ -52,12 +67,8 @@ TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
   const auto [sh_degree, sh_degree_max] = GetParam();
   const GaussianTensors start = some_gaussians(sh_degree_max);
   const AdamState moments = used_moments(start, sh_degree);
-  const PinholeView view = to_pinhole_view(test::look_at_origin(0, 0, -6, 90, 70));
-  const AdamRates rates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
-  RenderSettings settings;
-  settings.sh_degree = sh_degree;
-  settings.tile = {16, 8};
-  settings.deterministic = true;  // both get the same sums
+  const PinholeView view = view_from(0, -6);
+  const RenderSettings settings = settings_of(sh_degree);
   Rasterizer rasterizer(kGpu);
 
   GaussianTensors stepped = copy_to(start, kGpu);
@@ -72,13 +83,14 @@ TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
 
   GaussianTensors expected = copy_to(start, torch::kCPU);
   AdamState expected_state = copy_to(moments, torch::kCPU);
-  adam_step(rates, copy_to(grads, torch::kCPU), expected, expected_state);
+  adam_step(kRates, copy_to(grads, torch::kCPU), expected, expected_state);
 
-  rasterizer.forward(stepped, view, settings);
-  GaussianTensors unused;
-  statistics = step_gaussians({rates, nullptr}, rasterizer, view_grad, unused, stepped, stepped_state);
+  GaussianStepper stepper(rasterizer);
+  const torch::Tensor color = image.color.clone();
+  EXPECT_TRUE(torch::equal(stepper.forward(stepped, stepped_state, view, settings).color, color));
+  statistics = stepper.step(kRates, view_grad, stepped, stepped_state, nullptr);
+  stepper.settle(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
-  EXPECT_FALSE(unused.means.defined()) << "gradients are not stored";
   EXPECT_TRUE(
       test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
   EXPECT_TRUE(torch::equal(statistics.radii.cpu(), radii));
@@ -94,8 +106,76 @@ TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
     const torch::Tensor& before = *start.all()[i];
     const torch::Tensor move = stepped.all()[i]->cpu() - before, wanted = *expected.all()[i] - before;
     // What is stored is rounded to its own size, which is larger than the move.
-    EXPECT_TRUE(test::within(move, wanted, 2 * kRounding * (wanted.abs() + rates[i]) + 2e-7 * before.abs())) << name;
+    EXPECT_TRUE(test::within(move, wanted, 2 * kRounding * (wanted.abs() + kRates[i]) + 2e-7 * before.abs())) << name;
   }
+}
+
+/// Bits of all that a step changes.
+testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_state, const GaussianTensors& b,
+                                  const AdamState& b_state) {
+  for (std::size_t i = 0; i < a.all().size(); ++i) {
+    const char* const name = GaussianTensors::kNames[i];
+    if (!torch::equal(*a.all()[i], *b.all()[i])) return testing::AssertionFailure() << name;
+    if (!torch::equal(*a_state.m.all()[i], *b_state.m.all()[i])) return testing::AssertionFailure() << "m of " << name;
+    if (!torch::equal(*a_state.v.all()[i], *b_state.v.all()[i])) return testing::AssertionFailure() << "v of " << name;
+  }
+  return testing::AssertionSuccess();
+}
+
+TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(6);
+  // More steps than can be put off at once. Views from aside, which many Gaussians are outside of, in an irregular
+  // order; degrees that begin to be learned meanwhile.
+  constexpr int kSteps = 300;
+  GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
+  AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often), late_state = make_adam_state(often);
+  const torch::Tensor start = often.shN.clone();
+  Rasterizer rasterizer(kGpu);
+  GaussianStepper often_stepper(rasterizer), rarely_stepper(rasterizer), late_stepper(rasterizer);
+  const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
+  torch::Tensor n_seen = torch::zeros({often.size()});
+  for (int k = 0; k < kSteps; ++k) {
+    const PinholeView view = view_from(0.7 * (k * k % 7 - 3), k % 5 == 0 ? -2.5 : -1.2);
+    const RenderSettings settings = settings_of(std::min(k / 40, 3));
+    const auto step = [&](GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state) {
+      stepper.forward(gaussians, state, view, settings);
+      return stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+    };
+    step(late_stepper, late, late_state);
+    step(rarely_stepper, rarely, rarely_state);
+    const ViewStatistics statistics = step(often_stepper, often, often_state);
+    n_seen += (statistics.radii > 0).cpu().to(torch::kFloat32);
+    often_stepper.settle(often, often_state);
+    if (k % 37 == 0) {
+      rarely_stepper.settle(rarely, rarely_state);
+      ASSERT_TRUE(is_equal(rarely, rarely_state, often, often_state)) << "after step " << k;
+    }
+  }
+  EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was put off";
+  late_stepper.settle(late, late_state);
+  EXPECT_TRUE(is_equal(late, late_state, often, often_state));
+  EXPECT_GT((n_seen == 0).sum().item<int>(), 100) << "never seen";
+  EXPECT_GT(((n_seen > 0).logical_and(n_seen < kSteps / 2)).sum().item<int>(), 100) << "seen now and then";
+  EXPECT_GT((often.shN - start).abs().max().item<double>(), 0.1) << "harmonics moved";
+}
+
+TEST(DeferredHarmonics, RefusesOtherTensorsWhileStepsAreOutstanding) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(7);
+  GaussianTensors gaussians = copy_to(some_gaussians(2), kGpu);
+  AdamState state = make_adam_state(gaussians);
+  Rasterizer rasterizer(kGpu);
+  GaussianStepper stepper(rasterizer);
+  const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu);
+  const auto step = [&] {
+    stepper.forward(gaussians, state, view_from(0, -6), settings_of(2));
+    stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+  };
+  step();
+  state.m.shN = state.m.shN.clone();
+  EXPECT_THROW(step(), LogicError);
+  EXPECT_THROW(stepper.settle(gaussians, state), LogicError);
 }
 
 INSTANTIATE_TEST_SUITE_P(ByDegree, GaussianStepOnGpu,

@@ -23,6 +23,24 @@ struct ProjectOutputs {
   ViewCounts* counts = nullptr;     // [1]
 };
 
+/// Colours of the splats that a view sees.
+struct ColorCudaArgs {
+  GaussianArrays gaussians{};
+  Vec3f center{};  // of the camera, world
+  int sh_degree = 0;
+  const std::int32_t* radii = nullptr;  // [N] 0 if not seen
+  Splat* splats = nullptr;              // [N] red, green, blue and clamped are written where seen
+  ViewCounts* counts = nullptr;         // [1] not_finite takes note of a colour that is not
+};
+void color_splats(const ColorCudaArgs& args, const LaunchContext& context);
+
+/// Takes the place of color_splats() for whoever has something to do with the harmonics of what a view sees.
+class ColorPass {
+ public:
+  virtual ~ColorPass() = default;
+  virtual void color(const ColorCudaArgs& args, const LaunchContext& context) = 0;
+};
+
 struct ProjectCudaArgs {
   GaussianArrays gaussians{};
   PinholeView view{};
@@ -31,7 +49,9 @@ struct ProjectCudaArgs {
   Culling culling = Culling::kEllipse;
   TileGrid grid{};
   ProjectOutputs out{};
+  ColorPass* color_pass = nullptr;  // null: color_splats()
 };
+/// Colours too.
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
 /// Buffers that binning fills and keeps from view to view.

@@ -1,14 +1,12 @@
 // Projection: one thread per Gaussian writes its splat, its box and the number of tiles it touches; blocks add up the
-// view's totals before they touch the global counters.
+// view's totals before they touch the global counters. Colours are for those that are seen: color.cu.
 
 #include <cstdint>
 
-#include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
 #include "raster/cuda/rows.cuh"
 #include "raster/cuda/warp.cuh"
 #include "raster/projection.h"
-#include "raster/sh.h"
 #include "raster/tiling.h"
 
 namespace b3dgs::cuda {
@@ -28,13 +26,11 @@ struct Projected {
   bool finite = true;
 };
 
-template <int kShDegree>
 __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, const ViewTransform<float>& view,
                                                  std::int64_t i) {
   Projected result;
   const GaussianArrays& g = args.gaussians;
-  const Vec3f mean = load3(g.means, i);
-  const Vec3f point = to_camera(view, mean);
+  const Vec3f point = to_camera(view, load3(g.means, i));
   if (!isfinite(point.x + point.y + point.z)) {
     result.finite = false;
     return result;
@@ -58,41 +54,31 @@ __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, co
     result.finite = false;
     return result;
   }
-  Splat splat{p.mean2d.x,
-              p.mean2d.y,
-              log2_opacity,
-              point.z,
-              kConicScale * p.conic.xx,
-              kConicScale * p.conic.xy,
-              kConicScale * p.conic.yy,
-              static_cast<std::int32_t>(i),
-              0,
-              0,
-              0,
-              0};
+  const Splat splat{p.mean2d.x,
+                    p.mean2d.y,
+                    log2_opacity,
+                    point.z,
+                    kConicScale * p.conic.xx,
+                    kConicScale * p.conic.xy,
+                    kConicScale * p.conic.yy,
+                    static_cast<std::int32_t>(i),
+                    0,
+                    0,
+                    0,
+                    0};
   const auto radius = static_cast<std::int32_t>(radius_px);
   const Vec2f extent = ellipse_extent(log2_opacity, p.cov);
   visit_tile_rows(args.grid, args.culling, splat, extent, radius,
                   [&](std::int32_t, TileSpan span) { result.n_tiles += span.end - span.begin; });
   if (result.n_tiles == 0) return result;
-
-  const ShColor<float> color =
-      sh_color(kShDegree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest_floats(g.sh_degree_max) * i);
-  if (!isfinite(color.color.x + color.color.y + color.color.z)) {
-    result.finite = false;
-    return result;
-  }
-  splat.red = color.color.x;
-  splat.green = color.color.y;
-  splat.blue = color.color.z;
-  splat.clamped = color.clamped;
-  args.out.splats[i] = splat;
+  float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
+  words[0] = reinterpret_cast<const float4*>(&splat)[0];
+  words[1] = reinterpret_cast<const float4*>(&splat)[1];
   args.out.extents[i] = extent;
   args.out.radii[i] = radius;
   return result;
 }
 
-template <int kShDegree>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ unsigned long long block_splats, block_isects;
   if (threadIdx.x == 0) block_splats = block_isects = 0;
@@ -102,7 +88,7 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
   Projected projected;
   if (i < args.gaussians.n_gaussians) {
     const ViewTransform<float> view = make_view_transform<float>(args.view);
-    projected = project_one<kShDegree>(args, view, i);
+    projected = project_one(args, view, i);
     args.out.n_tiles[i] = projected.n_tiles;
     if (projected.n_tiles == 0) args.out.radii[i] = 0;
     if (!projected.finite) {
@@ -136,9 +122,15 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   B3DGS_CUDA_CHECK_LAUNCH();
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
-  with_sh_degree(args.sh_degree,
-                 [&](auto degree) { project_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args); });
+  project_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
+  const ColorCudaArgs colors{args.gaussians, args.view.center, args.sh_degree,
+                             args.out.radii, args.out.splats,  args.out.counts};
+  if (args.color_pass != nullptr) {
+    args.color_pass->color(colors, context);
+  } else {
+    color_splats(colors, context);
+  }
 }
 
 }  // namespace b3dgs::cuda

@@ -19,13 +19,15 @@ __global__ void __launch_bounds__(kThreads) project_backward_kernel(const Projec
   for (int k = 0; k < n_rest; ++k) rest[k] = 0;
   if (i < n) {
     GaussianGrad grad{};
-    float sh0[3] = {0, 0, 0};
-    if (args.radii[i] > 0) grad = gaussian_grad<kShDegree>(args, i, sh0, rest);
+    if (args.radii[i] > 0) {
+      grad = gaussian_grad<kShDegree>(args, i);
+      sh_rest_grad(kShDegree, grad.dir, grad.color, rest);
+    }
     store3(args.grad.means, i, grad.mean);
     store3(args.grad.log_scales, i, grad.log_scales);
     reinterpret_cast<float4*>(args.grad.quats)[i] = make_float4(grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w);
     args.grad.logit_opacities[i] = grad.logit_opacity;
-    store3(args.grad.sh0, i, {sh0[0], sh0[1], sh0[2]});
+    store3(args.grad.sh0, i, grad.sh0());
     reinterpret_cast<float2*>(args.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
   }
   __syncthreads();  // all rows are in shared memory

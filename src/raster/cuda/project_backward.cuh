@@ -9,19 +9,21 @@
 
 namespace b3dgs::cuda {
 
-/// By the stored parameters, and by the splat's centre in px; zeros for what no view sees.
+/// By the stored parameters, and by the splat's centre in px; zeros for what no view sees. That by a coefficient of the
+/// harmonics is the product of its basis function, at `dir`, and the gradient by the colour.
 struct GaussianGrad {
   Vec3f mean, log_scales;
   Vec4f quat;
   float logit_opacity;
   Vec2f mean2d;
+  Vec3f color;  // before it is clamped
+  Vec3f dir;    // in which the Gaussian is seen
+  B3DGS_HD Vec3f sh0() const { return static_cast<float>(kSh0) * color; }
 };
 
-/// Gradients of Gaussian i, which the view sees. Harmonics' gradients go to `sh0` [3] and `rest` [rest_floats(degree)].
-/// kShDegree is that of `args`.
+/// Gradients of Gaussian i, which the view sees. kShDegree is that of `args`.
 template <int kShDegree>
-__device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i, float* sh0,
-                                                      float* rest) {
+__device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
   const std::int32_t rank = args.rank_of_gaussian[i];
   const SplatGrad sum = args.splat_grads[rank].sum;
@@ -38,11 +40,16 @@ __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaA
   const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
-  const Vec3f grad_offset = sh_color_backward(kShDegree, mean - args.view.center,
-                                              g.shN + rest_floats(g.sh_degree_max) * i, grad_color, sh0, rest);
+  const ShOffsetGrad<float> grad_sh = sh_offset_grad(kShDegree, mean - args.view.center,
+                                                     g.shN + rest_floats(g.sh_degree_max) * i, grad_color);
   // q is the gradient by ln(opacity), and d ln(sigmoid(x)) / dx = sigmoid(-x).
-  return {transpose_times(view.rotation, grad.point) + grad_offset, grad_shape.log_scales, grad_shape.quat,
-          sum.q / (1 + __expf(g.logit_opacities[i])), grad.mean2d};
+  return {transpose_times(view.rotation, grad.point) + grad_sh.offset,
+          grad_shape.log_scales,
+          grad_shape.quat,
+          sum.q / (1 + __expf(g.logit_opacities[i])),
+          grad.mean2d,
+          grad_color,
+          grad_sh.dir};
 }
 
 }  // namespace b3dgs::cuda

@@ -135,7 +135,9 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   begin_stage(s.stages, Stage::kProject);
   const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
                                  s.n_tiles.resize(n, context), s.counts.resize(1, context)};
-  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected}, context);
+  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected,
+           settings.color_pass},
+          context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
   end_stage(s.stages);  // until the host has read the counts, the device waits for it

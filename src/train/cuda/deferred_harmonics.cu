@@ -1,0 +1,138 @@
+#include "train/cuda/deferred_harmonics.h"
+
+#include "check.h"
+#include "raster/cuda/color.cuh"
+#include "raster/cuda/launch.cuh"
+#include "train/cuda/adam_step.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 128;
+
+struct TakeStepsArgs {
+  RestArrays rests{};
+  OwedSteps* owed = nullptr;  // [N]
+  StepSizes steps{};
+  ColorCudaArgs color{};  // radii null: all Gaussians, and no colours
+};
+
+/// What the Gaussian owes: its first step's gradient to `grads` [rest_floats(kShDegree)], for it is known now as a whole
+/// row. Returns the number of steps taken so far.
+template <int kShDegree>
+__device__ __forceinline__ int take_over(const OwedSteps* owed, float* grads) {
+  const float4 first = reinterpret_cast<const float4*>(owed)[0];
+  const float4 second = reinterpret_cast<const float4*>(owed)[1];
+  sh_rest_grad(kShDegree, Vec3f{second.x, second.y, second.z}, Vec3f{first.x, first.y, first.z}, grads);
+  return __float_as_int(first.w);
+}
+
+/// Takes the steps that the listed rows of a block owe. `rests` [n_rows, kActive] has the gradients of the first of them
+/// and then the harmonics; `taken` [n_rows] says which steps are done.
+template <int kActive>
+__device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64_t first_row, int n_rows,
+                                           const int* rows, const int* taken, float* rests) {
+  constexpr int kAtOnce = 4;  // loads on their way
+  const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
+  float* const params = args.rests.param + first_row * n_rest;
+  float* const ms = args.rests.m + first_row * n_rest;
+  float* const vs = args.rests.v + first_row * n_rest;
+  for (int start = static_cast<int>(threadIdx.x); start < n_floats; start += kAtOnce * kThreads) {
+    int at[kAtOnce], step[kAtOnce];
+    float param[kAtOnce], m[kAtOnce], v[kAtOnce];
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      const int place = start + k * kThreads;
+      if (place >= n_floats) break;
+      at[k] = rows[place / kActive] * n_rest + place % kActive;
+      step[k] = taken[place / kActive];
+      param[k] = params[at[k]];
+      m[k] = ms[at[k]];
+      v[k] = vs[at[k]];
+    }
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      const int place = start + k * kThreads;
+      if (place >= n_floats) break;
+      if (step[k] < args.steps.n) {
+        float grad = rests[place];
+        do {
+          step_one(args.steps.sizes[step[k]], grad, param[k], m[k], v[k]);
+          grad = 0;
+        } while (++step[k] < args.steps.n);
+        params[at[k]] = param[k];
+        ms[at[k]] = m[k];
+        vs[at[k]] = v[k];
+      }
+      rests[place] = param[k];
+    }
+  }
+}
+
+template <int kShDegree, bool kColors>
+__global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_constant__ TakeStepsArgs args) {
+  constexpr int kActive = rest_floats(kShDegree);
+  __shared__ RowList<kThreads> list;
+  __shared__ int taken[kThreads];
+  __shared__ float rests[kThreads * (kActive > 0 ? kActive : 1)];
+  const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
+  const bool is_listed = i < args.rests.n_gaussians && (!kColors || args.color.radii[i] > 0);
+  const ListedRow own = list_row(list, is_listed);
+  if constexpr (kActive > 0) {
+    if (is_listed) {
+      taken[own.place] = take_over<kShDegree>(args.owed + i, rests + own.place * kActive);
+      // Paid, even if no backward pass follows.
+      if (kColors) {
+        *reinterpret_cast<float4*>(args.owed + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
+      }
+    }
+    __syncthreads();
+    take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
+    __syncthreads();
+  }
+  if (kColors && is_listed) color_splat<kShDegree>(args.color, i, rests + own.place * kActive);
+}
+
+template <bool kColors>
+void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& context) {
+  if (args.rests.n_gaussians == 0) return;
+  const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kThreads - 1) / kThreads);
+  with_sh_degree(sh_degree, [&](auto degree) {
+    take_steps_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace
+
+void DeferredHarmonics::begin_view(const RestArrays& rests, int sh_degree, const LaunchContext& context) {
+  if (steps_.n > 0 && (steps_.n == StepSizes::kMax || sh_degree != sh_degree_)) settle(rests, context);
+  if (steps_.n == 0) {
+    const auto bytes = static_cast<std::size_t>(rests.n_gaussians) * sizeof(OwedSteps);
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(rests.n_gaussians, context), 0, bytes, context.stream));
+    rests_ = rests;
+    sh_degree_ = sh_degree;
+  }
+  B3DGS_CHECK(rests == rests_, "other harmonics while steps of the ones before are outstanding");
+}
+
+void DeferredHarmonics::color(const ColorCudaArgs& args, const LaunchContext& context) {
+  B3DGS_CHECK(args.gaussians.n_gaussians == rests_.n_gaussians && args.gaussians.shN == rests_.param &&
+                  args.sh_degree == sh_degree_,
+              "a view of other harmonics than begin_view() was told");
+  launch<true>({rests_, owed_.data(), steps_, args}, sh_degree_, context);
+}
+
+void DeferredHarmonics::put_off_step(const AdamStepSize& size) {
+  B3DGS_CHECK(steps_.n < StepSizes::kMax, "steps put off without begin_view()");
+  steps_.sizes[static_cast<std::size_t>(steps_.n++)] = size;
+}
+
+void DeferredHarmonics::settle(const RestArrays& rests, const LaunchContext& context) {
+  if (steps_.n == 0) return;
+  B3DGS_CHECK(rests == rests_, "other harmonics than those that steps were put off of");
+  launch<false>({rests_, owed_.data(), steps_, {}}, sh_degree_, context);
+  steps_.n = 0;
+}
+
+}  // namespace b3dgs::cuda
