@@ -42,13 +42,15 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
       n_rest_(static_cast<std::int64_t>(scene.cloud.shN.size())) {
   const Culling culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
   const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, {run.tile_width, run.tile_height});
-  const ProjectOutputs projected{splats_.resize(n_, context), extents_.resize(n_, context), radii_.resize(n_, context),
-                                 n_tiles_.resize(n_, context), counts_.resize(1, context)};
+  const ProjectOutputs projected{splats_.resize(n_, context),     extents_.resize(n_, context),
+                                 radii_.resize(n_, context),      n_tiles_.resize(n_, context),
+                                 depth_bits_.resize(n_, context), counts_.resize(1, context)};
   const int degree = scene.cloud.sh_degree;
   project_args = {upload_gaussians(scene.cloud), scene.view, degree, kNearPlane, culling, grid, projected};
   project(project_args, context);
   found = download(projected.counts, 1).front();
   bin_args = {projected, n_, found.n_splats, found.n_isects, grid, culling};
+  list_seen(projected, n_, bin_buffers, context);
   binned = bin(bin_args, bin_buffers, context);
   set_up_blending(grid);
 

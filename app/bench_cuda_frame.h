@@ -75,6 +75,7 @@ class CudaFrame {
   DeviceBuffer<Splat> splats_;
   DeviceBuffer<Vec2f> extents_;
   DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_;
+  DeviceBuffer<std::uint32_t> depth_bits_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_light_;
   DeviceBuffer<float2> bucket_ends_;

@@ -69,9 +69,9 @@ struct RenderSettings {
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
   bool deterministic = false;                                  // sums in a fixed order on CUDA; the CPU always does
-  bool keep_for_backward = true;    // false saves memory and time where no gradient is wanted
-  bool depth_gradient = true;       // false saves on CUDA what a gradient by depth would need
-  StageRecorder* stages = nullptr;  // told which pass begins, of the backward passes too; null: nobody asks
+  bool keep_for_backward = true;          // false saves memory and time where no gradient is wanted
+  bool depth_gradient = true;             // false saves on CUDA what a gradient by depth would need
+  StageRecorder* stages = nullptr;        // told which pass begins, of the backward passes too; null: nobody asks
   cuda::ColorPass* color_pass = nullptr;  // on CUDA: finds the colours; null: the rasterizer does
 };
 

@@ -28,8 +28,8 @@ HWY_INLINE void step_vector(Tag d, const AdamArgs& args, float* param, const flo
              rest2 = hn::Set(d, static_cast<float>(1 - kAdamBeta2));
   const auto new_m = hn::MulAdd(beta1, old_m, hn::Mul(rest1, g));
   const auto new_v = hn::MulAdd(beta2, old_v, hn::Mul(rest2, hn::Mul(g, g)));
-  const auto divisor =
-      hn::MulAdd(hn::Sqrt(new_v), hn::Set(d, args.size.inverse_root_bias2), hn::Set(d, static_cast<float>(kAdamEpsilon)));
+  const auto divisor = hn::MulAdd(hn::Sqrt(new_v), hn::Set(d, args.size.inverse_root_bias2),
+                                  hn::Set(d, static_cast<float>(kAdamEpsilon)));
   const auto change = hn::Div(hn::Mul(hn::Set(d, args.size.step_size), new_m), divisor);
   hn::StoreU(new_m, d, m);
   hn::StoreU(new_v, d, v);

@@ -91,7 +91,7 @@ struct Trainer::Impl {
   StageAverage stages;
   TimeAccount time;
   double resumed_s = 0;  // of training before this run
-  TrainState state;  // to be read through settled() where harmonics or all moments are wanted
+  TrainState state;      // to be read through settled() where harmonics or all moments are wanted
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {

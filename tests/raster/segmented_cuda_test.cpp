@@ -111,6 +111,40 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   }
 }
 
+/// One tile, whose list has more than a thousand segments; of a splat's width, so that pixels end far behind the first.
+TestScene crowd_in_a_tile() {
+  constexpr std::int64_t kSplats = 1100 * cuda::kSegmentEntries;
+  TestScene scene;
+  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+  scene.view.width = 16;
+  scene.view.height = 8;
+  scene.view.fx = scene.view.fy = 16;
+  scene.view.cx = 8;
+  scene.view.cy = 4;
+  const torch::Tensor index = torch::arange(kSplats, torch::kFloat64);
+  const torch::Tensor depth = 2 + 1e-6 * index;
+  // Multiples of two irrational numbers, which spread evenly.
+  const torch::Tensor x = torch::frac(0.7548776662 * index) - 0.5, y = 0.5 * (torch::frac(0.5698402910 * index) - 0.5);
+  scene.gaussians = {torch::stack({x * depth, y * depth, depth}, 1).to(torch::kFloat32).contiguous(),
+                     torch::full({kSplats, 3}, std::log(0.125f)),
+                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
+                     torch::full({kSplats}, std::log(0.005f / 0.995f)),
+                     torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
+                     torch::zeros({kSplats, 0, 3})};
+  return scene;
+}
+
+TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = crowd_in_a_tile();
+  RenderSettings settings = settings_of(scene);
+  settings.tile = {16, 8};
+  settings.kernel = ForwardKernel::kSegmented;
+  const CudaView cut(scene, settings);
+  EXPECT_GT(cut.alpha.min().item<float>(), 0.999f) << "all pixels end";
+  expect_as_by_shared_memory(scene, settings, 2);
+}
+
 TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = ends_along_a_long_list();

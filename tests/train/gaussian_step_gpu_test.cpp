@@ -129,7 +129,8 @@ TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
   // order; degrees that begin to be learned meanwhile.
   constexpr int kSteps = 300;
   GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
-  AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often), late_state = make_adam_state(often);
+  AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often),
+            late_state = make_adam_state(often);
   const torch::Tensor start = often.shN.clone();
   Rasterizer rasterizer(kGpu);
   GaussianStepper often_stepper(rasterizer), rarely_stepper(rasterizer), late_stepper(rasterizer);

@@ -3,6 +3,8 @@
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>
+#include <thrust/iterator/zip_iterator.h>
+#include <thrust/tuple.h>
 
 #include <cub/cub.cuh>
 
@@ -23,17 +25,12 @@ constexpr unsigned blocks_for(std::int64_t n) {
   return static_cast<unsigned>((n + kThreads - 1) / kThreads);
 }
 
+/// Of an index and depth bits.
 struct IsSeen {
-  const std::int32_t* n_tiles;
-  __device__ bool operator()(std::int32_t i) const { return n_tiles[i] > 0; }
+  __device__ bool operator()(const thrust::tuple<std::int32_t, std::uint32_t>& gaussian) const {
+    return thrust::get<1>(gaussian) != 0;
+  }
 };
-
-__global__ void __launch_bounds__(kThreads)
-    gather_depths_kernel(const Splat* splats, const std::int32_t* visible, std::int64_t n, std::uint32_t* depths) {
-  const std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  // Depths are positive: their bit patterns are ordered as they are.
-  if (m < n) depths[m] = __float_as_uint(splats[visible[m]].depth);
-}
 
 /// Tiles of the splat at each depth rank, for the scan that gives every splat its slots.
 struct TilesOfRank {
@@ -161,24 +158,16 @@ __global__ void __launch_bounds__(kThreads)
   for (std::int32_t tile = before + 1; tile <= here; ++tile) tile_offsets[tile] = i;
 }
 
-/// Buckets of 32 entries in each tile's list.
-struct BucketsOfTile {
-  const std::int64_t* tile_offsets;
-  std::int32_t n_tiles;
-  __device__ std::int64_t operator()(std::int64_t tile) const {
-    return tile < n_tiles ? (tile_offsets[tile + 1] - tile_offsets[tile] + kWarpSize - 1) / kWarpSize : 0;
-  }
-};
-
-/// A warp writes the tile of its tile's buckets; the last warp marks what no tile uses.
+/// A warp names the buckets of its tile.
 __global__ void __launch_bounds__(kThreads)
-    name_buckets_kernel(const std::int64_t* bucket_offsets, std::int32_t n_tiles, std::int64_t n_buckets_max,
-                        std::int32_t* tile_of_bucket) {
+    name_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int32_t* tile_of_bucket) {
   const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
-  if (tile > n_tiles) return;
-  const std::int64_t end = tile < n_tiles ? bucket_offsets[tile + 1] : n_buckets_max;
-  for (std::int64_t bucket = bucket_offsets[tile] + lane_id(); bucket < end; bucket += kWarpSize) {
-    tile_of_bucket[bucket] = tile < n_tiles ? tile : -1;
+  if (tile >= n_tiles) return;
+  const std::int64_t begin = tile_offsets[tile], end = tile_offsets[tile + 1];
+  const std::int64_t first = first_bucket(tile, begin),
+                     first_unused = first + (end - begin + kWarpSize - 1) / kWarpSize;
+  for (std::int64_t bucket = first + lane_id(); bucket < first_bucket(tile + 1, end); bucket += kWarpSize) {
+    tile_of_bucket[bucket] = bucket < first_unused ? tile : -1;
   }
 }
 
@@ -235,27 +224,32 @@ void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, 
 
 }  // namespace
 
+void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
+               const LaunchContext& context) {
+  std::int32_t* const visible = buffers.visible.resize(n_gaussians + 1, context);
+  std::uint32_t* const depths = buffers.depths.resize(n_gaussians, context);
+  if (n_gaussians == 0) return;
+  const auto all =
+      thrust::make_zip_iterator(thrust::make_tuple(thrust::counting_iterator<std::int32_t>(0), projected.depth_bits));
+  const auto seen = thrust::make_zip_iterator(thrust::make_tuple(visible, depths));
+  // In their own order, so that equal depths keep it and results repeat. The view's counts have the number too; CUB
+  // writes it once more, behind the list.
+  run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+    return cub::DeviceSelect::If(temporary, bytes, all, seen, visible + n_gaussians, n_gaussians, IsSeen{},
+                                 context.stream);
+  });
+}
+
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context) {
   const std::int64_t n = args.n_splats;
   const std::int32_t n_tiles = args.grid.n_tiles();
 
-  // Seen Gaussians in their own order, so that equal depths keep it and results repeat.
-  std::int32_t* const visible = buffers.visible.resize(n + 1, context);
-  std::int32_t* const visible_sorted = buffers.visible_sorted.resize(n + 1, context);
-  std::uint32_t* const depths = buffers.depths.resize(n + 1, context);
-  std::uint32_t* const depths_sorted = buffers.depths_sorted.resize(n + 1, context);
+  std::int32_t* const visible_sorted = buffers.visible_sorted.resize(n, context);
+  std::uint32_t* const depths_sorted = buffers.depths_sorted.resize(n, context);
   if (n > 0) {
-    // The host knows the count already; CUB writes it once more, behind the list.
-    const thrust::counting_iterator<std::int32_t> all(0);
     run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-      return cub::DeviceSelect::If(temporary, bytes, all, visible, visible_sorted + n, args.n_gaussians,
-                                   IsSeen{args.projected.n_tiles}, context.stream);
-    });
-    gather_depths_kernel<<<blocks_for(n), kThreads, 0, context.stream>>>(args.projected.splats, visible, n, depths);
-    B3DGS_CUDA_CHECK_LAUNCH();
-    run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-      return cub::DeviceRadixSort::SortPairs(temporary, bytes, depths, depths_sorted, visible, visible_sorted, n, 0, 31,
-                                             context.stream);
+      return cub::DeviceRadixSort::SortPairs(temporary, bytes, buffers.depths.data(), depths_sorted,
+                                             buffers.visible.data(), visible_sorted, n, 0, 31, context.stream);
     });
   }
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1, context);
@@ -284,19 +278,17 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
     sort(buffers.tiles32, buffers.tiles32_sorted);
   }
 
-  std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles + 1, context);
-  exclusive_scan<std::int64_t>(BucketsOfTile{tile_offsets, n_tiles}, n_tiles + 1, bucket_offsets, buffers, context);
-  const std::int64_t n_buckets_max = args.n_isects / kWarpSize + n_tiles;
+  const std::int64_t n_buckets_max = first_bucket(n_tiles, args.n_isects);
   std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
-  name_buckets_kernel<<<blocks_for((n_tiles + std::int64_t{1}) * kWarpSize), kThreads, 0, context.stream>>>(
-      bucket_offsets, n_tiles, n_buckets_max, tile_of_bucket);
+  name_buckets_kernel<<<blocks_for(std::int64_t{n_tiles} * kWarpSize), kThreads, 0, context.stream>>>(
+      tile_offsets, n_tiles, tile_of_bucket);
   B3DGS_CUDA_CHECK_LAUNCH();
   return {splats,
           extents,
           rank_of_gaussian,
           {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.isect_slots.data() : nullptr, slot_offsets,
            args.n_isects},
-          {bucket_offsets, tile_of_bucket, n_buckets_max}};
+          {tile_of_bucket, n_buckets_max}};
 }
 
 }  // namespace b3dgs::cuda

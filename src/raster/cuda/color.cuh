@@ -43,16 +43,19 @@ __device__ __forceinline__ ListedRow list_row(RowList<kThreads>& list, bool is_l
   return result;
 }
 
-/// The colour of Gaussian i, which the view sees, to its splat. `rest` has its harmonics beyond degree 0.
+/// Red, green and blue of Gaussian i and, as bits, which were clamped: the last word of its splat. `rest` has its
+/// harmonics beyond degree 0.
 template <int kShDegree>
-__device__ __forceinline__ void color_splat(const ColorCudaArgs& args, std::int64_t i, const float* rest) {
+__device__ __forceinline__ float4 splat_color(const GaussianArrays& gaussians, Vec3f camera_center, std::int64_t i,
+                                              const float* rest) {
   const ShColor<float> found =
-      sh_color(kShDegree, load3(args.gaussians.means, i) - args.center, args.gaussians.sh0 + 3 * i, rest);
-  if (!isfinite(found.color.x + found.color.y + found.color.z)) {
-    atomicMin(reinterpret_cast<unsigned long long*>(&args.counts->not_finite), static_cast<unsigned long long>(i));
-  }
-  reinterpret_cast<float4*>(args.splats + i)[2] =
-      make_float4(found.color.x, found.color.y, found.color.z, __uint_as_float(found.clamped));
+      sh_color(kShDegree, load3(gaussians.means, i) - camera_center, gaussians.sh0 + 3 * i, rest);
+  return make_float4(found.color.x, found.color.y, found.color.z, __uint_as_float(found.clamped));
+}
+
+/// Notes a Gaussian whose projection or colour is not finite; the first one counts.
+__device__ __forceinline__ void note_not_finite(ViewCounts* counts, std::int64_t i) {
+  atomicMin(reinterpret_cast<unsigned long long*>(&counts->not_finite), static_cast<unsigned long long>(i));
 }
 
 }  // namespace b3dgs::cuda

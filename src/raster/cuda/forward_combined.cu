@@ -52,10 +52,10 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   if (bucket >= args.buckets.n_max) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   if (tile < 0) return;
-  const std::int64_t first_bucket = args.buckets.offsets[tile], end_bucket = args.buckets.offsets[tile + 1];
-  const std::int64_t entry = blend.bins.tile_offsets[tile] + (bucket - first_bucket) * kWarpSize + lane_id();
+  const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
+  const std::int64_t first = first_bucket(tile, begin), entry = begin + (bucket - first) * kWarpSize + lane_id();
   TileRows rows{};  // none
-  if (entry < blend.bins.tile_offsets[tile + 1]) {
+  if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
     const float4 place = load_place(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
     const Splat splat{place.x, place.y, place.z, place.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
@@ -67,11 +67,12 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   }
   const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, {2, 2});
   const std::int32_t x = tile % blend.grid.columns * Quads::kColumns, y = tile / blend.grid.columns * Quads::kRows;
-  std::uint32_t* const words = args.quad_words + first_bucket * Quads::kCount + (bucket - first_bucket);
+  std::uint32_t* const words = args.quad_words + first * Quads::kCount + (bucket - first);
+  const std::int64_t n_buckets = (end - begin + kWarpSize - 1) / kWarpSize;
 #pragma unroll
-  for (int first = 0; first < Quads::kCount; first += kWarpSize) {
-    const std::uint32_t touched = touched_quads<kTilePixels>(quads, rows, x, y + first / Quads::kColumns);
-    words[(first + lane_id()) * (end_bucket - first_bucket)] = warp_transpose(touched);
+  for (int quad = 0; quad < Quads::kCount; quad += kWarpSize) {
+    const std::uint32_t touched = touched_quads<kTilePixels>(quads, rows, x, y + quad / Quads::kColumns);
+    words[(quad + lane_id()) * n_buckets] = warp_transpose(touched);
   }
 }
 
@@ -205,10 +206,10 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
-  const std::int64_t first_bucket = args.buckets.offsets[tile];
-  const auto n_buckets = static_cast<std::int32_t>(args.buckets.offsets[tile + 1] - first_bucket);
-  const std::uint32_t* const words =
-      args.quad_words + first_bucket * Quads::kCount + static_cast<std::int64_t>(own_quad) * n_buckets;
+  const std::int32_t n_buckets = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
+  const std::uint32_t* const words = args.quad_words +
+                                     first_bucket(tile, blend.bins.tile_offsets[tile]) * Quads::kCount +
+                                     static_cast<std::int64_t>(own_quad) * n_buckets;
   QueueEnds ends;
   int head = 0, waiting = 0, n_candidates = 0;
   bool is_done = !at.inside, everyone_is_done = false;

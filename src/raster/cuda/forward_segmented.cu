@@ -31,55 +31,67 @@ __device__ __forceinline__ std::int32_t n_segments(std::int32_t length) {
 }
 
 /// One block lists the segments after the first ones in the order of their numbers; from kCutThreads - 1 on in any
-/// order.
+/// order. Tiles are ranked by how many segments they have: those with a segment of some number are then the first ones.
 __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwardCudaArgs args) {
   using BlockScan = cub::BlockScan<std::int32_t, kCutThreads>;
+  constexpr std::int32_t kLast = kCutThreads - 1;  // stands for this number and all beyond
   __shared__ typename BlockScan::TempStorage scan_memory;
-  __shared__ std::int32_t next_of_number[kCutThreads];
-  __shared__ std::int32_t next_segment;
+  __shared__ std::int32_t next_rank[kCutThreads];        // of tiles with so many segments
+  __shared__ std::int32_t n_with[kCutThreads + 1];       // tiles with so many segments or more
+  __shared__ std::int32_t first_of_number[kCutThreads];  // place in the list of tasks
+  __shared__ std::int32_t n_beyond;                      // segments of numbers from kLast on
   const Segments& segments = args.segments;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
-  const auto counter = [&](std::int32_t number) -> std::int32_t* {
-    return next_of_number + (number < kCutThreads ? number : kCutThreads - 1);
-  };
-  next_of_number[thread] = 0;
-  if (thread == 0) next_segment = 0;
+  next_rank[thread] = 0;
+  if (thread == 0) n_beyond = n_with[kCutThreads] = 0;
   __syncthreads();
 
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
     const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
-    segments.first_of_tile[tile] = count > 1 ? atomicAdd(&next_segment, count) : -1;
-    for (std::int32_t k = 1; k < count; ++k) atomicAdd(counter(k), 1);
+    // Two segments or more have at least half as many entries as they have room for: so numbers leave enough of it.
+    segments.first_of_tile[tile] =
+        count > 1 ? static_cast<std::int32_t>(2 * args.blend.bins.tile_offsets[tile] / kSegmentEntries) : -1;
+    if (count > 1) atomicAdd(next_rank + min(count, kLast), 1);
+    if (count > kLast) atomicAdd(&n_beyond, count - kLast);
   }
   __syncthreads();
-  std::int32_t first = 0, total = 0;
-  BlockScan(scan_memory).ExclusiveSum(next_of_number[thread], first, total);
-  next_of_number[thread] = first;
-  if (thread == 0) *segments.n_tasks = total;
+  const std::int32_t own_tiles = next_rank[kLast - thread];
+  std::int32_t n_ranked = 0;
+  BlockScan(scan_memory).InclusiveSum(own_tiles, n_ranked);
+  n_with[kLast - thread] = n_ranked;
+  next_rank[kLast - thread] = n_ranked - own_tiles;
   __syncthreads();
+  std::int32_t n_listed = 0;
+  BlockScan(scan_memory)
+      .ExclusiveSum(thread > 0 && thread < kLast ? n_with[thread + 1] : 0, first_of_number[thread], n_listed);
+  if (thread == 0) *segments.n_tasks = n_listed + n_beyond;
+  __syncthreads();
+
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t first_segment = segments.first_of_tile[tile];
-    if (first_segment < 0) continue;
     const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
-    for (std::int32_t k = 0; k < count; ++k) {
-      if (k > 0) segments.tasks[atomicAdd(counter(k), 1)] = {tile, k};
-      segments.is_done[first_segment + k] = 0;
+    if (count == 1) continue;
+    const std::int32_t first = segments.first_of_tile[tile], rank = atomicAdd(next_rank + min(count, kLast), 1);
+    segments.is_done[first] = 0;
+    for (std::int32_t k = 1; k < count; ++k) {
+      segments.is_done[first + k] = 0;
+      segments.tasks[k < kLast ? first_of_number[k] + rank : atomicAdd(first_of_number + kLast, 1)] = {tile, k};
     }
   }
 }
 
-/// The block's task: the first blocks take each tile's list or its first segment, those after them the other segments.
-/// False if there are not so many.
+/// A listed task; false if there are not so many.
+__device__ __forceinline__ bool take_listed(const Segments& segments, std::int32_t number, SegmentTask& task) {
+  if (number >= *segments.n_tasks) return false;
+  task = segments.tasks[number];
+  return true;
+}
+
+/// The block's task: the first blocks take each tile's list or its first segment, those after them what is listed.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, SegmentTask& task) {
   const auto block = static_cast<std::int32_t>(blockIdx.x), n_tiles = args.blend.grid.n_tiles();
-  if (block < n_tiles) {
-    task = {block, 0};
-    return true;
-  }
-  if (block - n_tiles >= *args.segments.n_tasks) return false;
-  task = args.segments.tasks[block - n_tiles];
-  return true;
+  task = {block, 0};
+  return block < n_tiles || take_listed(args.segments, block - n_tiles, task);
 }
 
 /// Where a task's segment lies.
@@ -93,8 +105,9 @@ struct OwnSegment {
   }
 };
 
-/// Upper bound on what comes through the pixel's segments before the own one: the product of those that are done. For
-/// all threads of the block, those of pixels outside the image too.
+/// Upper bound on what comes through the pixel's segments before the own one: the product of those that are done, in
+/// the order in which they are joined, so that rounding keeps it a bound. For all threads of the block, those of pixels
+/// outside the image too.
 template <int kThreads>
 __device__ __forceinline__ float light_so_far(const Segments& segments, const OwnSegment& own,
                                               std::int32_t pixel_index) {
@@ -134,15 +147,17 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   const OwnSegment own(args, task);
   const TilePixel at = staged_pixel(blend.grid, own.tile);
   const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
-  bool is_lit = true;
+  bool is_lit = at.inside, is_any_lit = true;
   if (own.index > own.first) {
     segments.before[pixel_of_segment] = 1;
     const float light = light_so_far<kThreads>(segments, own, at.index);  // its votes need all lanes
-    is_lit = __syncthreads_or(at.inside && light >= kTransmittanceMin) != 0;
+    is_lit = is_lit && light >= kTransmittanceMin;
+    is_any_lit = __syncthreads_or(is_lit) != 0;
   }
 
-  PixelState<float> pixel{at.inside ? 1.0f : -1.0f, 0, 0, 0, 0};  // outside the image: finished
-  const std::int32_t last = is_lit ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
+  // Outside the image, or behind the pixel's end: finished.
+  PixelState<float> pixel{is_lit ? 1.0f : -1.0f, 0, 0, 0, 0};
+  const std::int32_t last = is_any_lit ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
   if (own.first < 0) {
     if (at.inside) store_pixel(blend, at, pixel, last);
     return;
@@ -220,9 +235,9 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
   __shared__ BatchPair<kThreads> batches;
   const Segments& segments = args.segments;
   SegmentTask task;
-  if (!take_segment(args, task)) return;
+  // No pixel ends in the first segment of its list that has not been blended as it should.
+  if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x), task)) return;
   const OwnSegment own(args, task);
-  if (own.first < 0) return;
   const TilePixel at = staged_pixel(args.blend.grid, own.tile);
   const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
   const float before = segments.before[pixel_of_segment];
@@ -245,17 +260,17 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
 void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   static_assert(kSegmentEntries % kWarpSize == 0, "segments begin with a bucket");
   static_assert(2 * (kIndexMax / kSegmentEntries) * 256 <= kIndexMax, "32 bits count the pixels of all segments");
-  const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_segments_max = args.segments.n_max;
+  const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     constexpr int kThreads = pixels.value;
-    forward_segmented_kernel<kThreads><<<n_tiles + n_segments_max, kThreads, 0, context.stream>>>(args);
+    forward_segmented_kernel<kThreads><<<n_tiles + n_tasks_max, kThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
-    if (n_segments_max == 0) return;
+    if (n_tasks_max == 0) return;
     join_segments_kernel<kThreads><<<n_tiles, kThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
-    end_pixels_kernel<kThreads><<<n_tiles + n_segments_max, kThreads, 0, context.stream>>>(args);
+    end_pixels_kernel<kThreads><<<n_tasks_max, kThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   });
 }

@@ -20,21 +20,21 @@ struct ProjectOutputs {
   Vec2f* extents = nullptr;         // [N] likewise
   std::int32_t* radii = nullptr;    // [N] 0 if not seen
   std::int32_t* n_tiles = nullptr;  // [N] tiles touched, 0 if not seen
-  ViewCounts* counts = nullptr;     // [1]
+  // [N] bit pattern of the depth, 0 if not seen. Depths are positive: their bit patterns are ordered as they are.
+  std::uint32_t* depth_bits = nullptr;
+  ViewCounts* counts = nullptr;  // [1]
 };
 
 /// Colours of the splats that a view sees.
 struct ColorCudaArgs {
   GaussianArrays gaussians{};
-  Vec3f center{};  // of the camera, world
+  Vec3f camera_center{};  // world
   int sh_degree = 0;
-  const std::int32_t* radii = nullptr;  // [N] 0 if not seen
-  Splat* splats = nullptr;              // [N] red, green, blue and clamped are written where seen
-  ViewCounts* counts = nullptr;         // [1] not_finite takes note of a colour that is not
+  ProjectOutputs
+      projected{};  // red, green, blue and clamped are to be written where a splat is seen; not_finite, if so
 };
-void color_splats(const ColorCudaArgs& args, const LaunchContext& context);
 
-/// Takes the place of color_splats() for whoever has something to do with the harmonics of what a view sees.
+/// Finds the colours in project()'s place, for whoever has something to do with the harmonics of what a view sees.
 class ColorPass {
  public:
   virtual ~ColorPass() = default;
@@ -49,9 +49,8 @@ struct ProjectCudaArgs {
   Culling culling = Culling::kEllipse;
   TileGrid grid{};
   ProjectOutputs out{};
-  ColorPass* color_pass = nullptr;  // null: color_splats()
+  ColorPass* color_pass = nullptr;  // null: project() finds the colours
 };
-/// Colours too.
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
 /// Buffers that binning fills and keeps from view to view.
@@ -61,7 +60,7 @@ struct BinBuffers {
   DeviceBuffer<std::uint16_t> tiles16, tiles16_sorted;
   DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
   DeviceBuffer<std::int32_t> slots, slots_sorted;
-  DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets, bucket_offsets;
+  DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets;
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<unsigned char> temporary;  // CUB's
@@ -75,12 +74,18 @@ struct BinCudaArgs {
   bool keep_slots = false;  // fill isect_slots
 };
 
-/// Runs of 32 entries of a tile's list.
+/// Runs of 32 entries of a tile's list, the last one of a list being shorter. They are numbered from first_bucket() of
+/// their tile on; some numbers are not used.
 struct Buckets {
-  const std::int64_t* offsets = nullptr;         // [n_tiles + 1] first bucket of each tile
-  const std::int32_t* tile_of_bucket = nullptr;  // [n_max], -1 beyond the last bucket
-  std::int64_t n_max = 0;                        // bound on their number that the host knows
+  const std::int32_t* tile_of_bucket = nullptr;  // [n_max] -1: no bucket has that number
+  std::int64_t n_max = 0;                        // bound on the numbers
 };
+
+/// No scan is needed to know it: a list of n entries from `offset` on has at most (offset + n) / 32 - offset / 32 + 1
+/// buckets. Number of tiles and of pairs give the bound.
+B3DGS_HD constexpr std::int64_t first_bucket(std::int64_t tile, std::int64_t tile_offset) {
+  return tile_offset / 32 + tile;
+}
 
 /// Splats in order of depth, and the tiles' lists of them.
 struct BinnedView {
@@ -90,6 +95,12 @@ struct BinnedView {
   BinnedSplats bins{};                             // isect_slots is null unless asked for
   Buckets buckets{};
 };
+
+/// Lists what the view sees: the part of binning that needs no count from the host.
+void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
+               const LaunchContext& context);
+
+/// After list_seen(), the rest.
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context);
 
 /// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket of 32 list entries
@@ -114,10 +125,11 @@ struct SegmentTask {
   std::int32_t tile, segment;  // the segment's number within the list
 };
 
-/// Scratch of `segmented`. Segments of a tile follow one another.
+/// Scratch of `segmented`. Segments of a tile follow one another; there may be unused numbers between those of two.
 struct Segments {
-  std::int32_t n_max = 0;                 // bound on their number that the host knows
-  SegmentTask* tasks = nullptr;           // [n_max] second segments of all lists, then third ones, ...
+  std::int32_t n_max = 0;                 // bound on their numbers that the host knows
+  std::int32_t n_tasks_max = 0;           // likewise on that of tasks
+  SegmentTask* tasks = nullptr;           // [n_tasks_max] second segments of all lists, then third ones, ...
   std::int32_t* n_tasks = nullptr;        // [1]
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] first segment; -1: the list is not cut
   std::int32_t* is_done = nullptr;        // [n_max] 1 once the segment is blended

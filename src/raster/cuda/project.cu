@@ -1,11 +1,10 @@
 // Projection: one thread per Gaussian writes its splat, its box and the number of tiles it touches; blocks add up the
-// view's totals before they touch the global counters. Colours are for those that are seen: color.cu.
+// view's totals before they touch the global counters.
 
 #include <cstdint>
 
-#include "raster/cuda/passes.h"
-#include "raster/cuda/rows.cuh"
-#include "raster/cuda/warp.cuh"
+#include "raster/cuda/color.cuh"
+#include "raster/cuda/launch.cuh"
 #include "raster/projection.h"
 #include "raster/tiling.h"
 
@@ -21,11 +20,16 @@ __device__ __forceinline__ float log2_sigmoid(float logit) {
   return -kLog2e * (logit >= 0 ? tail : tail - logit);
 }
 
+/// In place of a degree of harmonics: a ColorPass finds the colours.
+constexpr int kNoColors = -1;
+
 struct Projected {
   int n_tiles = 0;
+  float depth = 0;
   bool finite = true;
 };
 
+template <int kShDegree>
 __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, const ViewTransform<float>& view,
                                                  std::int64_t i) {
   Projected result;
@@ -71,14 +75,21 @@ __device__ __forceinline__ Projected project_one(const ProjectCudaArgs& args, co
   visit_tile_rows(args.grid, args.culling, splat, extent, radius,
                   [&](std::int32_t, TileSpan span) { result.n_tiles += span.end - span.begin; });
   if (result.n_tiles == 0) return result;
+  result.depth = point.z;
   float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
   words[0] = reinterpret_cast<const float4*>(&splat)[0];
   words[1] = reinterpret_cast<const float4*>(&splat)[1];
+  if constexpr (kShDegree != kNoColors) {
+    const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
+    result.finite = isfinite(color.x + color.y + color.z);
+    words[2] = color;
+  }
   args.out.extents[i] = extent;
   args.out.radii[i] = radius;
   return result;
 }
 
+template <int kShDegree>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ unsigned long long block_splats, block_isects;
   if (threadIdx.x == 0) block_splats = block_isects = 0;
@@ -88,13 +99,11 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
   Projected projected;
   if (i < args.gaussians.n_gaussians) {
     const ViewTransform<float> view = make_view_transform<float>(args.view);
-    projected = project_one(args, view, i);
+    projected = project_one<kShDegree>(args, view, i);
     args.out.n_tiles[i] = projected.n_tiles;
+    args.out.depth_bits[i] = __float_as_uint(projected.depth);
     if (projected.n_tiles == 0) args.out.radii[i] = 0;
-    if (!projected.finite) {
-      atomicMin(reinterpret_cast<unsigned long long*>(&args.out.counts->not_finite),
-                static_cast<unsigned long long>(i));
-    }
+    if (!projected.finite) note_not_finite(args.out.counts, i);
   }
   // One Gaussian touches at most all tiles, so a warp's sum can pass 32 bits only beyond 2^27 tiles.
   const int seen = __popc(__ballot_sync(kFullWarp, projected.n_tiles > 0));
@@ -122,15 +131,15 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   B3DGS_CUDA_CHECK_LAUNCH();
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
-  project_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  const ColorCudaArgs colors{args.gaussians, args.view.center, args.sh_degree,
-                             args.out.radii, args.out.splats,  args.out.counts};
-  if (args.color_pass != nullptr) {
-    args.color_pass->color(colors, context);
-  } else {
-    color_splats(colors, context);
+  if (args.color_pass == nullptr) {
+    with_sh_degree(args.sh_degree,
+                   [&](auto degree) { project_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args); });
+    B3DGS_CUDA_CHECK_LAUNCH();
+    return;
   }
+  project_kernel<kNoColors><<<blocks, kThreads, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  args.color_pass->color({args.gaussians, args.view.center, args.sh_degree, args.out}, context);
 }
 
 }  // namespace b3dgs::cuda

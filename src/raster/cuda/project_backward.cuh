@@ -40,8 +40,8 @@ __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaA
   const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
-  const ShOffsetGrad<float> grad_sh = sh_offset_grad(kShDegree, mean - args.view.center,
-                                                     g.shN + rest_floats(g.sh_degree_max) * i, grad_color);
+  const ShOffsetGrad<float> grad_sh =
+      sh_offset_grad(kShDegree, mean - args.view.center, g.shN + rest_floats(g.sh_degree_max) * i, grad_color);
   // q is the gradient by ln(opacity), and d ln(sigmoid(x)) / dx = sigmoid(-x).
   return {transpose_times(view.rotation, grad.point) + grad_sh.offset,
           grad_shape.log_scales,

@@ -29,6 +29,20 @@ class PinnedValue {
   T* value_ = nullptr;
 };
 
+/// A place in a stream that the host can wait for.
+class StreamMark {
+ public:
+  StreamMark() { B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming)); }
+  ~StreamMark() { cudaEventDestroy(event_); }
+  StreamMark(const StreamMark&) = delete;
+  StreamMark& operator=(const StreamMark&) = delete;
+  void record(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaEventRecord(event_, stream)); }
+  void wait() { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_)); }
+
+ private:
+  cudaEvent_t event_ = nullptr;
+};
+
 /// Of all Gaussians, and the tiles that it touches. Waits.
 std::pair<std::int64_t, std::int32_t> widest_gaussian(const std::int32_t* n_tiles, std::int64_t n,
                                                       const LaunchContext& context) {
@@ -49,6 +63,7 @@ struct Rasterizer::Impl {
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<std::int32_t> radii, n_tiles, last_ids;
+  DeviceBuffer<std::uint32_t> depth_bits;
   DeviceBuffer<ViewCounts> counts;
   DeviceBuffer<float4> part_light;
   DeviceBuffer<float> part_depth, transmittance;
@@ -57,6 +72,7 @@ struct Rasterizer::Impl {
   DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
+  StreamMark counts_copied;
 
   // Of the last forward pass.
   PinholeView view{};
@@ -133,15 +149,18 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.stages = settings.stages;
 
   begin_stage(s.stages, Stage::kProject);
-  const ProjectOutputs projected{s.splats.resize(n, context), s.extents.resize(n, context), s.radii.resize(n, context),
-                                 s.n_tiles.resize(n, context), s.counts.resize(1, context)};
+  const ProjectOutputs projected{s.splats.resize(n, context),     s.extents.resize(n, context),
+                                 s.radii.resize(n, context),      s.n_tiles.resize(n, context),
+                                 s.depth_bits.resize(n, context), s.counts.resize(1, context)};
   project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected,
            settings.color_pass},
           context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
-  end_stage(s.stages);  // until the host has read the counts, the device waits for it
-  B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
+  s.counts_copied.record(context.stream);
+  begin_stage(s.stages, Stage::kBin);
+  list_seen(projected, n, s.bin_buffers, context);  // the device does this while the host learns of the counts
+  s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
     throw NumericError(
@@ -155,7 +174,6 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                                       "are too many"));
   }
   s.n_splats = counts.n_splats;
-  begin_stage(s.stages, Stage::kBin);
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
   s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
                  context);

@@ -14,11 +14,11 @@ struct TakeStepsArgs {
   RestArrays rests{};
   OwedSteps* owed = nullptr;  // [N]
   StepSizes steps{};
-  ColorCudaArgs color{};  // radii null: all Gaussians, and no colours
+  ColorCudaArgs view{};  // where colours are wanted
 };
 
-/// What the Gaussian owes: its first step's gradient to `grads` [rest_floats(kShDegree)], for it is known now as a whole
-/// row. Returns the number of steps taken so far.
+/// What the Gaussian owes: its first step's gradient to `grads` [rest_floats(kShDegree)], for it is known now as a
+/// whole row. Returns the number of steps taken so far.
 template <int kShDegree>
 __device__ __forceinline__ int take_over(const OwedSteps* owed, float* grads) {
   const float4 first = reinterpret_cast<const float4*>(owed)[0];
@@ -27,8 +27,8 @@ __device__ __forceinline__ int take_over(const OwedSteps* owed, float* grads) {
   return __float_as_int(first.w);
 }
 
-/// Takes the steps that the listed rows of a block owe. `rests` [n_rows, kActive] has the gradients of the first of them
-/// and then the harmonics; `taken` [n_rows] says which steps are done.
+/// Takes the steps that the listed rows of a block owe. `rests` [n_rows, kActive] has the gradients of the first of
+/// them and then the harmonics; `taken` [n_rows] says which steps are done.
 template <int kActive>
 __device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64_t first_row, int n_rows,
                                            const int* rows, const int* taken, float* rests) {
@@ -76,7 +76,7 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
   __shared__ int taken[kThreads];
   __shared__ float rests[kThreads * (kActive > 0 ? kActive : 1)];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
-  const bool is_listed = i < args.rests.n_gaussians && (!kColors || args.color.radii[i] > 0);
+  const bool is_listed = i < args.rests.n_gaussians && (!kColors || args.view.projected.radii[i] > 0);
   const ListedRow own = list_row(list, is_listed);
   if constexpr (kActive > 0) {
     if (is_listed) {
@@ -90,7 +90,12 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
     take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
     __syncthreads();
   }
-  if (kColors && is_listed) color_splat<kShDegree>(args.color, i, rests + own.place * kActive);
+  if (kColors && is_listed) {
+    const ColorCudaArgs& view = args.view;
+    const float4 color = splat_color<kShDegree>(view.gaussians, view.camera_center, i, rests + own.place * kActive);
+    if (!isfinite(color.x + color.y + color.z)) note_not_finite(view.projected.counts, i);
+    reinterpret_cast<float4*>(view.projected.splats + i)[2] = color;
+  }
 }
 
 template <bool kColors>

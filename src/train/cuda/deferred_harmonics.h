@@ -1,11 +1,12 @@
 // Adam for the harmonics beyond degree 0, put off until a view sees the Gaussian.
 //
 // They are 45 of a Gaussian's 59 floats, and Adam moves them in every step: moments go on where there is no gradient. A
-// step is bound by the 24 bytes a float that it reads and writes, most of them for Gaussians that the view does not see.
-// Here such a step is owed instead. Once a view sees the Gaussian, the pass that has to read its harmonics anyway, for
-// the colour, takes all steps that are owed, in registers: the same operations in the same order as a step at a time,
-// so that the bits are the same, whenever that is. The step of a Gaussian that was seen is owed too, as its gradient by
-// the colour and the direction, of which the gradients by the harmonics are products: 24 bytes instead of 180.
+// step is bound by the 24 bytes a float that it reads and writes, most of them for Gaussians that the view does not
+// see. Here such a step is owed instead. Once a view sees the Gaussian, the pass that has to read its harmonics anyway,
+// for the colour, takes all steps that are owed, in registers: the same operations in the same order as a step at a
+// time, so that the bits are the same, whenever that is. The step of a Gaussian that was seen is owed too, as its
+// gradient by the colour and the direction, of which the gradients by the harmonics are products: 24 bytes instead of
+// 180.
 //
 // (performance.md of the design has the same idea with a closed form for the steps in between. That is less
 // arithmetic, of which there is enough, but other bits, so that a result would depend on when debts were paid.)
@@ -43,7 +44,9 @@ struct RestArrays {
 
 /// Steps that were put off.
 struct StepSizes {
-  static constexpr int kMax = 128;  // then they are taken: a kernel's arguments have no room for more
+  // Then they are taken: a thread that takes many keeps its block waiting, and the pass over all Gaussians costs a
+  // step's time divided by this.
+  static constexpr int kMax = 32;
   int n = 0;
   std::array<AdamStepSize, kMax> sizes{};
 };

@@ -1,5 +1,6 @@
 // L1 + D-SSIM on the GPU: one kernel for the map, its partial derivatives and the value, one for the gradient. A block
-// owns 16 x 16 pixels and filters rows, then columns, in shared memory.
+// owns 32 x 32 pixels and filters rows, then columns, in shared memory. What decides the time are reads of shared
+// memory: a thread filters four neighbours at once, which takes 14 values for 44 products.
 
 #include "raster/cuda/cuda_check.h"
 #include "train/cuda/loss_cuda.h"
@@ -8,22 +9,89 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kSide = 16;
-constexpr int kThreads = kSide * kSide;
+constexpr int kSide = 32;
+constexpr int kThreads = 256;
+constexpr int kBlocks = 4;  // at once on a multiprocessor: all of a usual image's
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
+constexpr int kRun = 4;  // neighbours that a thread filters at once
+static_assert(kSide * kSide == kRun * kThreads, "a run of a column for each thread");
+constexpr int kRunInputs = kRun + 2 * kRadius;
+
+/// Rows begin at multiples of 16 bytes.
+constexpr int kPitch = (kHalo + 3) / 4 * 4;
+using HaloPlane = float[kHalo][kPitch];
+using RowPlane = float[kHalo][kSide];
 
 /// Weight of tap k of the window. Loops over k are unrolled, so this is an immediate operand.
 __device__ __forceinline__ constexpr float window(int k) {
   return ssim_weight(k < kRadius ? kRadius - k : k - kRadius);
 }
 
+struct Run {
+  float of[kRun];
+};
+
+__device__ __forceinline__ Run filter_run(const float (&in)[kPitch - kSide + kRun]) {
+  Run run{};
+#pragma unroll
+  for (int j = 0; j < kRun; ++j) {
+#pragma unroll
+    for (int k = 0; k <= 2 * kRadius; ++k) run.of[j] += window(k) * in[j + k];
+  }
+  return run;
+}
+
+/// What a run along a row needs, and a few more. `from` is aligned to 16 bytes.
+__device__ __forceinline__ void load_run(const float* from, float (&in)[kPitch - kSide + kRun]) {
+#pragma unroll
+  for (int k = 0; k < kPitch - kSide + kRun; k += 4) {
+    const float4 four = *reinterpret_cast<const float4*>(from + k);
+    in[k] = four.x;
+    in[k + 1] = four.y;
+    in[k + 2] = four.z;
+    in[k + 3] = four.w;
+  }
+}
+
+__device__ __forceinline__ void store_run(float* to, const Run& run) {
+  *reinterpret_cast<float4*>(to) = make_float4(run.of[0], run.of[1], run.of[2], run.of[3]);
+}
+
+/// The thread's run of a column of filtered rows, filtered.
+__device__ __forceinline__ Run filter_column(const RowPlane& rows, int first_row, int column) {
+  float in[kPitch - kSide + kRun];
+#pragma unroll
+  for (int k = 0; k < kRunInputs; ++k) in[k] = rows[first_row + k][column];
+  return filter_run(in);
+}
+
+/// Calls body(row, column) for the first pixels of the runs along all rows of the halo.
+template <class Body>
+__device__ __forceinline__ void for_row_runs(Body&& body) {
+  constexpr int kRuns = kSide / kRun;
+  for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
+}
+
+/// Calls body(row, column, pixel) for all pixels of the halo; pixel is -1 outside the image.
+template <class Body>
+__device__ __forceinline__ void for_halo(const LossArgs& args, int block_x, int block_y, Body&& body) {
+#pragma unroll 4
+  for (int i = static_cast<int>(threadIdx.x); i < kHalo * kHalo; i += kThreads) {
+    const int row = i / kHalo, column = i % kHalo;
+    const int x = block_x * kSide + column - kRadius, y = block_y * kSide + row - kRadius;
+    const bool inside = x >= 0 && x < args.width && y >= 0 && y < args.height;
+    body(row, column, inside ? static_cast<std::int64_t>(y) * args.width + x : -1);
+  }
+}
+
 /// Sums of a block in a fixed order, for thread 0.
-__device__ float block_sum(float value, float* scratch) {
+template <class Real>
+__device__ Real block_sum(Real value, Real* scratch) {
   for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xffffffffu, value, offset);
   if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = value;
   __syncthreads();  // all warps have written
-  float sum = 0;
+  Real sum = 0;
   if (threadIdx.x == 0) {
     for (int warp = 0; warp < kThreads / 32; ++warp) sum += scratch[warp];
   }
@@ -31,166 +99,162 @@ __device__ float block_sum(float value, float* scratch) {
   return sum;
 }
 
-/// One channel of both images around the block, invalid and outside pixels 0.
-__device__ void load_halo(const LossArgs& args, int channel, float (*rendered)[kHalo], float (*truth)[kHalo]) {
-  for (int i = threadIdx.x; i < kHalo * kHalo; i += kThreads) {
-    const int x = static_cast<int>(blockIdx.x) * kSide + i % kHalo - kRadius;
-    const int y = static_cast<int>(blockIdx.y) * kSide + i / kHalo - kRadius;
-    float a = 0, b = 0;
-    if (x >= 0 && x < args.width && y >= 0 && y < args.height) {
-      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
-      if (args.valid == nullptr || args.valid[p] != 0) {
-        a = args.rendered[3 * p + channel];
-        b = static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
-      }
-    }
-    rendered[i / kHalo][i % kHalo] = a;
-    truth[i / kHalo][i % kHalo] = b;
-  }
+__device__ __forceinline__ float truth_of(const LossArgs& args, std::int64_t p, int channel) {
+  return static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
 }
 
-/// Partial derivatives of a pixel's SSIM by the three filtered maps that depend on the rendered image.
-struct SsimPartials {
-  float mean, square, product;
+/// Sums of |difference| and of SSIM over a block's valid pixels and channels.
+struct BlockLoss {
+  float l1 = 0, ssim = 0;
 };
 
-/// Per block, sums of |difference| and of SSIM over valid pixels and channels; per pixel and channel, partials.
-__global__ void __launch_bounds__(kThreads) loss_map_kernel(const LossArgs args, float* partials, float2* block_sums) {
-  __shared__ float rendered[kHalo][kHalo], truth[kHalo][kHalo];
-  __shared__ float rows[5][kHalo][kSide];
-  __shared__ float scratch[kThreads / 32];
-  const int column = static_cast<int>(threadIdx.x) % kSide, row = static_cast<int>(threadIdx.x) / kSide;
-  const int x = static_cast<int>(blockIdx.x) * kSide + column, y = static_cast<int>(blockIdx.y) * kSide + row;
-  const bool inside = x < args.width && y < args.height;
-  const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
-  const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
-  const bool valid = inside && (args.valid == nullptr || args.valid[p] != 0);
-
-  float l1 = 0, ssim = 0;
-  for (int channel = 0; channel < 3; ++channel) {
-    __syncthreads();  // the last channel has been read
-    load_halo(args, channel, rendered, truth);
-    __syncthreads();  // this one is complete
-    for (int i = threadIdx.x; i < kHalo * kSide; i += kThreads) {
-      const int r = i / kSide, c = i % kSide;
-      float sums[5] = {0, 0, 0, 0, 0};
-#pragma unroll
-      for (int k = 0; k <= 2 * kRadius; ++k) {
-        const float w = window(k), a = rendered[r][c + k], b = truth[r][c + k];
-        sums[0] += w * a;
-        sums[1] += w * b;
-        sums[2] += w * a * a;
-        sums[3] += w * b * b;
-        sums[4] += w * a * b;
-      }
-      for (int m = 0; m < 5; ++m) rows[m][r][c] = sums[m];
-    }
-    __syncthreads();  // rows are filtered
-    float maps[5] = {0, 0, 0, 0, 0};
-#pragma unroll
-    for (int k = 0; k <= 2 * kRadius; ++k) {
-      for (int m = 0; m < 5; ++m) maps[m] += window(k) * rows[m][row + k][column];
-    }
-    const float mu1 = maps[0], mu2 = maps[1];
-    const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
-    const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
-    const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
-    const float inverse = 1 / (c * d), value = a * b * inverse;
-    if (valid) {
-      l1 += fabsf(rendered[row + kRadius][column + kRadius] - truth[row + kRadius][column + kRadius]);
-      ssim += value;
-    }
-    if (inside && partials != nullptr) {
-      const float scale = valid ? 1.0f : 0.0f;
-      // The variances and the covariance hold the means too: all ways by which the mean acts, in one.
-      partials[(3 * channel) * n_pixels + p] =
-          scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 / d);
-      partials[(3 * channel + 1) * n_pixels + p] = -scale * value / d;
-      partials[(3 * channel + 2) * n_pixels + p] = scale * 2 * a * inverse;
-    }
+/// A pixel's SSIM in one channel from the filtered maps: rendered, truth, their squares, their product. `partials`
+/// [3, n_pixels] takes the derivatives by the three maps that depend on the rendered image, times `scale`.
+__device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
+  const float mu1 = maps[0], mu2 = maps[1];
+  const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
+  const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
+  const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
+  const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
+  if (partials != nullptr) {
+    // The variances and the covariance hold the means too: all ways by which the mean acts, in one.
+    partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
+    partials[n_pixels] = -scale * value * inverse_d;
+    partials[2 * n_pixels] = scale * 2 * a * inverse;
   }
-  const float l1_sum = block_sum(l1, scratch), ssim_sum = block_sum(ssim, scratch);
-  if (threadIdx.x == 0) block_sums[blockIdx.y * gridDim.x + blockIdx.x] = make_float2(l1_sum, ssim_sum);
+  return value;
 }
 
-/// Gradient by the rendered image: the partials filtered once more, and the sign of the difference.
-__global__ void __launch_bounds__(kThreads) loss_grad_kernel(const LossArgs args, const float* partials) {
-  __shared__ float maps[3][kHalo][kHalo];
-  __shared__ float rows[3][kHalo][kSide];
-  const int column = static_cast<int>(threadIdx.x) % kSide, row = static_cast<int>(threadIdx.x) / kSide;
-  const int x = static_cast<int>(blockIdx.x) * kSide + column, y = static_cast<int>(blockIdx.y) * kSide + row;
-  const bool inside = x < args.width && y < args.height;
-  const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+/// Per block its sums; per pixel and channel, partials.
+__global__ void __launch_bounds__(kThreads, kBlocks) loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
+  __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; invalid and outside pixels 0
+  __shared__ alignas(16) RowPlane rows[5];
+  __shared__ float scratch[kThreads / 32];
+  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y);
+  const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
   const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
-  const bool valid = inside && (args.valid == nullptr || args.valid[p] != 0);
+
+  BlockLoss own;
+  for (int channel = 0; channel < 3; ++channel) {
+    __syncthreads();  // the last channel has been read
+    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
+      const bool valid = p >= 0 && (args.valid == nullptr || args.valid[p] != 0);
+      rendered[row][halo_column] = valid ? args.rendered[3 * p + channel] : 0.0f;
+      truth[row][halo_column] = valid ? truth_of(args, p, channel) : 0.0f;
+    });
+    __syncthreads();  // this one is complete
+    for_row_runs([&](int row, int first_column) {
+      float a[kPitch - kSide + kRun], b[kPitch - kSide + kRun], product[kPitch - kSide + kRun];
+      load_run(rendered[row] + first_column, a);
+      load_run(truth[row] + first_column, b);
+      store_run(rows[0][row] + first_column, filter_run(a));
+      store_run(rows[1][row] + first_column, filter_run(b));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * b[k];
+      store_run(rows[4][row] + first_column, filter_run(product));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * a[k];
+      store_run(rows[2][row] + first_column, filter_run(product));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = b[k] * b[k];
+      store_run(rows[3][row] + first_column, filter_run(product));
+    });
+    __syncthreads();  // rows are filtered
+    Run maps[5];
+#pragma unroll
+    for (int m = 0; m < 5; ++m) maps[m] = filter_column(rows[m], first_row, column);
+#pragma unroll
+    for (int j = 0; j < kRun; ++j) {
+      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
+      if (x >= args.width || y >= args.height) continue;
+      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+      const bool valid = args.valid == nullptr || args.valid[p] != 0;
+      const float of_pixel[5] = {maps[0].of[j], maps[1].of[j], maps[2].of[j], maps[3].of[j], maps[4].of[j]};
+      const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f,
+                                 partials == nullptr ? nullptr : partials + 3 * channel * n_pixels + p, n_pixels);
+      if (!valid) continue;
+      const int r = first_row + j + kRadius, c = column + kRadius;
+      own.l1 += fabsf(rendered[r][c] - truth[r][c]);
+      own.ssim += ssim;
+    }
+  }
+  const BlockLoss sum{block_sum(own.l1, scratch), block_sum(own.ssim, scratch)};
+  if (threadIdx.x == 0) sums[blockIdx.y * gridDim.x + blockIdx.x] = sum;
+}
+
+/// Adds up the blocks' sums in a fixed order; for one block.
+__device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_blocks, double* scratch, LossValue* out) {
+  double own_l1 = 0, own_ssim = 0;
+  for (int i = static_cast<int>(threadIdx.x); i < n_blocks; i += kThreads) {
+    own_l1 += static_cast<double>(sums[i].l1);
+    own_ssim += static_cast<double>(sums[i].ssim);
+  }
+  const double l1 = block_sum(own_l1, scratch), ssim = block_sum(own_ssim, scratch);
+  if (threadIdx.x > 0) return;
+  const double values = 3.0 * static_cast<double>(args.n_valid);
+  const double mean_l1 = values > 0 ? l1 / values : 0, mean_ssim = values > 0 ? ssim / values : 0;
+  *out = {values > 0 ? (1 - args.lambda_dssim) * mean_l1 + args.lambda_dssim * (1 - mean_ssim) : 0, mean_l1, mean_ssim};
+}
+
+/// The value alone, where no gradient is wanted.
+__global__ void __launch_bounds__(kThreads)
+    loss_sum_kernel(const LossArgs args, const BlockLoss* sums, int n_blocks, LossValue* value) {
+  __shared__ double scratch[kThreads / 32];
+  sum_loss(args, sums, n_blocks, scratch, value);
+}
+
+/// Gradient by the rendered image: the partials filtered once more, and the sign of the difference. The first row of
+/// blocks finds the value meanwhile.
+__global__ void __launch_bounds__(kThreads, kBlocks)
+    loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
+  __shared__ alignas(16) HaloPlane maps[3];
+  __shared__ alignas(16) RowPlane rows[3];
+  __shared__ double scratch[kThreads / 32];
+  if (blockIdx.y == 0) {
+    const auto n_blocks = static_cast<int>(gridDim.x * (gridDim.y - 1));
+    if (blockIdx.x == 0) sum_loss(args, sums, n_blocks, scratch, value);
+    return;
+  }
+  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y) - 1;
+  const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
+  const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
   const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
   const float l1_scale = static_cast<float>(1 - args.lambda_dssim) * per_value;
   const float ssim_scale = -static_cast<float>(args.lambda_dssim) * per_value;
 
   for (int channel = 0; channel < 3; ++channel) {
     __syncthreads();  // the last channel has been read
-    for (int i = threadIdx.x; i < kHalo * kHalo; i += kThreads) {
-      const int halo_x = static_cast<int>(blockIdx.x) * kSide + i % kHalo - kRadius;
-      const int halo_y = static_cast<int>(blockIdx.y) * kSide + i / kHalo - kRadius;
-      const bool in_image = halo_x >= 0 && halo_x < args.width && halo_y >= 0 && halo_y < args.height;
-      const std::int64_t q = static_cast<std::int64_t>(halo_y) * args.width + halo_x;
+    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
+#pragma unroll
       for (int m = 0; m < 3; ++m) {
-        maps[m][i / kHalo][i % kHalo] = in_image ? partials[(3 * channel + m) * n_pixels + q] : 0.0f;
+        maps[m][row][halo_column] = p >= 0 ? partials[(3 * channel + m) * n_pixels + p] : 0.0f;
       }
-    }
+    });
     __syncthreads();  // partials are complete
-    for (int i = threadIdx.x; i < kHalo * kSide; i += kThreads) {
-      const int r = i / kSide, c = i % kSide;
+    for_row_runs([&](int row, int first_column) {
+#pragma unroll
       for (int m = 0; m < 3; ++m) {
-        float sum = 0;
-#pragma unroll
-        for (int k = 0; k <= 2 * kRadius; ++k) sum += window(k) * maps[m][r][c + k];
-        rows[m][r][c] = sum;
+        float in[kPitch - kSide + kRun];
+        load_run(maps[m][row] + first_column, in);
+        store_run(rows[m][row] + first_column, filter_run(in));
       }
-    }
+    });
     __syncthreads();  // rows are filtered
-    SsimPartials sum{0, 0, 0};
+    const Run mean = filter_column(rows[0], first_row, column), square = filter_column(rows[1], first_row, column),
+              product = filter_column(rows[2], first_row, column);
 #pragma unroll
-    for (int k = 0; k <= 2 * kRadius; ++k) {
-      sum.mean += window(k) * rows[0][row + k][column];
-      sum.square += window(k) * rows[1][row + k][column];
-      sum.product += window(k) * rows[2][row + k][column];
+    for (int j = 0; j < kRun; ++j) {
+      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
+      if (x >= args.width || y >= args.height) continue;
+      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+      float grad = 0;
+      if (args.valid == nullptr || args.valid[p] != 0) {
+        const float a = args.rendered[3 * p + channel], b = truth_of(args, p, channel);
+        const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
+        grad = ssim_scale * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + l1_scale * sign;
+      }
+      args.grad[3 * p + channel] = grad;
     }
-    if (!inside) continue;
-    float grad = 0;
-    if (valid) {
-      const float a = args.rendered[3 * p + channel];
-      const float b = static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
-      const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
-      grad = ssim_scale * (sum.mean + 2 * a * sum.square + b * sum.product) + l1_scale * sign;
-    }
-    args.grad[3 * p + channel] = grad;
-  }
-}
-
-/// Adds up the blocks' sums in a fixed order.
-__global__ void __launch_bounds__(kThreads)
-    loss_sum_kernel(const LossArgs args, const float2* block_sums, int n_blocks, LossValue* out) {
-  __shared__ double l1[kThreads], ssim[kThreads];
-  double own_l1 = 0, own_ssim = 0;
-  for (int i = threadIdx.x; i < n_blocks; i += kThreads) {
-    own_l1 += static_cast<double>(block_sums[i].x);
-    own_ssim += static_cast<double>(block_sums[i].y);
-  }
-  l1[threadIdx.x] = own_l1;
-  ssim[threadIdx.x] = own_ssim;
-  for (int half = kThreads / 2; half > 0; half /= 2) {
-    __syncthreads();  // the larger half is complete
-    if (static_cast<int>(threadIdx.x) < half) {
-      l1[threadIdx.x] += l1[threadIdx.x + half];
-      ssim[threadIdx.x] += ssim[threadIdx.x + half];
-    }
-  }
-  if (threadIdx.x == 0) {
-    const double values = 3.0 * static_cast<double>(args.n_valid);
-    const double mean_l1 = values > 0 ? l1[0] / values : 0, mean_ssim = values > 0 ? ssim[0] / values : 0;
-    *out = {values > 0 ? (1 - args.lambda_dssim) * mean_l1 + args.lambda_dssim * (1 - mean_ssim) : 0, mean_l1,
-            mean_ssim};
   }
 }
 
@@ -207,14 +271,15 @@ std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height) {
 
 void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
   const dim3 blocks = blocks_of(args.width, args.height);
-  auto* const block_sums = reinterpret_cast<float2*>(args.workspace);
+  auto* const sums = reinterpret_cast<BlockLoss*>(args.workspace);
   float* const partials = args.workspace + 2 * std::int64_t{blocks.x} * blocks.y;
-  loss_map_kernel<<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, block_sums);
+  loss_map_kernel<<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
   B3DGS_CUDA_CHECK_LAUNCH();
-  loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, block_sums, static_cast<int>(blocks.x * blocks.y), value);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  if (args.grad == nullptr) return;
-  loss_grad_kernel<<<blocks, kThreads, 0, stream>>>(args, partials);
+  if (args.grad == nullptr) {
+    loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(blocks.x * blocks.y), value);
+  } else {
+    loss_grad_kernel<<<dim3(blocks.x, blocks.y + 1), kThreads, 0, stream>>>(args, partials, sums, value);
+  }
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
