@@ -71,7 +71,7 @@ __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const Bl
 
   const std::int32_t n = last >= 0 ? last / kWarpSize + 1 : 0, per_chunk = (n + kChunks - 1) / kChunks;
   const std::int32_t begin = chunk * per_chunk, end = begin + per_chunk < n ? begin + per_chunk : n;
-  const std::int64_t first = first_bucket(tile, blend.bins.tile_offsets[tile]) * kTilePixels + at.index;
+  const std::int64_t first = args.buckets.offsets[tile] * kTilePixels + at.index;
   const LightBefore<kTilePixels> light_before(args.parts, tile, at.index);
   float sum = 0;
 #pragma unroll 8
@@ -106,8 +106,8 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   if (bucket >= args.buckets.n_max) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   if (tile < 0) return;
+  const auto start = static_cast<std::int32_t>((bucket - args.buckets.offsets[tile]) * kWarpSize);
   const std::int64_t first = blend.bins.tile_offsets[tile];
-  const auto start = static_cast<std::int32_t>((bucket - first_bucket(tile, first)) * kWarpSize);
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
   const std::int32_t own_position = start + lane;
 

@@ -158,16 +158,23 @@ __global__ void __launch_bounds__(kThreads)
   for (std::int32_t tile = before + 1; tile <= here; ++tile) tile_offsets[tile] = i;
 }
 
-/// A warp names the buckets of its tile.
+/// Number of the first bucket of a tile whose list begins at `offset`: so that no scan is needed, one that leaves room
+/// for ceil(n / 32) buckets of a list of n entries, whatever n and offset are.
+constexpr B3DGS_HD std::int64_t first_bucket(std::int64_t tile, std::int64_t offset) {
+  return offset / kWarpSize + tile;
+}
+
+/// A warp numbers the buckets of its tile.
 __global__ void __launch_bounds__(kThreads)
-    name_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int32_t* tile_of_bucket) {
+    number_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int64_t* bucket_offsets,
+                          std::int32_t* tile_of_bucket) {
   const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
   if (tile >= n_tiles) return;
   const std::int64_t begin = tile_offsets[tile], end = tile_offsets[tile + 1];
-  const std::int64_t first = first_bucket(tile, begin),
-                     first_unused = first + (end - begin + kWarpSize - 1) / kWarpSize;
+  const std::int64_t first = first_bucket(tile, begin), behind_last = first + (end - begin + kWarpSize - 1) / kWarpSize;
+  if (lane_id() == 0) bucket_offsets[tile] = first;
   for (std::int64_t bucket = first + lane_id(); bucket < first_bucket(tile + 1, end); bucket += kWarpSize) {
-    tile_of_bucket[bucket] = bucket < first_unused ? tile : -1;
+    tile_of_bucket[bucket] = bucket < behind_last ? tile : -1;
   }
 }
 
@@ -280,15 +287,16 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
 
   const std::int64_t n_buckets_max = first_bucket(n_tiles, args.n_isects);
   std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
-  name_buckets_kernel<<<blocks_for(std::int64_t{n_tiles} * kWarpSize), kThreads, 0, context.stream>>>(
-      tile_offsets, n_tiles, tile_of_bucket);
+  std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);
+  number_buckets_kernel<<<blocks_for(std::int64_t{n_tiles} * kWarpSize), kThreads, 0, context.stream>>>(
+      tile_offsets, n_tiles, bucket_offsets, tile_of_bucket);
   B3DGS_CUDA_CHECK_LAUNCH();
   return {splats,
           extents,
           rank_of_gaussian,
           {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.isect_slots.data() : nullptr, slot_offsets,
            args.n_isects},
-          {tile_of_bucket, n_buckets_max}};
+          {bucket_offsets, tile_of_bucket, n_buckets_max}};
 }
 
 }  // namespace b3dgs::cuda

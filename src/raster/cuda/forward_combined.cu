@@ -53,7 +53,7 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   if (tile < 0) return;
   const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
-  const std::int64_t first = first_bucket(tile, begin), entry = begin + (bucket - first) * kWarpSize + lane_id();
+  const std::int64_t first = args.buckets.offsets[tile], entry = begin + (bucket - first) * kWarpSize + lane_id();
   TileRows rows{};  // none
   if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
@@ -207,9 +207,8 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
   const std::int32_t n_buckets = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const words = args.quad_words +
-                                     first_bucket(tile, blend.bins.tile_offsets[tile]) * Quads::kCount +
-                                     static_cast<std::int64_t>(own_quad) * n_buckets;
+  const std::uint32_t* const words =
+      args.quad_words + args.buckets.offsets[tile] * Quads::kCount + static_cast<std::int64_t>(own_quad) * n_buckets;
   QueueEnds ends;
   int head = 0, waiting = 0, n_candidates = 0;
   bool is_done = !at.inside, everyone_is_done = false;

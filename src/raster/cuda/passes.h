@@ -60,7 +60,7 @@ struct BinBuffers {
   DeviceBuffer<std::uint16_t> tiles16, tiles16_sorted;
   DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
   DeviceBuffer<std::int32_t> slots, slots_sorted;
-  DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets;
+  DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<unsigned char> temporary;  // CUB's
@@ -74,18 +74,13 @@ struct BinCudaArgs {
   bool keep_slots = false;  // fill isect_slots
 };
 
-/// Runs of 32 entries of a tile's list, the last one of a list being shorter. They are numbered from first_bucket() of
-/// their tile on; some numbers are not used.
+/// Runs of 32 entries of a tile's list, the last one of a list being shorter. Those of a tile are numbered one after
+/// the other; a number may be left out between two tiles.
 struct Buckets {
+  const std::int64_t* offsets = nullptr;         // [n_tiles] number of each tile's first bucket
   const std::int32_t* tile_of_bucket = nullptr;  // [n_max] -1: no bucket has that number
-  std::int64_t n_max = 0;                        // bound on the numbers
+  std::int64_t n_max = 0;                        // bound on the numbers that the host knows
 };
-
-/// No scan is needed to know it: a list of n entries from `offset` on has at most (offset + n) / 32 - offset / 32 + 1
-/// buckets. Number of tiles and of pairs give the bound.
-B3DGS_HD constexpr std::int64_t first_bucket(std::int64_t tile, std::int64_t tile_offset) {
-  return tile_offset / 32 + tile;
-}
 
 /// Splats in order of depth, and the tiles' lists of them.
 struct BinnedView {

@@ -9,6 +9,7 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
+constexpr int kRows = 64;  // Gaussians of a block: few, since its threads wait for one another
 
 struct TakeStepsArgs {
   RestArrays rests{};
@@ -73,10 +74,11 @@ template <int kShDegree, bool kColors>
 __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_constant__ TakeStepsArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList<kThreads> list;
-  __shared__ int taken[kThreads];
-  __shared__ float rests[kThreads * (kActive > 0 ? kActive : 1)];
-  const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
-  const bool is_listed = i < args.rests.n_gaussians && (!kColors || args.view.projected.radii[i] > 0);
+  __shared__ int taken[kRows];
+  __shared__ float rests[kRows * (kActive > 0 ? kActive : 1)];
+  const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kRows, i = first_row + threadIdx.x;
+  const bool is_listed =
+      threadIdx.x < kRows && i < args.rests.n_gaussians && (!kColors || args.view.projected.radii[i] > 0);
   const ListedRow own = list_row(list, is_listed);
   if constexpr (kActive > 0) {
     if (is_listed) {
@@ -101,7 +103,7 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
 template <bool kColors>
 void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& context) {
   if (args.rests.n_gaussians == 0) return;
-  const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kThreads - 1) / kThreads);
+  const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kRows - 1) / kRows);
   with_sh_degree(sh_degree, [&](auto degree) {
     take_steps_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
   });

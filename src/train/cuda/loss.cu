@@ -126,7 +126,8 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
 }
 
 /// Per block its sums; per pixel and channel, partials.
-__global__ void __launch_bounds__(kThreads, kBlocks) loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
+__global__ void __launch_bounds__(kThreads, kBlocks)
+    loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
   __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; invalid and outside pixels 0
   __shared__ alignas(16) RowPlane rows[5];
   __shared__ float scratch[kThreads / 32];
