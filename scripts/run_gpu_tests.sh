@@ -101,7 +101,7 @@ sanitizer_filter() {
       ;;
     # Whole trainings take minutes under a tool.
     train_cuda_tests)
-      tests='EventMarks*:ImageUploader*:SplitSamples*:*GaussianStepOnGpu*'
+      tests='EventMarks*:ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredHarmonics*'
       # initcheck makes the host wait for the end of each copy; this test holds a copy up until the host has gone on.
       if [[ $tool == initcheck ]]; then tests+=':-ImageUploaderTest.NeverWritesASlotThatIsStillRead'; fi
       if ! $is_quick; then echo "$tests"; fi

@@ -127,7 +127,7 @@ TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
   torch::manual_seed(6);
   // More steps than can be put off at once. Views from aside, which many Gaussians are outside of, in an irregular
   // order; degrees that begin to be learned meanwhile.
-  constexpr int kSteps = 300;
+  constexpr int kSteps = 150;
   GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
   AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often),
             late_state = make_adam_state(often);
@@ -138,7 +138,7 @@ TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
   torch::Tensor n_seen = torch::zeros({often.size()});
   for (int k = 0; k < kSteps; ++k) {
     const PinholeView view = view_from(0.7 * (k * k % 7 - 3), k % 5 == 0 ? -2.5 : -1.2);
-    const RenderSettings settings = settings_of(std::min(k / 40, 3));
+    const RenderSettings settings = settings_of(std::min(k / 20, 3));
     const auto step = [&](GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state) {
       stepper.forward(gaussians, state, view, settings);
       return stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);

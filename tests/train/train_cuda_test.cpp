@@ -10,7 +10,10 @@
 #include "support/gpu_test.h"
 #include "train/cuda/event_marks.h"
 #include "train/cuda/image_uploader.h"
+#include "train/cuda/loss_cuda.h"
 #include "train/cuda/split_samples_cuda.h"
+#include "train/loss.h"
+#include "train/random.h"
 
 namespace b3dgs {
 namespace {
@@ -181,6 +184,76 @@ TEST(SplitSamples, AreThoseOfTheCpuUpToRounding) {
     EXPECT_NEAR(found[i], expected[i], 1e-6 * std::max(1.0f, std::fabs(expected[i]))) << i;
   }
 }
+
+struct LossCase {
+  std::int32_t width, height;  // px
+  int invalid_of_16;           // pixels that do not count, of every 16; 0: there is no mask
+};
+
+class LossOnGpu : public testing::TestWithParam<LossCase> {};
+
+TEST_P(LossOnGpu, IsTheCpus) {
+  B3DGS_NEEDS_GPU();
+  const LossCase& image = GetParam();
+  const std::int64_t n_pixels = std::int64_t{image.width} * image.height;
+  const auto n_values = static_cast<std::size_t>(3 * n_pixels);
+  std::vector<float> rendered(n_values), expected(n_values), found(n_values);
+  std::vector<std::uint8_t> truth(n_values), valid(static_cast<std::size_t>(n_pixels));
+  const RandomKey key{23, RandomStream::kBackground, 0};
+  for (std::size_t i = 0; i < n_values; ++i) {
+    const auto random = random_uniform(key, i);
+    truth[i] = static_cast<std::uint8_t>(255 * random[0]);
+    rendered[i] = 1.5f * random[1] - 0.2f;  // beyond what a photograph can be, too
+  }
+  for (std::size_t i = 0; i < valid.size(); ++i) valid[i] = static_cast<int>(7 * i % 16) >= image.invalid_of_16 ? 1 : 0;
+
+  LossArgs args{image.width, image.height, rendered.data(), truth.data()};
+  if (image.invalid_of_16 > 0) args.valid = valid.data();
+  args.n_valid = image.invalid_of_16 > 0 ? count_valid(valid.data(), n_pixels) : n_pixels;
+  args.lambda_dssim = 0.2;
+  args.grad = expected.data();
+  std::vector<float> workspace(static_cast<std::size_t>(cpu::loss_workspace_size(image.width, image.height)));
+  args.workspace = workspace.data();
+  const LossValue wanted = cpu::compute_loss(args);
+
+  const test::DeviceArray<float> device_rendered(rendered.data(), 3 * n_pixels), device_grad(3 * n_pixels);
+  const test::DeviceArray<std::uint8_t> device_truth(truth.data(), 3 * n_pixels), device_valid(valid.data(), n_pixels);
+  const test::DeviceArray<float> device_workspace(cuda::loss_workspace_size(image.width, image.height));
+  const test::DeviceArray<LossValue> device_value(1);
+  args.rendered = device_rendered.data();
+  args.truth = device_truth.data();
+  if (args.valid != nullptr) args.valid = device_valid.data();
+  args.workspace = device_workspace.data();
+  float* const grads[]{nullptr, device_grad.data()};
+  for (float* const grad : grads) {
+    SCOPED_TRACE(grad == nullptr ? "value alone" : "with gradient");
+    args.grad = grad;
+    cuda::compute_loss(args, device_value.data(), nullptr);
+    LossValue value;
+    device_value.download(&value);
+    EXPECT_NEAR(value.loss, wanted.loss, 1e-6);
+    EXPECT_NEAR(value.l1, wanted.l1, 1e-6);
+    EXPECT_NEAR(value.ssim, wanted.ssim, 1e-6);
+  }
+  device_grad.download(found.data());
+  double largest = 0, apart = 0;
+  for (std::size_t i = 0; i < n_values; ++i) {
+    largest = std::max(largest, std::fabs(static_cast<double>(expected[i])));
+    apart = std::max(apart, std::fabs(static_cast<double>(found[i]) - static_cast<double>(expected[i])));
+  }
+  EXPECT_EQ(largest > 0, args.n_valid > 0);
+  EXPECT_LE(apart, 2e-5 * largest);
+}
+
+// Smaller than the window, than a block; a block and a bit more or less; several blocks.
+INSTANTIATE_TEST_SUITE_P(BySize, LossOnGpu,
+                         testing::Values(LossCase{1, 1, 0}, LossCase{5, 3, 0}, LossCase{32, 32, 0}, LossCase{31, 33, 5},
+                                         LossCase{97, 70, 0}, LossCase{97, 70, 1}, LossCase{64, 41, 12},
+                                         LossCase{33, 20, 16}),
+                         [](const auto& info) {
+                           return std::to_string(info.param.width) + "x" + std::to_string(info.param.height) +
+                                  "Invalid" + std::to_string(info.param.invalid_of_16);
+                         });
 
 }  // namespace
 }  // namespace b3dgs
