@@ -4,6 +4,10 @@
 #include <torch/types.h>
 
 #include <array>
+#include <cstdint>
+
+#include "check.h"
+#include "raster/constants.h"
 
 namespace b3dgs {
 
@@ -24,5 +28,14 @@ struct GaussianTensors {
     return {&means, &log_scales, &quats, &logit_opacities, &sh0, &shN};
   }
 };
+
+/// Degree of harmonics that shN has room for. @throws LogicError if it holds another number of them.
+inline int sh_degree_max_of(const GaussianTensors& gaussians) {
+  const std::int64_t k = gaussians.shN.size(1) + 1;
+  for (int degree = 0; degree <= kShDegreeMax; ++degree) {
+    if ((degree + 1) * (degree + 1) == k) return degree;
+  }
+  throw LogicError(detail::concat("shN holds ", k - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
+}
 
 }  // namespace b3dgs

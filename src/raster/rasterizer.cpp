@@ -15,14 +15,6 @@
 namespace b3dgs {
 namespace {
 
-int sh_degree_max_of(const GaussianTensors& gaussians) {
-  const std::int64_t k = gaussians.shN.size(1) + 1;
-  for (int degree = 0; degree <= kShDegreeMax; ++degree) {
-    if ((degree + 1) * (degree + 1) == k) return degree;
-  }
-  throw LogicError(detail::concat("shN holds ", k - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
-}
-
 GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
   TensorCheck check(device);
   check.dims("means", g.means, {"N", 3});
@@ -69,7 +61,10 @@ struct Rasterizer::Impl {
 
   void forward(const GaussianArrays& arrays, const PinholeView& view, const RenderSettings& settings,
                const ImageArrays& out) {
-    if (device.is_cpu()) return cpu.forward(arrays, view, settings, out);
+    if (device.is_cpu()) {
+      B3DGS_CHECK(settings.color_pass == nullptr, "a color_pass on the CPU");
+      return cpu.forward(arrays, view, settings, out);
+    }
 #if B3DGS_TORCH_CUDA
     if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
     cuda->forward(arrays, view, settings, out, torch_launch_context());

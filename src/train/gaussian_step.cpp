@@ -1,7 +1,6 @@
 #include "train/gaussian_step.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/sh.h"
 #include "raster/torch_launch.h"
 #include "train/cuda/gaussian_step_cuda.h"
 #endif
@@ -12,9 +11,7 @@ namespace {
 #if B3DGS_TORCH_CUDA
 cuda::RestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
   check_adam_state(gaussians, state);
-  int sh_degree_max = 0;
-  while (rest_floats(sh_degree_max) < 3 * gaussians.shN.size(1)) ++sh_degree_max;
-  return {gaussians.size(), sh_degree_max, gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
+  return {gaussians.size(), sh_degree_max_of(gaussians), gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
           state.v.shN.data_ptr<float>()};
 }
 #endif
@@ -38,8 +35,9 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
                                       RenderSettings settings) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
+    begin_stage(settings.stages, Stage::kProject);
     impl_->harmonics.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    settings.color_pass = &impl_->harmonics;
+    if (settings.sh_degree > 0) settings.color_pass = &impl_->harmonics;
   }
 #endif
   (void)state;

@@ -9,9 +9,9 @@
 
 namespace b3dgs {
 
-/// Steps of Adam along the gradients of one view each. On a GPU a step of harmonics that no view sees is put off
-/// (cuda/deferred_harmonics.h): between forward() and settle() they and their moments are not to be read, nor may the
-/// tensors be replaced.
+/// Steps of Adam along the gradients of one view each. On a GPU harmonics' steps are put off until a view sees the
+/// Gaussian (cuda/deferred_harmonics.h): between forward() and settle() they and their moments are not to be read, nor
+/// may the tensors be replaced.
 class GaussianStepper {
  public:
   /// Renders with `rasterizer`, which has to outlive this.

@@ -79,7 +79,7 @@ TrainResult Trainer::run_until(int iteration) {
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
     // On a GPU this waits for most of the step.
     if (plan.log || uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settle_loss(); });
-    if (uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settled(); });
+    if (uses_device || plan.checkpoint || own.is_stopped()) own.time.train([&] { own.settle(); });
     if (uses_device) {
       own.time.output([&] { own.write_outputs(plan); });
     } else if (plan.log) {

@@ -67,9 +67,13 @@ struct Trainer::Impl {
     if (hooks.on_message) hooks.on_message(message);
   }
   RenderSettings step_settings();
+  /// Takes the steps that are put off, which is part of training.
+  void settle() {
+    if (state.gaussians.size() > 0) stepper.settle(state.gaussians, state.adam);
+  }
   /// The state with no step put off.
   TrainState& settled() {
-    if (state.gaussians.size() > 0) stepper.settle(state.gaussians, state.adam);
+    settle();
     return state;
   }
   /// Of training, over all runs so far.

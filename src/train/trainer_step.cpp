@@ -127,7 +127,7 @@ void Trainer::Impl::control_density() {
   if (plan.densify) {
     report("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
-    settled();
+    settle();
     const DensityRound round =
         densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
                 state.iteration);

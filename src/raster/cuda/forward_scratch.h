@@ -17,16 +17,14 @@ class ForwardScratch {
       args.quad_words = quad_words_.resize(args.buckets.n_max * tile_pixels / 4, context);
     }
     if (kernel == ForwardKernel::kSegmented) {
-      // A list of more entries than one segment's is cut into at most 2 entries / kSegmentEntries. All but the last of
-      // a list's segments are full, and each task has a full one before it.
+      // All but the last of a list's segments are full, and each task has a full one before it.
       const std::int64_t n_tasks_max = args.blend.bins.n_isects / kSegmentEntries;
-      const std::int64_t n_max = 2 * args.blend.bins.n_isects / kSegmentEntries, n_pixels = n_max * tile_pixels;
-      args.segments = {static_cast<std::int32_t>(n_max),
-                       static_cast<std::int32_t>(n_tasks_max),
+      const std::int64_t n = 2 * args.blend.bins.n_isects / kSegmentEntries, n_pixels = n * tile_pixels;
+      args.segments = {static_cast<std::int32_t>(n_tasks_max),
                        tasks_.resize(n_tasks_max, context),
                        args.next_task,
                        first_of_tile_.resize(args.blend.grid.n_tiles(), context),
-                       is_done_.resize(n_max, context),
+                       is_done_.resize(n, context),
                        before_.resize(n_pixels, context),
                        transmittance_.resize(n_pixels, context),
                        shown_.resize(n_pixels, context),

@@ -37,14 +37,14 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   constexpr std::int32_t kLast = kCutThreads - 1;  // stands for this number and all beyond
   __shared__ typename BlockScan::TempStorage scan_memory;
   __shared__ std::int32_t next_rank[kCutThreads];        // of tiles with so many segments
-  __shared__ std::int32_t n_with[kCutThreads + 1];       // tiles with so many segments or more
+  __shared__ std::int32_t n_with[kCutThreads];           // tiles with so many segments or more
   __shared__ std::int32_t first_of_number[kCutThreads];  // place in the list of tasks
   __shared__ std::int32_t n_beyond;                      // segments of numbers from kLast on
   const Segments& segments = args.segments;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
   next_rank[thread] = 0;
-  if (thread == 0) n_beyond = n_with[kCutThreads] = 0;
+  if (thread == 0) n_beyond = 0;
   __syncthreads();
 
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
@@ -118,10 +118,10 @@ __device__ __forceinline__ float light_so_far(const Segments& segments, const Ow
     bool is_done = false;
     if (segment < own.index) {
       ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[segment]);
-      is_done = done.load(::cuda::memory_order_relaxed) != 0;
+      is_done = done.load(::cuda::memory_order_acquire) != 0;
     }
     unsigned ready = __ballot_sync(kFullWarp, is_done);
-    __threadfence();  // acquires what was written before is_done
+    __syncwarp();  // what a lane has acquired, all lanes may read
     while (ready != 0) {
       float factor[kAtOnce];
 #pragma unroll
@@ -165,11 +165,10 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
   segments.shown[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
   segments.last[pixel_of_segment] = last;
-  __threadfence();  // releases it
-  __syncthreads();
+  __syncthreads();  // all threads have written
   if (threadIdx.x == 0) {
     ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[own.index]);
-    done.store(1, ::cuda::memory_order_relaxed);
+    done.store(1, ::cuda::memory_order_release);
   }
 }
 

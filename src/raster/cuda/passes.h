@@ -30,8 +30,8 @@ struct ColorCudaArgs {
   GaussianArrays gaussians{};
   Vec3f camera_center{};  // world
   int sh_degree = 0;
-  ProjectOutputs
-      projected{};  // red, green, blue and clamped are to be written where a splat is seen; not_finite, if so
+  // Red, green, blue and clamped are to be written where a splat is seen, and not_finite where a colour is not.
+  ProjectOutputs projected{};
 };
 
 /// Finds the colours in project()'s place, for whoever has something to do with the harmonics of what a view sees.
@@ -91,7 +91,7 @@ struct BinnedView {
   Buckets buckets{};
 };
 
-/// Lists what the view sees: the part of binning that needs no count from the host.
+/// Lists what the view sees in `buffers` (visible, depths): the part of binning that needs no count from the host.
 void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
                const LaunchContext& context);
 
@@ -120,15 +120,16 @@ struct SegmentTask {
   std::int32_t tile, segment;  // the segment's number within the list
 };
 
-/// Scratch of `segmented`. Segments of a tile follow one another; there may be unused numbers between those of two.
+/// Scratch of `segmented`. Segments of a tile follow one another; there may be unused numbers between those of two. A
+/// list of more entries than one segment's is cut into at most 2 entries / kSegmentEntries, so that numbers are below
+/// n = 2 n_isects / kSegmentEntries.
 struct Segments {
-  std::int32_t n_max = 0;                 // bound on their numbers that the host knows
-  std::int32_t n_tasks_max = 0;           // likewise on that of tasks
+  std::int32_t n_tasks_max = 0;           // bound on the number of tasks that the host knows
   SegmentTask* tasks = nullptr;           // [n_tasks_max] second segments of all lists, then third ones, ...
   std::int32_t* n_tasks = nullptr;        // [1]
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] first segment; -1: the list is not cut
-  std::int32_t* is_done = nullptr;        // [n_max] 1 once the segment is blended
-  // [n_max, tile pixels row by row]
+  std::int32_t* is_done = nullptr;        // [n] 1 once the segment is blended
+  // [n, tile pixels row by row]
   // Transmittance before the segment; 1 where the segment ends the pixel or lies behind. Between join and end negated
   // where the segment ends the pixel, with what is blended before it in `shown` and `last`.
   float* before = nullptr;

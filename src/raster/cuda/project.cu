@@ -5,6 +5,7 @@
 
 #include "raster/cuda/color.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/warp.cuh"
 #include "raster/projection.h"
 #include "raster/tiling.h"
 

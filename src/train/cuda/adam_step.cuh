@@ -6,7 +6,8 @@
 namespace b3dgs::cuda {
 
 /// Products and sums are fused as written here, so that every kernel gets the same bits. Root and quotient are the
-/// device's fast ones, 2 ulp from the exact ones or better: of a step, not of the parameter.
+/// device's fast ones: the step, not the parameter, is a few ulp from the exact one. Second moments below 1e-38 count
+/// as 0: next to epsilon their root is.
 __device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v) {
   constexpr auto kBeta1 = static_cast<float>(kAdamBeta1), kBeta2 = static_cast<float>(kAdamBeta2);
   m = __fmaf_rn(kBeta1, m, __fmul_rn(1 - kBeta1, grad));

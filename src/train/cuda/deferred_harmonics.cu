@@ -1,8 +1,14 @@
+// Takes the steps that harmonics owe: of what a view sees, on the way to its colours, or of all Gaussians. A block owns
+// a run of Gaussians and lists those that there is work for. A thread writes the gradients of each of these as a row of
+// shared memory; then the block goes through all floats of these rows side by side, and leaves the harmonics in the
+// gradients' place; then a thread finds the colour of each.
+
 #include "train/cuda/deferred_harmonics.h"
 
 #include "check.h"
 #include "raster/cuda/color.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/warp.cuh"
 #include "train/cuda/adam_step.cuh"
 
 namespace b3dgs::cuda {
@@ -18,18 +24,50 @@ struct TakeStepsArgs {
   ColorCudaArgs view{};  // where colours are wanted
 };
 
-/// What the Gaussian owes: its first step's gradient to `grads` [rest_floats(kShDegree)], for it is known now as a
-/// whole row. Returns the number of steps taken so far.
+/// The rows of a block that there is work for, without gaps; in shared memory.
+struct RowList {
+  int rows[kRows];
+  int of_warp[kThreads / kWarpSize];  // how many of each warp's
+};
+
+struct ListedRow {
+  int place;   // of the thread's row in the list, or -1
+  int n_rows;  // in the list
+};
+
+/// Lists the rows of threads that say so. For all threads of the block; the list can be read after its next barrier.
+__device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
+  const auto thread = static_cast<int>(threadIdx.x), own_warp = thread / kWarpSize;
+  const unsigned listed = __ballot_sync(kFullWarp, is_listed);
+  if (lane_id() == 0) list.of_warp[own_warp] = __popc(listed);
+  __syncthreads();  // all warps have counted
+  ListedRow result{__popc(listed & ((1u << lane_id()) - 1)), 0};
+#pragma unroll
+  for (int warp = 0; warp < kThreads / kWarpSize; ++warp) {
+    if (warp < own_warp) result.place += list.of_warp[warp];
+    result.n_rows += list.of_warp[warp];
+  }
+  if (is_listed) {
+    list.rows[result.place] = thread;
+  } else {
+    result.place = -1;
+  }
+  return result;
+}
+
+/// Gradients of the first step that a Gaussian owes, to `grads` [rest_floats(kShDegree)]. Returns the number of steps
+/// taken so far. Not inlined, so that all kernels get the same bits.
 template <int kShDegree>
-__device__ __forceinline__ int take_over(const OwedSteps* owed, float* grads) {
+__device__ __noinline__ int load_debt(const OwedSteps* owed, float* grads) {
   const float4 first = reinterpret_cast<const float4*>(owed)[0];
   const float4 second = reinterpret_cast<const float4*>(owed)[1];
   sh_rest_grad(kShDegree, Vec3f{second.x, second.y, second.z}, Vec3f{first.x, first.y, first.z}, grads);
   return __float_as_int(first.w);
 }
 
-/// Takes the steps that the listed rows of a block owe. `rests` [n_rows, kActive] has the gradients of the first of
-/// them and then the harmonics; `taken` [n_rows] says which steps are done.
+/// Takes the steps that the listed rows of a block owe, of degrees that are learned by now: those above have never had
+/// a gradient, their moments are 0, and a step would leave them alone. `rests` [n_rows, kActive] has the gradients of
+/// the first of them and then the harmonics; `taken` [n_rows] says which steps are done.
 template <int kActive>
 __device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64_t first_row, int n_rows,
                                            const int* rows, const int* taken, float* rests) {
@@ -73,7 +111,7 @@ __device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64
 template <int kShDegree, bool kColors>
 __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_constant__ TakeStepsArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
-  __shared__ RowList<kThreads> list;
+  __shared__ RowList list;
   __shared__ int taken[kRows];
   __shared__ float rests[kRows * (kActive > 0 ? kActive : 1)];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kRows, i = first_row + threadIdx.x;
@@ -82,15 +120,15 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
   const ListedRow own = list_row(list, is_listed);
   if constexpr (kActive > 0) {
     if (is_listed) {
-      taken[own.place] = take_over<kShDegree>(args.owed + i, rests + own.place * kActive);
+      taken[own.place] = load_debt<kShDegree>(args.owed + i, rests + own.place * kActive);
       // Paid, even if no backward pass follows.
       if (kColors) {
         *reinterpret_cast<float4*>(args.owed + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
       }
     }
-    __syncthreads();
+    __syncthreads();  // list and gradients are complete
     take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
-    __syncthreads();
+    __syncthreads();  // the harmonics are there
   }
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;
@@ -112,15 +150,21 @@ void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& conte
 
 }  // namespace
 
+void DeferredHarmonics::clear(const LaunchContext& context) {
+  const auto bytes = static_cast<std::size_t>(rests_.n_gaussians) * sizeof(OwedSteps);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(rests_.n_gaussians, context), 0, bytes, context.stream));
+}
+
 void DeferredHarmonics::begin_view(const RestArrays& rests, int sh_degree, const LaunchContext& context) {
   if (steps_.n > 0 && (steps_.n == StepSizes::kMax || sh_degree != sh_degree_)) settle(rests, context);
-  if (steps_.n == 0) {
-    const auto bytes = static_cast<std::size_t>(rests.n_gaussians) * sizeof(OwedSteps);
-    B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(rests.n_gaussians, context), 0, bytes, context.stream));
-    rests_ = rests;
-    sh_degree_ = sh_degree;
+  if (steps_.n > 0) {
+    B3DGS_CHECK(rests == rests_, "other harmonics while steps of the ones before are outstanding");
+    return;
   }
-  B3DGS_CHECK(rests == rests_, "other harmonics while steps of the ones before are outstanding");
+  sh_degree_ = sh_degree;
+  if (rests == rests_) return;
+  rests_ = rests;
+  clear(context);
 }
 
 void DeferredHarmonics::color(const ColorCudaArgs& args, const LaunchContext& context) {
@@ -138,7 +182,10 @@ void DeferredHarmonics::put_off_step(const AdamStepSize& size) {
 void DeferredHarmonics::settle(const RestArrays& rests, const LaunchContext& context) {
   if (steps_.n == 0) return;
   B3DGS_CHECK(rests == rests_, "other harmonics than those that steps were put off of");
-  launch<false>({rests_, owed_.data(), steps_, {}}, sh_degree_, context);
+  if (sh_degree_ > 0) {
+    launch<false>({rests_, owed_.data(), steps_, {}}, sh_degree_, context);
+    clear(context);
+  }
   steps_.n = 0;
 }
 

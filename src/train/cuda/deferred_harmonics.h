@@ -5,7 +5,7 @@
 // see. Here such a step is owed instead. Once a view sees the Gaussian, the pass that has to read its harmonics anyway,
 // for the colour, takes all steps that are owed, in registers: the same operations in the same order as a step at a
 // time, so that the bits are the same, whenever that is. The step of a Gaussian that was seen is owed too, as its
-// gradient by the colour and the direction, of which the gradients by the harmonics are products: 24 bytes instead of
+// gradient by the colour and the direction, of which the gradients by the harmonics are products: 32 bytes instead of
 // 180.
 //
 // (performance.md of the design has the same idea with a closed form for the steps in between. That is less
@@ -42,10 +42,9 @@ struct RestArrays {
   }
 };
 
-/// Steps that were put off.
+/// Steps that were put off. As many as kMax, and all Gaussians take theirs: a thread that takes many keeps its block
+/// waiting, and that pass costs what a step would, divided by this.
 struct StepSizes {
-  // Then they are taken: a thread that takes many keeps its block waiting, and the pass over all Gaussians costs a
-  // step's time divided by this.
   static constexpr int kMax = 32;
   int n = 0;
   std::array<AdamStepSize, kMax> sizes{};
@@ -62,7 +61,7 @@ class DeferredHarmonics final : public ColorPass {
   /// Colours of harmonics that are up to date, since those of seen Gaussians are brought up to date.
   void color(const ColorCudaArgs& args, const LaunchContext& context) override;
 
-  /// [N] For the backward pass, which fills in what a view saw: all but the number of steps, n_put_off().
+  /// [N] The backward pass writes those of Gaussians that the view saw, with n_put_off() as the steps taken.
   OwedSteps* owed() const { return owed_.data(); }
   int n_put_off() const { return steps_.n; }
   void put_off_step(const AdamStepSize& size);
@@ -71,10 +70,12 @@ class DeferredHarmonics final : public ColorPass {
   void settle(const RestArrays& rests, const LaunchContext& context);
 
  private:
+  void clear(const LaunchContext& context);
+
   RestArrays rests_{};
   int sh_degree_ = 0;
   StepSizes steps_{};
-  DeviceBuffer<OwedSteps> owed_;
+  DeviceBuffer<OwedSteps> owed_;  // all 0 while no step is put off
 };
 
 }  // namespace b3dgs::cuda

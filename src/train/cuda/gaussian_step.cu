@@ -1,5 +1,5 @@
-// Projection backward and Adam in one kernel: a thread for each Gaussian finds its gradient and takes the step of the
-// fourteen parameters without harmonics. The harmonics' step is put off (deferred_harmonics.h).
+// Projection backward and Adam in one kernel: a thread for each Gaussian finds its gradient and takes the step of all
+// but the harmonics beyond degree 0: those are put off (deferred_harmonics.h).
 //
 // A step has to read and write parameters and moments, 24 bytes a float; gradients that went through memory would add
 // 8. Gaussians that the view does not see have a step as well, for their moments go on.

@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kSide = 32;
 constexpr int kThreads = 256;
-constexpr int kBlocks = 4;  // at once on a multiprocessor: all of a usual image's
+constexpr int kBlocks = 4;  // at once on a multiprocessor, for which registers are limited
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
 constexpr int kRun = 4;  // neighbours that a thread filters at once
@@ -32,7 +32,7 @@ struct Run {
   float of[kRun];
 };
 
-__device__ __forceinline__ Run filter_run(const float (&in)[kPitch - kSide + kRun]) {
+__device__ __forceinline__ Run filter_run(const float (&in)[kRunInputs]) {
   Run run{};
 #pragma unroll
   for (int j = 0; j < kRun; ++j) {
@@ -42,16 +42,20 @@ __device__ __forceinline__ Run filter_run(const float (&in)[kPitch - kSide + kRu
   return run;
 }
 
-/// What a run along a row needs, and a few more. `from` is aligned to 16 bytes.
-__device__ __forceinline__ void load_run(const float* from, float (&in)[kPitch - kSide + kRun]) {
+/// Neighbours in a row; `from` is aligned to 16 bytes.
+__device__ __forceinline__ void load_run(const float* from, float (&in)[kRunInputs]) {
+  static_assert(kRunInputs % 4 == 2, "four at a time, and two");
 #pragma unroll
-  for (int k = 0; k < kPitch - kSide + kRun; k += 4) {
+  for (int k = 0; k + 4 <= kRunInputs; k += 4) {
     const float4 four = *reinterpret_cast<const float4*>(from + k);
     in[k] = four.x;
     in[k + 1] = four.y;
     in[k + 2] = four.z;
     in[k + 3] = four.w;
   }
+  const float2 two = *reinterpret_cast<const float2*>(from + kRunInputs - 2);
+  in[kRunInputs - 2] = two.x;
+  in[kRunInputs - 1] = two.y;
 }
 
 __device__ __forceinline__ void store_run(float* to, const Run& run) {
@@ -60,7 +64,7 @@ __device__ __forceinline__ void store_run(float* to, const Run& run) {
 
 /// The thread's run of a column of filtered rows, filtered.
 __device__ __forceinline__ Run filter_column(const RowPlane& rows, int first_row, int column) {
-  float in[kPitch - kSide + kRun];
+  float in[kRunInputs];
 #pragma unroll
   for (int k = 0; k < kRunInputs; ++k) in[k] = rows[first_row + k][column];
   return filter_run(in);
@@ -108,8 +112,9 @@ struct BlockLoss {
   float l1 = 0, ssim = 0;
 };
 
-/// A pixel's SSIM in one channel from the filtered maps: rendered, truth, their squares, their product. `partials`
-/// [3, n_pixels] takes the derivatives by the three maps that depend on the rendered image, times `scale`.
+/// A pixel's SSIM in one channel from the filtered maps: rendered, truth, their squares, their product. `partials`, the
+/// pixel's place in planes of n_pixels or null, takes the derivatives by the three maps that depend on the rendered
+/// image, times `scale`.
 __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
   const float mu1 = maps[0], mu2 = maps[1];
   const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
@@ -145,7 +150,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
     });
     __syncthreads();  // this one is complete
     for_row_runs([&](int row, int first_column) {
-      float a[kPitch - kSide + kRun], b[kPitch - kSide + kRun], product[kPitch - kSide + kRun];
+      float a[kRunInputs], b[kRunInputs], product[kRunInputs];
       load_run(rendered[row] + first_column, a);
       load_run(truth[row] + first_column, b);
       store_run(rows[0][row] + first_column, filter_run(a));
@@ -235,7 +240,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
     for_row_runs([&](int row, int first_column) {
 #pragma unroll
       for (int m = 0; m < 3; ++m) {
-        float in[kPitch - kSide + kRun];
+        float in[kRunInputs];
         load_run(maps[m][row] + first_column, in);
         store_run(rows[m][row] + first_column, filter_run(in));
       }
