@@ -19,7 +19,7 @@ namespace b3dgs {
 
 namespace cpu {
 
-/// Floats of workspace for an image.
+/// Floats of workspace for an image; aligned to 64 bytes.
 std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height);
 
 /// The same bits for any number of threads. With n_valid 0 all is 0.

@@ -212,8 +212,12 @@ TEST_P(LossOnGpu, IsTheCpus) {
   args.n_valid = image.invalid_of_16 > 0 ? count_valid(valid.data(), n_pixels) : n_pixels;
   args.lambda_dssim = 0.2;
   args.grad = expected.data();
-  std::vector<float> workspace(static_cast<std::size_t>(cpu::loss_workspace_size(image.width, image.height)));
-  args.workspace = workspace.data();
+  struct alignas(64) Aligned {
+    float of[16];
+  };
+  std::vector<Aligned> workspace(static_cast<std::size_t>(cpu::loss_workspace_size(image.width, image.height)) / 16 +
+                                 1);
+  args.workspace = workspace.front().of;
   const LossValue wanted = cpu::compute_loss(args);
 
   const test::DeviceArray<float> device_rendered(rendered.data(), 3 * n_pixels), device_grad(3 * n_pixels);

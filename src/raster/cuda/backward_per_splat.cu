@@ -103,9 +103,8 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   const int lane = lane_id();
 
   const std::int64_t bucket = static_cast<std::int64_t>(blockIdx.x) * kWarps + threadIdx.x / kWarpSize;
-  if (bucket >= args.buckets.n_max) return;
+  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
-  if (tile < 0) return;
   const auto start = static_cast<std::int32_t>((bucket - args.buckets.offsets[tile]) * kWarpSize);
   const std::int64_t first = blend.bins.tile_offsets[tile];
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);

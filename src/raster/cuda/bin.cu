@@ -148,35 +148,34 @@ __global__ void __launch_bounds__(kThreads)
   isect_slots[i] = slots[i];
 }
 
-/// Position t of tile_offsets: the first pair whose tile is at least t.
+/// Position t of tile_offsets: the first pair whose tile is at least t. Resets the count of buckets.
 template <class TileKey>
 __global__ void __launch_bounds__(kThreads)
-    find_tiles_kernel(const TileKey* tiles, std::int64_t n_isects, std::int32_t n_tiles, std::int64_t* tile_offsets) {
+    find_tiles_kernel(const TileKey* tiles, std::int64_t n_isects, std::int32_t n_tiles, std::int64_t* tile_offsets,
+                      unsigned long long* n_buckets) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i == 0) *n_buckets = 0;
   if (i > n_isects) return;
   const std::int32_t before = i > 0 ? static_cast<std::int32_t>(tiles[i - 1]) : -1;
   const std::int32_t here = i < n_isects ? static_cast<std::int32_t>(tiles[i]) : n_tiles;
   for (std::int32_t tile = before + 1; tile <= here; ++tile) tile_offsets[tile] = i;
 }
 
-/// Number of the first bucket of a tile whose list begins at `offset`: so that no scan is needed, one that leaves room
-/// for ceil(n / 32) buckets of a list of n entries, whatever n and offset are.
-constexpr B3DGS_HD std::int64_t first_bucket(std::int64_t tile, std::int64_t offset) {
-  return offset / kWarpSize + tile;
-}
-
-/// A warp numbers the buckets of its tile.
+/// A warp numbers the buckets of its tile from the next free number on: no scan, and no gaps, which would be idle warps
+/// in the passes that take a bucket each.
 __global__ void __launch_bounds__(kThreads)
     number_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int64_t* bucket_offsets,
-                          std::int32_t* tile_of_bucket) {
+                          std::int32_t* tile_of_bucket, unsigned long long* n_buckets) {
   const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
   if (tile >= n_tiles) return;
-  const std::int64_t begin = tile_offsets[tile], end = tile_offsets[tile + 1];
-  const std::int64_t first = first_bucket(tile, begin), behind_last = first + (end - begin + kWarpSize - 1) / kWarpSize;
-  if (lane_id() == 0) bucket_offsets[tile] = first;
-  for (std::int64_t bucket = first + lane_id(); bucket < first_bucket(tile + 1, end); bucket += kWarpSize) {
-    tile_of_bucket[bucket] = bucket < behind_last ? tile : -1;
+  const std::int64_t n = (tile_offsets[tile + 1] - tile_offsets[tile] + kWarpSize - 1) / kWarpSize;
+  unsigned long long first = 0;
+  if (lane_id() == 0) {
+    first = atomicAdd(n_buckets, static_cast<unsigned long long>(n));
+    bucket_offsets[tile] = static_cast<std::int64_t>(first);
   }
+  first = __shfl_sync(kFullWarp, first, 0);
+  for (std::int64_t k = lane_id(); k < n; k += kWarpSize) tile_of_bucket[static_cast<std::int64_t>(first) + k] = tile;
 }
 
 /// CUB's convention in one place: ask for the size, make room, run.
@@ -225,8 +224,8 @@ void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, 
       B3DGS_CUDA_CHECK_LAUNCH();
     }
   }
-  find_tiles_kernel<<<blocks_for(args.n_isects + 1), kThreads, 0, context.stream>>>(sorted, args.n_isects, n_tiles,
-                                                                                    tile_offsets);
+  find_tiles_kernel<<<blocks_for(args.n_isects + 1), kThreads, 0, context.stream>>>(
+      sorted, args.n_isects, n_tiles, tile_offsets, buffers.n_buckets.resize(1, context));
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
@@ -286,18 +285,19 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
     sort(buffers.tiles32, buffers.tiles32_sorted);
   }
 
-  const std::int64_t n_buckets_max = first_bucket(n_tiles, args.n_isects);
+  const std::int64_t n_buckets_max = args.n_isects / kWarpSize + n_tiles;
   std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
   std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);
+  unsigned long long* const n_buckets = buffers.n_buckets.data();
   number_buckets_kernel<<<blocks_for(std::int64_t{n_tiles} * kWarpSize), kThreads, 0, context.stream>>>(
-      tile_offsets, n_tiles, bucket_offsets, tile_of_bucket);
+      tile_offsets, n_tiles, bucket_offsets, tile_of_bucket, n_buckets);
   B3DGS_CUDA_CHECK_LAUNCH();
   return {splats,
           extents,
           rank_of_gaussian,
           {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.isect_slots.data() : nullptr, slot_offsets,
            args.n_isects},
-          {bucket_offsets, tile_of_bucket, n_buckets_max}};
+          {bucket_offsets, tile_of_bucket, n_buckets, n_buckets_max}};
 }
 
 }  // namespace b3dgs::cuda

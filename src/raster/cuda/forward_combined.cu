@@ -49,9 +49,8 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t bucket = static_cast<std::int64_t>(blockIdx.x) * kMarkWarps + threadIdx.x / kWarpSize;
-  if (bucket >= args.buckets.n_max) return;
+  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
-  if (tile < 0) return;
   const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
   const std::int64_t first = args.buckets.offsets[tile], entry = begin + (bucket - first) * kWarpSize + lane_id();
   TileRows rows{};  // none

@@ -61,6 +61,7 @@ struct BinBuffers {
   DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
   DeviceBuffer<std::int32_t> slots, slots_sorted;
   DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets, bucket_offsets;
+  DeviceBuffer<unsigned long long> n_buckets;
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<unsigned char> temporary;  // CUB's
@@ -75,11 +76,12 @@ struct BinCudaArgs {
 };
 
 /// Runs of 32 entries of a tile's list, the last one of a list being shorter. Those of a tile are numbered one after
-/// the other; a number may be left out between two tiles.
+/// the other; the tiles come in any order.
 struct Buckets {
   const std::int64_t* offsets = nullptr;         // [n_tiles] number of each tile's first bucket
-  const std::int32_t* tile_of_bucket = nullptr;  // [n_max] -1: no bucket has that number
-  std::int64_t n_max = 0;                        // bound on the numbers that the host knows
+  const std::int32_t* tile_of_bucket = nullptr;  // [n]
+  const unsigned long long* n = nullptr;         // [1] how many there are
+  std::int64_t n_max = 0;                        // bound on that number that the host knows
 };
 
 /// Splats in order of depth, and the tiles' lists of them.
