@@ -15,7 +15,7 @@ if [[ ! -d $work/street ]]; then "$b3dgs" synth street "$work/street" --points 4
   --overwrite "$@"
 
 bytes=$(stat -c %s "$work/compare/report.html")
-if ((bytes > 400000)); then
+if ((bytes > 500000)); then
   echo "sample_report.sh: the report has $bytes bytes, too many to commit" >&2
   exit 1
 fi
