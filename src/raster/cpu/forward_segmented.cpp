@@ -110,8 +110,8 @@ HWY_EXPORT(run_join);
 namespace cpu {
 
 void blend_forward_segmented(const BlendForwardArgs& args) {
-  constexpr std::int64_t kEntries =
-      4096;  // of a segment: about a millisecond on a crowded tile, long beside what a task costs
+  // Of a segment: about a millisecond on a crowded tile, long beside what a task costs.
+  constexpr std::int64_t kEntries = 4096;
   std::vector<Segment> segments, whole_lists;
   std::vector<std::size_t> firsts;  // of each list that is cut, and the end
   for (std::int64_t tile = 0; tile < args.grid.n_tiles(); ++tile) {

@@ -1,6 +1,5 @@
 // Binning with separate sorts: visible splats by depth, then the pairs, which are emitted in that order, stably by
-// tile. Sorting is CUB's; the kernels here emit pairs, find where each tile's list begins and number its
-// buckets.
+// tile. Sorting is CUB's; the kernels here emit pairs, find where each tile's list begins and number its buckets.
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>

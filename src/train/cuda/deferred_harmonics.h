@@ -8,8 +8,8 @@
 // gradient by the colour and the direction, of which the gradients by the harmonics are products: 32 bytes instead of
 // 180.
 //
-// (performance.md of the design has the same idea with a closed form for the steps in between. That is less
-// arithmetic, of which there is enough, but other bits, so that a result would depend on when debts were paid.)
+// A closed form for the steps in between would be less arithmetic, of which there is enough, but other bits, so that a
+// result would depend on when debts are paid.
 #pragma once
 
 #include <array>
