@@ -8,6 +8,8 @@ target_link_libraries(b3dgs_torch_headers PRIVATE b3dgs_options b3dgs_torch Open
 target_precompile_headers(b3dgs_torch_headers PRIVATE
   "$<$<COMPILE_LANGUAGE:CXX>:<torch/types.h$<ANGLE-R>>" "$<$<COMPILE_LANGUAGE:CXX>:<nlohmann/json.hpp$<ANGLE-R>>")
 
+# A precompiled header is used only with the flags it was compiled with: OpenMP's too.
 function(b3dgs_use_torch_headers target)
+  target_link_libraries(${target} PRIVATE OpenMP::OpenMP_CXX)
   target_precompile_headers(${target} REUSE_FROM b3dgs_torch_headers)
 endfunction()

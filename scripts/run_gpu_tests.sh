@@ -4,19 +4,19 @@
 #
 #   scripts/run_gpu_tests.sh [OPTIONS] [-- CMAKE_ARGUMENT ...]
 #     --quick            fewer scenes under the sanitizers
+#     --all-scenes       every raster test under every sanitizer, long lists included, on which a tool takes minutes
 #     --only WHAT        parity (the tests alone) or sanitizer
 #     --no-build         what BUILD_DIR holds is tested as it is
 #     --report FILE      where the report goes (default: BUILD_DIR/gpu_report.md)
 #   BUILD_DIR            build folder, kept from run to run (default: build/gpu)
-#   SANITIZER_TIMEOUT    seconds for each sanitizer and test program (default: 150)
+#   SANITIZER_TIMEOUT    seconds for each sanitizer and test program (default: 150; with --all-scenes 10800)
 #
 # Example: scripts/run_gpu_tests.sh --report gpu.md -- -DCMAKE_PREFIX_PATH=/opt/libtorch
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 2
 export PATH=$PATH:/usr/local/cuda/bin:/usr/local/cuda/compute-sanitizer B3DGS_REQUIRE_GPU=1
 build=${BUILD_DIR:-build/gpu}
-sanitizer_timeout=${SANITIZER_TIMEOUT:-150}
-is_quick=false only=all has_build=true report=
+is_quick=false has_all_scenes=false only=all has_build=true report=
 
 # Scenes under the sanitizers: each branch of the kernels, and none of the long lists, on which a tool takes minutes.
 few_scenes='*/thirty_three_in_one_tile:*/odd_image_size:*/saturated_pixels:SegmentedCuda.CutLists*'
@@ -31,6 +31,7 @@ fail() {
 while (($# > 0)); do
   case $1 in
     --quick) is_quick=true ;;
+    --all-scenes) has_all_scenes=true ;;
     --only)
       only=${2:-}
       [[ $only == parity || $only == sanitizer ]] || fail "--only takes parity or sanitizer, found \"$only\""
@@ -54,8 +55,10 @@ while (($# > 0)); do
   esac
   shift
 done
+if $is_quick && $has_all_scenes; then fail "--quick and --all-scenes exclude each other"; fi
 report=${report:-$build/gpu_report.md}
 logs=$build/gpu_logs
+sanitizer_timeout=${SANITIZER_TIMEOUT:-$($has_all_scenes && echo 10800 || echo 150)}
 rows=() failed=0
 
 # add_row WHAT RESULT SECONDS DETAIL: a line of the report; any RESULT but "passed" fails the run.
@@ -97,7 +100,13 @@ sanitizer_filter() {
   case $program in
     raster_cuda_tests)
       # racecheck follows every access to shared memory and is ten times slower than the others.
-      if $is_quick || [[ $tool == racecheck ]]; then echo "$few_scenes"; else echo "$most_scenes"; fi
+      if $has_all_scenes; then
+        echo '*'
+      elif $is_quick || [[ $tool == racecheck ]]; then
+        echo "$few_scenes"
+      else
+        echo "$most_scenes"
+      fi
       ;;
     # Whole trainings take minutes under a tool.
     train_cuda_tests)
@@ -158,7 +167,8 @@ write_report() {
     nvidia-smi --query-gpu=name,driver_version,compute_cap --format=csv,noheader |
       sed 's/\(.*\), \(.*\), \(.*\)/- \1 (compute capability \3), driver \2/' | sort | uniq -c | sed 's/^ *1 //'
     echo "- CUDA ${compiler:-of unknown version}"
-    echo "- $($is_quick && echo 'quick: few scenes under the sanitizers' || echo 'all GPU tests'), total ${SECONDS} s"
+    echo "- $(if $is_quick; then echo 'quick: few scenes under the sanitizers';
+        elif $has_all_scenes; then echo 'every scene under the sanitizers'; else echo 'all GPU tests'; fi), total ${SECONDS} s"
     echo
     echo '| what | result | time | detail |'
     echo '|---|---|---|---|'

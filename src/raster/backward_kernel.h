@@ -6,6 +6,8 @@
 #include <optional>
 #include <string_view>
 
+#include "raster/kernel_rows.h"
+
 namespace b3dgs {
 
 enum class BackwardKernel { kPerPixel, kPerSplat };
@@ -20,6 +22,7 @@ inline constexpr std::array<BackwardKernelName, 2> kBackwardKernels{{
     {BackwardKernel::kPerPixel, "per-pixel", "a thread per pixel, static blocks (the reference)"},
     {BackwardKernel::kPerSplat, "per-splat", "a lane per splat, pixels stream through buckets of 32 (balanced)"},
 }};
+static_assert(is_in_order(kBackwardKernels));
 
 constexpr std::string_view backward_kernel_name(BackwardKernel kernel) {
   return kBackwardKernels[static_cast<std::size_t>(kernel)].name;

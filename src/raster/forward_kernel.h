@@ -5,6 +5,8 @@
 #include <optional>
 #include <string_view>
 
+#include "raster/kernel_rows.h"
+
 namespace b3dgs {
 
 /// Every schedule computes the same image; README.md of this folder says what sets each apart, on CPU and on CUDA.
@@ -28,6 +30,7 @@ inline constexpr std::array<ForwardKernelName, 6> kForwardKernels{{
     {ForwardKernel::kSegmented, "segmented", true,
      "as shared-memory, long lists in segments that are joined at the end"},
 }};
+static_assert(is_in_order(kForwardKernels));
 
 constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {
   return kForwardKernels[static_cast<std::size_t>(kernel)].name;

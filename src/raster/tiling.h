@@ -1,4 +1,7 @@
 // Tiles of an image and which of them a splat touches. Index maps and intervals only; who walks them is a schedule.
+//
+// A splat's tiles are found several times: the projection counts them, and the binning writes that many pairs. So the
+// arithmetic that finds them is StrictFloat's, which gives the same bits wherever it is compiled, on CPU and GPU.
 #pragma once
 
 #include <cmath>
@@ -6,6 +9,7 @@
 
 #include "raster/args.h"
 #include "raster/constants.h"
+#include "raster/strict_float.h"
 #include "raster/vec.h"
 
 namespace b3dgs {
@@ -74,28 +78,41 @@ B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t 
 /// Half width and half height (px) of the smallest upright box around the ellipse alpha >= 1/255, with a margin that
 /// covers rounding. `cov` is the 2D covariance; 0 if the opacity itself is below 1/255.
 B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
-  const float power = log2_opacity - kLog2AlphaMin;  // sigma at the rim, in base 2
+  const StrictFloat power = StrictFloat(log2_opacity) - kLog2AlphaMin;  // sigma at the rim, in base 2
   if (!(power >= 0)) return {0, 0};
-  const float two_sigma = 2 * 0.693147181f * power;
-  return {1.0001f * std::sqrt(two_sigma * cov.xx) + 1e-3f, 1.0001f * std::sqrt(two_sigma * cov.yy) + 1e-3f};
+  const StrictFloat two_sigma = 2 * 0.693147181f * power;
+  return {(1.0001f * sqrt(two_sigma * cov.xx) + 1e-3f).value, (1.0001f * sqrt(two_sigma * cov.yy) + 1e-3f).value};
 }
 
+namespace detail {
+
+/// Tiles along one axis that hold a pixel centre in [low, high], px.
+B3DGS_HD TileSpan tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
+  const StrictFloat size = static_cast<float>(tile_size);
+  return {floor_clamped(((low + 0.5f - size) / size).value, -1, n_tiles - 1) + 1,
+          floor_clamped(((high - 0.5f) / size).value, -1, n_tiles - 1) + 1};
+}
+
+/// Tiles along one axis that [low, high] overlaps, px.
+B3DGS_HD TileSpan tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
+  const StrictFloat size = static_cast<float>(tile_size);
+  return {floor_clamped((low / size).value, 0, n_tiles), -floor_clamped((-high / size).value, -n_tiles, 0)};
+}
+
+}  // namespace detail
+
 /// Tiles whose pixel centres the box around a splat's ellipse reaches.
-B3DGS_HD Rect box_tiles(const TileGrid& grid, float mean_x, float mean_y, Vec2f extent) {
-  const float width = static_cast<float>(grid.tile.width), height = static_cast<float>(grid.tile.height);
-  return {detail::floor_clamped((mean_x - extent.x + 0.5f - width) / width, -1, grid.columns - 1) + 1,
-          detail::floor_clamped((mean_x + extent.x - 0.5f) / width, -1, grid.columns - 1) + 1,
-          detail::floor_clamped((mean_y - extent.y + 0.5f - height) / height, -1, grid.rows - 1) + 1,
-          detail::floor_clamped((mean_y + extent.y - 0.5f) / height, -1, grid.rows - 1) + 1};
+B3DGS_HD Rect box_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, Vec2f extent) {
+  const TileSpan x = detail::tiles_between(mean_x - extent.x, mean_x + extent.x, grid.tile.width, grid.columns);
+  const TileSpan y = detail::tiles_between(mean_y - extent.y, mean_y + extent.y, grid.tile.height, grid.rows);
+  return {x.begin, x.end, y.begin, y.end};
 }
 
 /// Tiles that the square mean +- radius overlaps, as the original rasterizer culls.
-B3DGS_HD Rect square_tiles(const TileGrid& grid, float mean_x, float mean_y, float radius) {
-  const float width = static_cast<float>(grid.tile.width), height = static_cast<float>(grid.tile.height);
-  return {detail::floor_clamped((mean_x - radius) / width, 0, grid.columns),
-          -detail::floor_clamped(-(mean_x + radius) / width, -grid.columns, 0),
-          detail::floor_clamped((mean_y - radius) / height, 0, grid.rows),
-          -detail::floor_clamped(-(mean_y + radius) / height, -grid.rows, 0)};
+B3DGS_HD Rect square_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, StrictFloat radius) {
+  const TileSpan x = detail::tiles_overlapping(mean_x - radius, mean_x + radius, grid.tile.width, grid.columns);
+  const TileSpan y = detail::tiles_overlapping(mean_y - radius, mean_y + radius, grid.tile.height, grid.rows);
+  return {x.begin, x.end, y.begin, y.end};
 }
 
 /// The ellipse alpha >= 1/255 row by row. At height dy above its centre it reaches from
@@ -110,36 +127,36 @@ struct EllipseRows {
 };
 
 B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
-  const float power = splat.log2_opacity - kLog2AlphaMin;
+  const StrictFloat power = StrictFloat(splat.log2_opacity) - kLog2AlphaMin;
+  const StrictFloat xx = splat.conic_xx, xy = splat.conic_xy, yy = splat.conic_yy;
   return {splat.mean_x,
           splat.mean_y,
           extent.x,
           extent.y,
-          -splat.conic_xy / splat.conic_xx,
-          1.0001f * std::sqrt(power / splat.conic_xx) + 1e-3f,
-          -splat.conic_xy / splat.conic_yy * extent.x};
+          (-xy / xx).value,
+          (1.0001f * sqrt(power / xx) + 1e-3f).value,
+          (-xy / yy * extent.x).value};
 }
 
 /// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01
 /// px.
 B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
-  const float height = static_cast<float>(grid.tile.height), width = static_cast<float>(grid.tile.width);
-  float top = row * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
-  float bottom = top + (height - 1);           // in this order, or a row of one pixel could end before it begins
+  const StrictFloat mean_x = e.mean_x, shear = e.shear, chord = e.chord, height = static_cast<float>(grid.tile.height);
+  StrictFloat top = static_cast<float>(row) * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
+  StrictFloat bottom = top + (height - 1);  // in this order, or a row of one pixel could end before it begins
   top = top > -e.half_height ? top : -e.half_height;
   bottom = bottom < e.half_height ? bottom : e.half_height;
   if (top > bottom) return {0, 0};
   // The strip's widest places: the ellipse's rightmost and leftmost points, or the strip's rim nearest to them.
-  const float right_y = e.right_y < top ? top : (e.right_y > bottom ? bottom : e.right_y);
-  const float left_y = -e.right_y < top ? top : (-e.right_y > bottom ? bottom : -e.right_y);
-  const float right_v = right_y / e.half_height, left_v = left_y / e.half_height;
-  const float right_square = 1 - right_v * right_v, left_square = 1 - left_v * left_v;
-  float right = e.shear * right_y + e.chord * std::sqrt(right_square > 0 ? right_square : 0);
-  float left = e.shear * left_y - e.chord * std::sqrt(left_square > 0 ? left_square : 0);
+  const StrictFloat right_y = e.right_y < top ? top : (e.right_y > bottom ? bottom : e.right_y);
+  const StrictFloat left_y = -e.right_y < top ? top : (-e.right_y > bottom ? bottom : -e.right_y);
+  const StrictFloat right_v = right_y / e.half_height, left_v = left_y / e.half_height;
+  const StrictFloat right_square = 1 - right_v * right_v, left_square = 1 - left_v * left_v;
+  StrictFloat right = shear * right_y + chord * sqrt(right_square > 0 ? right_square : 0);
+  StrictFloat left = shear * left_y - chord * sqrt(left_square > 0 ? left_square : 0);
   right = (right < e.half_width ? right : e.half_width) + 5e-3f;
   left = (left > -e.half_width ? left : -e.half_width) - 5e-3f;
-  return {detail::floor_clamped((e.mean_x + left + 0.5f - width) / width, -1, grid.columns - 1) + 1,
-          detail::floor_clamped((e.mean_x + right - 0.5f) / width, -1, grid.columns - 1) + 1};
+  return detail::tiles_between(mean_x + left, mean_x + right, grid.tile.width, grid.columns);
 }
 
 /// Rows of tiles that a splat may touch, and the columns it touches in each.
@@ -162,6 +179,23 @@ B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& 
   }
   const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
   return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
+}
+
+/// Whether tiles_touched() counts all tiles, or ends at the first row in which there are any.
+enum class TileCount { kAll, kAny };
+
+/// How many tiles a splat touches. A Gaussian that touches none is not seen.
+template <TileCount kCount = TileCount::kAll>
+B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
+                                    std::int32_t radius) {
+  const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
+  std::int32_t n_tiles = 0;
+  for (std::int32_t row = rows.begin; row < rows.end; ++row) {
+    const TileSpan span = rows.span(grid, row);
+    if (span.begin < span.end) n_tiles += span.end - span.begin;
+    if (kCount == TileCount::kAny && n_tiles > 0) break;
+  }
+  return n_tiles;
 }
 
 /// Calls visit(row, span) for each row of tiles in which the splat touches tiles.

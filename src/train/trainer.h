@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include "adaptive/kernel_timer.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/model_folder.h"
@@ -33,6 +34,8 @@ struct TrainHooks {
   // After the last iteration's files and before its density control: the model is the one that is saved.
   std::function<void()> on_result;
   std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
+  // What the candidates for a kernel are timed by; the device's own if not set.
+  std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;
 };
 
 struct TrainResult {

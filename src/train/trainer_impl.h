@@ -24,6 +24,12 @@ namespace b3dgs {
 double steady_clock_s();
 void wait_for(torch::Device device);
 
+inline KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
+  KernelCheckTools tools;
+  if (hooks.make_kernel_timer) tools.timer = hooks.make_kernel_timer();
+  return tools;
+}
+
 struct Trainer::Impl {
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
       : config(config),
@@ -34,7 +40,7 @@ struct Trainer::Impl {
         rasterizer(device),
         stepper(rasterizer),
         loss(device),
-        kernels(config, device),
+        kernels(config, device, kernel_check_tools(this->hooks)),
         images(scene.train, device, image_budget(config.image_cache_gb, device)),
         timer(make_stage_clock(device)),
         time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {

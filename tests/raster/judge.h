@@ -132,9 +132,15 @@ inline void expect_same_gradients(const DenseGradients& found, const Judge& judg
   EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, size, rounded)) << "means2d";
 }
 
+/// Which Gaussians are seen, and how large they are.
 inline void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {
-  EXPECT_FALSE(((found == 0) & expected.contributes).any().item<bool>()) << "a Gaussian in the image has no radius";
-  EXPECT_TRUE(within(found, expected.radii * (found > 0), 0)) << "radii";
+  const torch::Tensor seen = found > 0;
+  const auto count = [](const torch::Tensor& which) { return which.sum().item<std::int64_t>(); };
+  EXPECT_EQ(count(expected.contributes & ~seen), 0) << "Gaussians in the image have no radius";
+  EXPECT_EQ(count(expected.seen & ~seen), 0) << "Gaussians that touch a tile are not seen";
+  EXPECT_EQ(count(seen & ~expected.seen_nearly), 0) << "Gaussians that touch no tile are seen";
+  EXPECT_LE(count(expected.seen_nearly & ~expected.seen), 2 + found.numel() / 50) << "too many are in doubt";
+  EXPECT_TRUE(within(found, expected.radii * seen, 0)) << "radii";
 }
 
 }  // namespace b3dgs::test

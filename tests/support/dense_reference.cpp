@@ -90,6 +90,55 @@ torch::Tensor square_reaches(const torch::Tensor& pixel, const torch::Tensor& me
   return (pixel_tile >= lower.floor()) & (pixel_tile < upper.ceil());
 }
 
+/// [M] whether the culling squares overlap a tile along one axis of an image of `size` px. `square_reaches` notes what
+/// is doubtful.
+torch::Tensor square_meets_a_tile(const torch::Tensor& mean, const torch::Tensor& radius, std::int32_t tile,
+                                  std::int64_t size) {
+  const auto n_tiles = static_cast<double>((size + tile - 1) / tile);
+  return (((mean - radius) / tile).floor().clamp_min(0.0) < ((mean + radius) / tile).ceil().clamp_max(n_tiles));
+}
+
+/// The ellipses of M Gaussians; each member is [M].
+struct Ellipses {
+  torch::Tensor mean_x, mean_y;  // px
+  torch::Tensor xx, xy, yy;      // covariance, px^2
+  torch::Tensor rim;             // sigma where alpha is 1/255, negative if it is nowhere
+};
+
+/// [M] the least sigma over a rectangle grown by `margin` [M] on each side: 0 at the centre, or that of an edge.
+torch::Tensor least_sigma(const Ellipses& e, double x_low, double x_high, double y_low, double y_high,
+                          const torch::Tensor& margin) {
+  const torch::Tensor left = x_low - margin, right = x_high + margin, top = y_low - margin, bottom = y_high + margin;
+  const auto sigma = [&](const torch::Tensor& x, const torch::Tensor& y) {
+    const torch::Tensor dx = x - e.mean_x, dy = y - e.mean_y;
+    return 0.5 * (e.yy * dx * dx - 2.0 * e.xy * dx * dy + e.xx * dy * dy) / (e.xx * e.yy - e.xy * e.xy);
+  };
+  torch::Tensor least = torch::full_like(e.xx, INFINITY);
+  for (const torch::Tensor& x : {left, right}) {
+    const torch::Tensor y = e.mean_y + e.xy / e.xx * (x - e.mean_x);  // nearest on the whole line
+    least = torch::minimum(least, sigma(x, torch::minimum(torch::maximum(y, top), bottom)));
+  }
+  for (const torch::Tensor& y : {top, bottom}) {
+    const torch::Tensor x = e.mean_x + e.xy / e.yy * (y - e.mean_y);
+    least = torch::minimum(least, sigma(torch::minimum(torch::maximum(x, left), right), y));
+  }
+  const torch::Tensor inside = (e.mean_x >= left) & (e.mean_x <= right) & (e.mean_y >= top) & (e.mean_y <= bottom);
+  return torch::where(inside, torch::zeros_like(least), least);
+}
+
+/// [M] whether each ellipse meets a tile within `margin` [M].
+torch::Tensor meets_a_tile(const Ellipses& e, std::int64_t width, std::int64_t height, TileShape tile,
+                           const torch::Tensor& margin) {
+  torch::Tensor meets = torch::zeros_like(e.xx, torch::kBool);
+  for (std::int64_t y = 0; y < height; y += tile.height) {
+    for (std::int64_t x = 0; x < width; x += tile.width) {
+      const double left = static_cast<double>(x) + 0.5, top = static_cast<double>(y) + 0.5;
+      meets |= least_sigma(e, left, left + tile.width - 1, top, top + tile.height - 1, margin) <= e.rim;
+    }
+  }
+  return meets;
+}
+
 }  // namespace
 
 torch::Tensor dense_sh_basis(const torch::Tensor& directions, int degree) {
@@ -183,6 +232,25 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   const torch::Tensor extent = 3.0 * longer_axis.sqrt();
   const torch::Tensor radii = extent.ceil();
   out.radii = torch::zeros({leaves.size()}, torch::kInt64).index_copy(0, rows, radii.to(torch::kInt64));
+
+  const torch::Tensor opacities = torch::sigmoid(leaves.logit_opacities.index_select(0, rows)).detach();
+  const Ellipses ellipses{
+      column(means2d, 0).detach(), column(means2d, 1).detach(), xx.detach(), xy.detach(), yy.detach(),
+      (opacities / kCutoff).log()};
+  torch::Tensor touches, nearly_touches;
+  if (settings.culling == Culling::kSquare) {
+    touches = nearly_touches = square_meets_a_tile(ellipses.mean_x, radii, settings.tile.width, width) &
+                               square_meets_a_tile(ellipses.mean_y, radii, settings.tile.height, height);
+  } else {
+    const torch::Tensor size = (2.0 * ellipses.rim.clamp_min(0.0) * (ellipses.xx + ellipses.yy)).sqrt();
+    touches = meets_a_tile(ellipses, width, height, settings.tile, torch::zeros_like(size));
+    nearly_touches = meets_a_tile(ellipses, width, height, settings.tile, 0.01 + 2e-4 * size);
+    const torch::Tensor doubtful = is_near(opacities, kCutoff);
+    touches = touches & ~doubtful;
+    nearly_touches = nearly_touches | doubtful;
+  }
+  out.seen = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, touches);
+  out.seen_nearly = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, nearly_touches);
 
   // Every pixel against every Gaussian: [n_pixels, n_seen].
   const torch::Tensor pixel_x = torch::arange(width, torch::kFloat64).repeat({height});

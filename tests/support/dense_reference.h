@@ -10,6 +10,9 @@
 //   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J at the centre, whose x/z and y/z are held within the
 //                   image extended on each side by 0.3 times half its width or height (J only, not the splat's centre)
 //   alpha           min(0.99, opacity exp(-sigma)), sigma = d^T conic d / 2, d = p - mean2d; no gradient at the cap
+//   tiles           a Gaussian is seen if the ellipse alpha >= 1/255 meets the rectangle between the centres of a
+//   tile's
+//                   corner pixels, also of those outside the image; with Culling::kSquare, if its square meets a tile
 //   skip, stop      alpha < 1/255 is skipped; the Gaussian that would take the transmittance below 1e-4 ends the pixel
 //                   and is not blended
 //   colour          SH of the direction from the camera centre to the mean, + 0.5, at least 0
@@ -40,6 +43,8 @@ struct DenseView {
   torch::Tensor n_blended;       // [H, W] int64, how many were blended
   torch::Tensor radii;           // [N] int64, 3 standard deviations along the longer axis rounded up, 0 if not seen
   torch::Tensor contributes;     // [N] bool, blended into at least one pixel
+  torch::Tensor seen;            // [N] bool, reaches 1/255 at some point of a tile's pixel centres, or of their hull
+  torch::Tensor seen_nearly;     // [N] bool, does so within 0.01 px and a little more for large ones; holds `seen`
   torch::Tensor near_decision;   // [H, W] bool, an alpha or a transmittance within kDecisionBand of cutoff, cap or stop
   // Gaussians within the band of a decision that concerns more than a pixel: near plane, order, frustum clamp, colour
   // clamp, rounding of the culling square. One line each; a scene with any cannot judge a float rasterizer.
@@ -56,7 +61,7 @@ struct DenseGradients {
 GaussianTensors to_dense_leaves(const GaussianTensors& gaussians);
 
 /// Renders `leaves`, double tensors shaped as GaussianTensors says. Of the settings, `kernel` means nothing here and
-/// `tile` only with Culling::kSquare, where a Gaussian reaches just the pixels of the tiles
+/// `tile` only for `seen` and with Culling::kSquare, where a Gaussian reaches just the pixels of the tiles
 /// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image.
 DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings);
 

@@ -1,6 +1,11 @@
 // Training on the GPU against training on the CPU, and against itself.
 #include <gtest/gtest.h>
 
+#include <fstream>
+
+#include <nlohmann/json.hpp>
+
+#include "raster/cuda/passes.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/gpu_test.h"
@@ -63,6 +68,38 @@ TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
 
   config.backward_kernel = "per-pixel";
   EXPECT_TRUE(test::fails_with<InputError>({"--backward_kernel per-splat"}, [&] { train(config, scene, temp / "c"); }));
+}
+
+/// The longest list of a tile that the log tells of.
+std::int64_t longest_list(const fs::path& folder) {
+  std::int64_t longest = 0;
+  std::ifstream file(folder / "train.jsonl");
+  for (std::string line; std::getline(file, line);) {
+    const nlohmann::json json = nlohmann::json::parse(line);
+    if (json.value("event", "") != "load_statistics") continue;
+    longest = std::max(longest, json.at("tile_lists").at("max").get<std::int64_t>());
+  }
+  return longest;
+}
+
+TEST(TrainerOnGpu, LongTrainingWithCutListsGivesTheSameBytesTwiceIfDeterministic) {
+  B3DGS_NEEDS_GPU();
+  test::TinySceneOptions options;
+  options.n_gaussians = 12000;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  config.kernel = "segmented";
+  config.iterations = 2000;
+  config.densification_interval = 50;
+  config.densify_until_iter = 1000;
+  config.opacity_reset_interval = 300;
+  config.max_gaussians = 40000;
+  config.stats_interval = 500;
+  const Trained first = train(config, scene, temp / "a"), second = train(config, scene, temp / "b");
+  EXPECT_GT(longest_list(temp / "a"), 2 * cuda::kSegmentEntries) << "no list was cut";
+  EXPECT_TRUE(first.ply == second.ply);
+  EXPECT_TRUE(first.checkpoint == second.checkpoint);
 }
 
 TEST(TrainerOnGpu, ResumedEqualsUninterruptedIfDeterministic) {

@@ -432,7 +432,7 @@ TEST(Trainer, ChecksNoKernelsWhereTheStepsCannotPayForIt) {
   const test::TempDir temp;
   TrainConfig config = checked_config();
   config.kernel_check_interval = 1;
-  train(config, scene, temp.path());  // a check takes longer than 0.5 % of twenty steps
+  train(config, scene, temp.path(), {}, test::training_with_steps_of(1e-9));
   EXPECT_EQ(iterations_of(log_lines(temp.path(), "kernel_check")), (std::vector<int>{1}));
 }
 
@@ -441,13 +441,18 @@ TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
   const test::TempDir temp;
   TrainConfig config = checked_config();
   config.kernel_policy = "paper";
-  config.kernel_candidates = {"shared-memory", "combined"};  // the second takes several times as long on a CPU
-  config.kernel_check_interval = 11;                         // right after the line of iteration 10
-  train(config, scene, temp / "whole", {}, test::slow_training());
+  config.kernel_candidates = {"shared-memory", "combined"};
+  config.kernel_check_interval = 11;  // right after the line of iteration 10
+  const auto train_as_timed = [&](const char* folder, const fs::path& checkpoint) {
+    TrainHooks hooks = test::slow_training();
+    hooks.make_kernel_timer = [] { return std::make_unique<test::EqualTimer>(); };  // the policy goes on checking
+    return train(config, scene, temp / folder, checkpoint, hooks).result.checkpoint;
+  };
+  train_as_timed("whole", {});
   config.iterations = 10;
-  const fs::path stopped = train(config, scene, temp / "halves", {}, test::slow_training()).result.checkpoint;
+  const fs::path stopped = train_as_timed("halves", {});
   config.iterations = 20;
-  train(config, scene, temp / "halves", stopped, test::slow_training());
+  train_as_timed("halves", stopped);
   for (const char* folder : {"whole", "halves"}) {
     const std::vector<nlohmann::json> checks = log_lines(temp / folder, "kernel_check");
     ASSERT_EQ(iterations_of(checks), (std::vector<int>{1, 11})) << folder;

@@ -16,10 +16,20 @@ void blend_forward_combined(const BlendForwardArgs& args);
 void blend_forward_shared_memory(const BlendForwardArgs& args);
 void blend_forward_segmented(const BlendForwardArgs& args);
 
-/// Indexed by ForwardKernel.
-inline constexpr std::array<void (*)(const BlendForwardArgs&), kForwardKernels.size()> kForwardTable{
-    blend_forward_naive,    blend_forward_dynamic,       blend_forward_gaussian_wise,
-    blend_forward_combined, blend_forward_shared_memory, blend_forward_segmented,
+struct ForwardRow {
+  ForwardKernel kernel;
+  void (*blend)(const BlendForwardArgs& args);
 };
+
+/// Indexed by ForwardKernel.
+inline constexpr std::array<ForwardRow, kForwardKernels.size()> kForwardTable{{
+    {ForwardKernel::kNaive, blend_forward_naive},
+    {ForwardKernel::kDynamic, blend_forward_dynamic},
+    {ForwardKernel::kGaussianWise, blend_forward_gaussian_wise},
+    {ForwardKernel::kCombined, blend_forward_combined},
+    {ForwardKernel::kSharedMemory, blend_forward_shared_memory},
+    {ForwardKernel::kSegmented, blend_forward_segmented},
+}};
+static_assert(is_in_order(kForwardTable));
 
 }  // namespace b3dgs::cpu

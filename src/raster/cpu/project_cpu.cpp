@@ -8,83 +8,33 @@
 #include "check.h"
 #include "parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/projection.h"
+#include "raster/project_splat.h"
 #include "raster/sh.h"
-#include "raster/tiling.h"
 
 namespace b3dgs::cpu {
 namespace {
 
-constexpr float kLog2e = 1.44269504f;
 constexpr std::int64_t kGrain = 1024;
 
-Vec3f load3(const float* array, std::int64_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
-Vec4f load4(const float* array, std::int64_t i) {
-  return {array[4 * i], array[4 * i + 1], array[4 * i + 2], array[4 * i + 3]};
-}
-void store3(float* array, std::int64_t i, Vec3f v) {
-  array[3 * i] = v.x;
-  array[3 * i + 1] = v.y;
-  array[3 * i + 2] = v.z;
-}
-
-enum class Outcome { kSeen, kCulled, kNotFinite };
-
-/// log2 of the logistic function, exact in both tails.
-float log2_sigmoid(float logit) {
-  const float tail = std::log1p(std::exp(-std::fabs(logit)));
-  return -kLog2e * (logit >= 0 ? tail : tail - logit);
-}
-
+/// Of Gaussian i, which goes into `splat` and `extent` where it is seen.
 Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, std::int64_t i, Splat& splat,
-                    Vec2f& extent, std::int32_t& radius) {
+                    Vec2f& extent) {
   const GaussianArrays& g = args.gaussians;
-  const Vec3f mean = load3(g.means, i);
-  const Vec3f point = to_camera(view, mean);
-  if (!std::isfinite(point.x + point.y + point.z)) return Outcome::kNotFinite;
-  if (point.z < args.near_plane) return Outcome::kCulled;
+  const ProjectedGaussian projected =
+      project_splat<TileCount::kAny>(g, i, view, args.near_plane, args.culling, args.grid);
+  args.radii[i] = 0;
+  if (projected.outcome != Outcome::kSeen) return projected.outcome;
 
-  const Vec3f log_scales = load3(g.log_scales, i);
-  const Vec4f quat = load4(g.quats, i);
-  if (!std::isfinite(g.logit_opacities[i] + log_scales.x + log_scales.y + log_scales.z + quat.x + quat.y + quat.z +
-                     quat.w)) {
-    return Outcome::kNotFinite;
-  }
-  const float log2_opacity = log2_sigmoid(g.logit_opacities[i]);
-  if (args.culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return Outcome::kCulled;
-
-  const Shape<float> shape = make_shape(log_scales, quat);
-  const Projection<float> p = project_gaussian(view, point, shape.factor);
-  const float radius_px = std::ceil(kSquareSigmas * largest_sigma(p.cov));
-  if (!std::isfinite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
-      !(radius_px <= kRadiusMax)) {
-    return Outcome::kNotFinite;
-  }
-  radius = static_cast<std::int32_t>(radius_px);
-  extent = ellipse_extent(log2_opacity, p.cov);
-  const Rect tiles = args.culling == Culling::kSquare
-                         ? square_tiles(args.grid, p.mean2d.x, p.mean2d.y, static_cast<float>(radius))
-                         : box_tiles(args.grid, p.mean2d.x, p.mean2d.y, extent);
-  if (tiles.empty()) return Outcome::kCulled;
-
-  const std::int64_t rest = rest_floats(g.sh_degree_max);
-  const ShColor<float> color = sh_color(args.sh_degree, mean - args.view.center, g.sh0 + 3 * i, g.shN + rest * i);
+  const ShColor<float> color = sh_color(args.sh_degree, load3(g.means, i) - args.view.center, g.sh0 + 3 * i,
+                                        g.shN + rest_floats(g.sh_degree_max) * i);
   if (!std::isfinite(color.color.x + color.color.y + color.color.z)) return Outcome::kNotFinite;
-
-  splat = {p.mean2d.x,
-           p.mean2d.y,
-           log2_opacity,
-           point.z,
-           kConicScale * p.conic.xx,
-           kConicScale * p.conic.xy,
-           kConicScale * p.conic.yy,
-           static_cast<std::int32_t>(i),
-           color.color.x,
-           color.color.y,
-           color.color.z,
-           color.clamped};
+  args.radii[i] = projected.radius;
+  extent = projected.extent;
+  splat = projected.splat;
+  splat.red = color.color.x;
+  splat.green = color.color.y;
+  splat.blue = color.color.z;
+  splat.clamped = color.clamped;
   return Outcome::kSeen;
 }
 
@@ -116,9 +66,7 @@ std::int64_t project(const ProjectArgs& args) {
     own = {0, n};
     for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
       const std::int64_t slot = chunks.begin(chunk) + own.n_splats;
-      std::int32_t radius = 0;
-      const Outcome outcome = project_one(args, view, i, args.splats[slot], args.extents[slot], radius);
-      args.radii[i] = outcome == Outcome::kSeen ? radius : 0;
+      const Outcome outcome = project_one(args, view, i, args.splats[slot], args.extents[slot]);
       if (outcome == Outcome::kSeen) ++own.n_splats;
       if (outcome == Outcome::kNotFinite) {
         own.not_finite = i;
@@ -178,10 +126,7 @@ void project_backward(const ProjectBackwardArgs& args) {
 
     store3(args.grad.means, i, transpose_times(view.rotation, grad.point) + grad_offset);
     store3(args.grad.log_scales, i, grad_shape.log_scales);
-    args.grad.quats[4 * i] = grad_shape.quat.x;
-    args.grad.quats[4 * i + 1] = grad_shape.quat.y;
-    args.grad.quats[4 * i + 2] = grad_shape.quat.z;
-    args.grad.quats[4 * i + 3] = grad_shape.quat.w;
+    store4(args.grad.quats, i, grad_shape.quat);
     // q is the gradient by ln(opacity), and d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = sigmoid(-x).
     args.grad.logit_opacities[i] = sum.q / (1 + std::exp(g.logit_opacities[i]));
     args.grad.means2d[2 * i] = grad.mean2d.x;

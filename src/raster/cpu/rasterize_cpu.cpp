@@ -12,7 +12,7 @@
 namespace b3dgs::cpu {
 
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args) {
-  kForwardTable[static_cast<std::size_t>(kernel)](args);
+  kForwardTable[static_cast<std::size_t>(kernel)].blend(args);
 }
 
 struct Rasterizer::Impl {

@@ -131,7 +131,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
       }
     }
   }
-  reached_groups = __reduce_or_sync(kFullWarp, reached_groups);  // by any splat of the bucket
+  reached_groups = warp_or(reached_groups);  // by any splat of the bucket
 
   SplatGrad sum{};
   ReverseState<float> state{};

@@ -17,14 +17,16 @@ KernelResources backward_per_pixel_resources(const TileShape& tile);
 KernelResources backward_per_splat_resources(const TileShape& tile);
 
 struct BackwardRow {
+  BackwardKernel kernel;
   void (*launch)(const BlendBackwardCudaArgs& args, const LaunchContext& context);
   KernelResources (*resources)(const TileShape& tile);
 };
 
 /// Indexed by BackwardKernel.
 inline constexpr std::array<BackwardRow, kBackwardKernels.size()> kBackwardTable{{
-    {launch_backward_per_pixel, backward_per_pixel_resources},
-    {launch_backward_per_splat, backward_per_splat_resources},
+    {BackwardKernel::kPerPixel, launch_backward_per_pixel, backward_per_pixel_resources},
+    {BackwardKernel::kPerSplat, launch_backward_per_splat, backward_per_splat_resources},
 }};
+static_assert(is_in_order(kBackwardTable));
 
 }  // namespace b3dgs::cuda

@@ -58,12 +58,13 @@ struct EmitArgs {
   std::int32_t* slots;             // [n_isects] out: 0, 1, 2, ...; null if slots are not kept
 };
 
-/// A splat whose pairs are emitted: what tile_rows asks for, and where its pairs begin.
+/// A splat whose pairs are emitted: what tile_rows asks for, and its slots.
 struct Emitted {
   Splat splat{};
   Vec2f extent{};
   std::int32_t radius = 0, rank = 0;
-  std::int64_t first = 0;
+  std::int64_t first = 0;  // slot
+  std::int32_t pairs = 0;  // as many as the projection counted
 };
 
 __device__ __forceinline__ Emitted emitted_of_lane(const Emitted& own, int lane) {
@@ -78,32 +79,50 @@ __device__ __forceinline__ Emitted emitted_of_lane(const Emitted& own, int lane)
   other.radius = __shfl_sync(kFullWarp, own.radius, lane);
   other.rank = __shfl_sync(kFullWarp, own.rank, lane);
   other.first = __shfl_sync(kFullWarp, own.first, lane);
+  other.pairs = __shfl_sync(kFullWarp, own.pairs, lane);
   return other;
 }
 
 template <class TileKey>
-__device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, std::int32_t rank, std::int32_t row,
-                                         TileSpan span, std::int64_t slot) {
-  for (std::int32_t column = span.begin; column < span.end; ++column, ++slot) {
-    args.tiles[slot] = static_cast<TileKey>(row * args.grid.columns + column);
-    args.isect_ranks[slot] = rank;
-    if (args.slots != nullptr) args.slots[slot] = static_cast<std::int32_t>(slot);
+__device__ __forceinline__ void emit_pair(const EmitArgs<TileKey>& args, std::int32_t rank, std::int32_t tile,
+                                          std::int64_t slot) {
+  args.tiles[slot] = static_cast<TileKey>(tile);
+  args.isect_ranks[slot] = rank;
+  if (args.slots != nullptr) args.slots[slot] = static_cast<std::int32_t>(slot);
+}
+
+/// From pair number `pair` of the splat on, and never into the slots of the next splat. Tiles are found here by the
+/// same bits as in the projection (tiling.h), so the numbers agree; were they not to, the splat would lose pairs or get
+/// some of no tile (emit_unused), and no other would notice.
+template <class TileKey>
+__device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t row,
+                                         TileSpan span, std::int32_t pair) {
+  for (std::int32_t column = span.begin; column < span.end && pair < e.pairs; ++column, ++pair) {
+    emit_pair(args, e.rank, row * args.grid.columns + column, e.first + pair);
   }
+}
+
+/// Slots of the splat from `pair` on go to a tile behind the last, every `stride`th.
+template <class TileKey>
+__device__ __forceinline__ void emit_unused(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t pair,
+                                            std::int32_t stride) {
+  for (; pair < e.pairs; pair += stride) emit_pair(args, e.rank, args.grid.n_tiles(), e.first + pair);
 }
 
 /// A splat by all lanes: a lane takes a row of tiles, and a prefix sum tells where its pairs go.
 template <class TileKey>
 __device__ __forceinline__ void emit_by_warp(const EmitArgs<TileKey>& args, const Emitted& e) {
   const TileRows rows = tile_rows(args.grid, args.culling, e.splat, e.extent, e.radius);
-  std::int64_t slot = e.first;
+  std::int32_t pair = 0;
   for (std::int32_t begin = rows.begin; begin < rows.end; begin += kWarpSize) {
     const std::int32_t row = begin + lane_id();
     const TileSpan span = row < rows.end ? rows.span(args.grid, row) : TileSpan{0, 0};
     const int length = span.begin < span.end ? span.end - span.begin : 0;
     const int up_to_own = warp_prefix_sum(length);
-    emit_row(args, e.rank, row, span, slot + up_to_own - length);
-    slot += __shfl_sync(kFullWarp, up_to_own, kWarpSize - 1);
+    emit_row(args, e, row, span, pair + up_to_own - length);
+    pair += __shfl_sync(kFullWarp, up_to_own, kWarpSize - 1);
   }
+  emit_unused(args, e, pair + lane_id(), kWarpSize);
 }
 
 /// Copies each splat to its rank and writes its pairs to its slots. A warp takes runs of ranks that lie far apart:
@@ -115,24 +134,24 @@ __global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<Til
   const std::int64_t warp = (static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x) / kWarpSize;
   const std::int64_t rank = (lane_id() / kRun * warps + warp) * kRun + lane_id() % kRun;
   Emitted own;
-  std::int64_t pairs = 0;
   if (warp < warps && rank < args.n_splats) {
     const std::int32_t gaussian = args.visible_sorted[rank];
     own = {args.projected.splats[gaussian], args.projected.extents[gaussian], args.projected.radii[gaussian],
            static_cast<std::int32_t>(rank), args.slot_offsets[rank]};
+    own.pairs = static_cast<std::int32_t>(args.slot_offsets[rank + 1] - own.first);
     args.splats[rank] = own.splat;
     args.extents[rank] = own.extent;
     args.rank_of_gaussian[gaussian] = own.rank;
-    pairs = args.slot_offsets[rank + 1] - own.first;
   }
-  if (pairs > 0 && pairs <= kTilesPerThread) {
-    std::int64_t slot = own.first;
+  if (own.pairs > 0 && own.pairs <= kTilesPerThread) {
+    std::int32_t pair = 0;
     visit_tile_rows(args.grid, args.culling, own.splat, own.extent, own.radius, [&](std::int32_t row, TileSpan span) {
-      emit_row(args, own.rank, row, span, slot);
-      slot += span.end - span.begin;
+      emit_row(args, own, row, span, pair);
+      pair += span.end - span.begin;
     });
+    emit_unused(args, own, pair, 1);
   }
-  for (unsigned large = __ballot_sync(kFullWarp, pairs > kTilesPerThread); large != 0; large &= large - 1) {
+  for (unsigned large = __ballot_sync(kFullWarp, own.pairs > kTilesPerThread); large != 0; large &= large - 1) {
     emit_by_warp(args, emitted_of_lane(own, __ffs(large) - 1));
   }
 }
@@ -147,7 +166,8 @@ __global__ void __launch_bounds__(kThreads)
   isect_slots[i] = slots[i];
 }
 
-/// Position t of tile_offsets: the first pair whose tile is at least t. Resets the count of buckets.
+/// Position t of tile_offsets: the first pair whose tile is at least t; tile n_tiles has what is unused. Resets the
+/// count of buckets.
 template <class TileKey>
 __global__ void __launch_bounds__(kThreads)
     find_tiles_kernel(const TileKey* tiles, std::int64_t n_isects, std::int32_t n_tiles, std::int64_t* tile_offsets,
@@ -214,7 +234,7 @@ void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, 
         args.keep_slots ? buffers.slots_sorted.resize(args.n_isects, context) : splat_ids;
     run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
       return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, values, sorted_values, args.n_isects,
-                                             0, bits_for(n_tiles), context.stream);
+                                             0, bits_for(n_tiles + 1), context.stream);
     });
     if (args.keep_slots) {
       gather_slots_kernel<<<blocks_for(args.n_isects), kThreads, 0, context.stream>>>(
@@ -278,7 +298,7 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
         isect_ranks,      args.keep_slots ? buffers.slots.resize(args.n_isects, context) : nullptr};
     sort_pairs_by_tile(args, emit, sorted, buffers, tile_offsets, context);
   };
-  if (n_tiles <= 1 << 16) {
+  if (n_tiles < 1 << 16) {  // the tile behind the last has to fit too
     sort(buffers.tiles16, buffers.tiles16_sorted);
   } else {
     sort(buffers.tiles32, buffers.tiles32_sorted);

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "raster/cuda/passes.h"
-#include "raster/cuda/rows.cuh"
+#include "raster/rows.h"
 #include "raster/sh.h"
 
 namespace b3dgs::cuda {

@@ -131,7 +131,7 @@ class GaussianWisePixel {
     const unsigned heads = __ballot_sync(kFullWarp, is_head) | 1u;
     const int ahead = lane - (31 - __clz(heads & (kFullWarp >> (kWarpSize - 1 - lane))));  // lanes of the own bucket
     // Where splats are small a pixel sees few of a bucket's 32, and one or two rounds will do.
-    const int most_ahead = __reduce_max_sync(kFullWarp, lane < end ? ahead : 0);
+    const int most_ahead = warp_max(lane < end ? ahead : 0);
     for (int distance = 1; distance <= most_ahead; distance *= 2) {
       const PixelState<float> front = sum_of_lane_ahead(sum, distance);
       if (distance <= ahead) sum = sum_of(front, sum);

@@ -25,7 +25,7 @@ __global__ void __launch_bounds__(kThreads) project_backward_kernel(const Projec
     }
     store3(args.grad.means, i, grad.mean);
     store3(args.grad.log_scales, i, grad.log_scales);
-    reinterpret_cast<float4*>(args.grad.quats)[i] = make_float4(grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w);
+    store4(args.grad.quats, i, grad.quat);
     args.grad.logit_opacities[i] = grad.logit_opacity;
     store3(args.grad.sh0, i, grad.sh0());
     reinterpret_cast<float2*>(args.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);

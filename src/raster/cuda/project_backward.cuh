@@ -3,8 +3,8 @@
 #pragma once
 
 #include "raster/cuda/passes.h"
-#include "raster/cuda/rows.cuh"
 #include "raster/projection.h"
+#include "raster/rows.h"
 #include "raster/sh.h"
 
 namespace b3dgs::cuda {
@@ -32,8 +32,7 @@ __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaA
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const Vec3f mean = load3(g.means, i);
   const Vec3f point = to_camera(view, mean);
-  const float4 quat = reinterpret_cast<const float4*>(g.quats)[i];
-  const Shape<float> shape = make_shape(load3(g.log_scales, i), Vec4f{quat.x, quat.y, quat.z, quat.w});
+  const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
   const Projection<float> p = project_gaussian(view, point, shape.factor);
   const ProjectionGrad<float> grad = b3dgs::project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
                                                              Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);

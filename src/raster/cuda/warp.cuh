@@ -16,6 +16,40 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
+// Integers have instructions of their own from compute capability 8.0 on.
+
+__device__ __forceinline__ unsigned warp_sum(unsigned value) {
+#if __CUDA_ARCH__ >= 800
+  return __reduce_add_sync(kFullWarp, value);
+#else
+#pragma unroll
+  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) value += __shfl_xor_sync(kFullWarp, value, offset);
+  return value;
+#endif
+}
+
+__device__ __forceinline__ unsigned warp_or(unsigned value) {
+#if __CUDA_ARCH__ >= 800
+  return __reduce_or_sync(kFullWarp, value);
+#else
+#pragma unroll
+  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) value |= __shfl_xor_sync(kFullWarp, value, offset);
+  return value;
+#endif
+}
+
+__device__ __forceinline__ int warp_max(int value) {
+#if __CUDA_ARCH__ >= 800
+  return __reduce_max_sync(kFullWarp, value);
+#else
+#pragma unroll
+  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) {
+    value = max(value, __shfl_xor_sync(kFullWarp, value, offset));
+  }
+  return value;
+#endif
+}
+
 /// Four sums at once, in half the exchanges: lanes give away two of the values they have, then one, and at last gather.
 __device__ __forceinline__ float4 warp_sum(float4 value) {
   const int lane = lane_id();
