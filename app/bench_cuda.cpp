@@ -129,7 +129,7 @@ nlohmann::ordered_json time_passes(Session& session) {
   add("project", nothing, [&] { cuda::project(frame.project_args, context); });
   add("bin", nothing, [&] {
     cuda::list_seen(frame.bin_args.projected, frame.bin_args.n_gaussians, frame.bin_buffers, context);
-    cuda::bin(frame.bin_args, frame.bin_buffers, context);
+    cuda::bin(frame.bin_args, frame.bin_buffers, frame.bin_scratch, context);
   });
   table.add("blend forward", session.time_keeping_forward(ForwardKernel::kSharedMemory));
   table.add("blend backward", session.time_backward(BackwardKernel::kPerSplat));

@@ -51,7 +51,7 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
   found = download(projected.counts, 1).front();
   bin_args = {projected, n_, found.n_splats, found.n_isects, grid, culling};
   list_seen(projected, n_, bin_buffers, context);
-  binned = bin(bin_args, bin_buffers, context);
+  binned = bin(bin_args, bin_buffers, bin_scratch, context);
   set_up_blending(grid);
 
   const GaussianGradArrays gradients{grad_means_.resize(3 * n_, context),  grad_log_scales_.resize(3 * n_, context),
@@ -84,7 +84,9 @@ void CudaFrame::set_up_blending(const TileGrid& grid) {
                    transmittance_.resize(n_pixels_, context_), last_ids_.resize(n_pixels_, context_)},
                   binned.buckets,
                   parts};
-  for (const ForwardKernelName& kernel : kForwardKernels) scratch_.lend(kernel.kernel, forward_args, context_);
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    scratch_.lend(kernel.kernel, forward_args, kernel_scratch_[static_cast<std::size_t>(kernel.kernel)], context_);
+  }
   const std::vector<float> mean(static_cast<std::size_t>(3 * n_pixels_), 1.0f / static_cast<float>(3 * n_pixels_));
   const ImageGradArrays grad{upload(grad_color_, mean), nullptr, nullptr};
   backward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image, transmittance_.data(),

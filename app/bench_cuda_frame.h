@@ -4,6 +4,7 @@
 
 #include <cuda_runtime_api.h>
 
+#include <array>
 #include <functional>
 #include <vector>
 
@@ -44,6 +45,7 @@ class CudaFrame {
   BinCudaArgs bin_args{};
   BinnedView binned{};
   BinBuffers bin_buffers;
+  PassScratch bin_scratch;
   BlendForwardCudaArgs forward_args{};
   BlendBackwardCudaArgs backward_args{};
   ProjectBackwardCudaArgs project_backward_args{};
@@ -80,6 +82,7 @@ class CudaFrame {
   DeviceBuffer<float4> part_light_;
   DeviceBuffer<float2> bucket_ends_;
   ForwardScratch scratch_;
+  std::array<PassScratch, kForwardKernels.size()> kernel_scratch_;  // arguments of all kernels are there at once
   DeviceBuffer<SplatGradSum> splat_grads_;
 };
 

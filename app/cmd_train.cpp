@@ -114,6 +114,12 @@ void guard_model(const ModelFolder& folder, const TrainPlan& plan) {
               "or name another folder with -m");
 }
 
+std::string describe_memory(const MemoryForecast& forecast) {
+  return "GPU memory  photographs " + format_gigabytes(forecast.photographs) + ", model " +
+         format_gigabytes(forecast.model) + ", pairs about " + format_gigabytes(forecast.pairs) + " of " +
+         format_gigabytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
+}
+
 void report_quality(const TrainResult& result) {
   for (const auto& [iteration, evaluation] : result.evaluations) {
     std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views\n", "quality", iteration,
@@ -125,6 +131,10 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   std::printf("%-12s%d iterations in %s (%s in all), %s Gaussians\n", "trained", result.iteration,
               format_duration(result.train_s).c_str(), format_duration(total_s).c_str(),
               format_count(result.n_gaussians).c_str());
+  if (result.peak_memory_bytes > 0) {
+    std::printf("%-12s%s at most, besides the CUDA context\n", "GPU memory",
+                format_gigabytes(result.peak_memory_bytes).c_str());
+  }
   report_quality(result);
   if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
   if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
@@ -179,6 +189,10 @@ int run_train(const std::vector<std::string>& words) {
     for (const std::string& change : changes) std::cout << "  " << change << std::endl;
   } else if (options.overwrite) {
     remove_model(folder);
+  }
+
+  if (const auto forecast = trainer.forecast_memory(); forecast && !options.quiet) {
+    std::cout << describe_memory(*forecast) << std::endl;
   }
 
   catch_stop_signals();

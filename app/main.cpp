@@ -80,12 +80,12 @@ int report(const std::string& message, ExitCode code) {
   return code;
 }
 
-int report_out_of_memory() {
-  return report(
-      "out of memory; take smaller images (-r 2), limit the Gaussians (--max_gaussians), "
-      "keep fewer images on the GPU (--image_cache_gb 1), "
-      "or continue from the last checkpoint (--resume auto) with more memory free",
-      kFailed);
+int report_out_of_memory(const char* whose) {
+  return report(std::string("out of ") + whose +
+                    "memory; take smaller images (-r 2), limit the Gaussians (--max_gaussians), "
+                    "keep fewer images on the GPU (--image_cache_gb 1), "
+                    "or continue from the last checkpoint (--resume auto) with more memory free",
+                kFailed);
 }
 
 }  // namespace
@@ -102,11 +102,14 @@ int main(int argc, char** argv) {
     return report(error.what(), kAskedWrongly);
   } catch (const IoError& error) {
     return report(error.what(), kAskedWrongly);
+  } catch (const OutOfMemoryError&) {
+    return report_out_of_memory("GPU ");
   } catch (const std::bad_alloc&) {
-    return report_out_of_memory();
+    return report_out_of_memory("");
   } catch (const std::exception& error) {
-    // LibTorch reports a lack of memory as a general error.
-    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory();
+    // LibTorch's own errors: of a GPU's memory, and a general one that speaks of the host's.
+    if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("GPU ");
+    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("");
     return report(error.what(), kFailed);
   }
 }

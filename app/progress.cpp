@@ -71,14 +71,6 @@ std::string format_duration(double seconds) {
   return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
 }
 
-std::string format_count(std::int64_t n) {
-  std::string text = std::to_string(n);
-  for (std::ptrdiff_t at = static_cast<std::ptrdiff_t>(text.size()) - 3; at > (n < 0 ? 1 : 0); at -= 3) {
-    text.insert(static_cast<std::size_t>(at), ",");
-  }
-  return text;
-}
-
 std::string format_bar(double share, int columns) {
   const int inside = std::max(1, columns - 2);
   const int filled = std::clamp(static_cast<int>(share * inside), 0, inside);
@@ -97,6 +89,7 @@ std::string format_train_progress(const TrainProgress& progress, double iteratio
   }
   if (eta) text += (eta->is_lower_bound ? "  ETA > " : "  ETA ") + format_duration(eta->seconds);
   text += print_to_string("  loss %.4f  ", progress.loss) + format_count(progress.n_gaussians) + " Gaussians";
+  if (progress.held_at > 0) text += " (held: GPU memory)";
   return text + "  " + progress.activity;
 }
 

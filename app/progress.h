@@ -9,6 +9,7 @@
 
 #include "app/eta.h"
 #include "scene/scene.h"
+#include "text.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -49,8 +50,6 @@ class StatusLine {
 
 /// "1:02:03" or "2:03".
 std::string format_duration(double seconds);
-/// "1,234,567"
-std::string format_count(std::int64_t n);
 /// "[=====>    ]", `columns` wide in all.
 std::string format_bar(double share, int columns);
 /// "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"

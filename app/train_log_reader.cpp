@@ -52,6 +52,7 @@ LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   point.test_psnr = number(json, "test_psnr");
   point.test_ssim = number(json, "test_ssim");
   if (const auto count = number(json, "count")) point.count = static_cast<std::int64_t>(*count);
+  if (const auto bytes = number(json, "gpu_peak_bytes")) point.gpu_peak_bytes = static_cast<std::int64_t>(*bytes);
   point.kernel = text(json, "kernel");
   point.backward_kernel = text(json, "backward_kernel");
   point.stages_ms = named_times(json, "stages_ms");
@@ -113,6 +114,9 @@ TrainHistory parse_train_log(std::istream& lines) {
       add_candidate_times({iteration, check.pass, check.times_ms}, history);
     } else if (event == "kernel_times") {
       add_candidate_times({iteration, text(json, "pass"), named_times(json, "times_ms")}, history);
+    } else if (event == "held") {
+      history.holds.push_back(
+          {iteration, static_cast<std::int64_t>(number(json, "count").value_or(0)), text(json, "reason")});
     } else if (event == "load_statistics") {
       history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
                                parse_load(json, "pixel_contributing")});

@@ -20,7 +20,7 @@ struct LogPoint {
   int iteration = 0;
   double elapsed_s = 0;  // of training since iteration 0; summed up from `ms` where the file does not say
   std::optional<double> loss, ms, test_psnr, test_ssim;
-  std::optional<std::int64_t> count;
+  std::optional<std::int64_t> count, gpu_peak_bytes;
   std::string kernel, backward_kernel;  // "" if not said
   NamedTimes stages_ms;                 // mean per step, empty if not sampled
 };
@@ -58,11 +58,19 @@ struct LoadEvent {
   std::optional<LoadFigures> tile_lists, pixel_processed, pixel_contributing;
 };
 
+/// From then on the number of Gaussians did not grow beyond `count`.
+struct HoldEvent {
+  int iteration = 0;
+  std::int64_t count = 0;
+  std::string reason;
+};
+
 struct TrainHistory {
   std::vector<LogPoint> points;  // by iteration, as all of these
   std::vector<KernelCheckEvent> checks;
   std::vector<CandidateTimes> candidate_times;  // of checks too; one for each iteration and pass
   std::vector<LoadEvent> loads;
+  std::vector<HoldEvent> holds;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };

@@ -1,5 +1,7 @@
 #include "app/train_report.h"
 
+#include <algorithm>
+
 #include "app/html_report.h"
 #include "app/print.h"
 #include "app/progress.h"
@@ -8,6 +10,7 @@
 #include "app/train_setup.h"
 #include "check.h"
 #include "scene/atomic_file.h"
+#include "text.h"
 
 namespace b3dgs {
 namespace {
@@ -33,6 +36,10 @@ std::string headline(const TrainConfig& config, const TrainHistory& history) {
   if (history.points.empty()) return text;
   const LogPoint& last = history.points.back();
   if (last.count) text += ", " + format_count(*last.count) + " Gaussians";
+  if (!history.holds.empty()) {
+    const HoldEvent& hold = history.holds.back();
+    text += " (held at " + format_count(hold.count) + ": " + hold.reason + ")";
+  }
   return text + ", " + format_duration(last.elapsed_s) + " of training";
 }
 
@@ -42,6 +49,13 @@ std::string times(const TrainHistory& history, const RunRecord& record) {
                         " with densification, optimizer, uploads and kernel checks. Reading the scene (",
                         format_seconds(record.reading_s, 0), ") and evaluation, saving and checkpoints (",
                         format_seconds(record.output_s, 0), ") are not in it.");
+}
+
+/// The largest of all runs, or 0.
+std::int64_t gpu_peak_bytes(const TrainHistory& history) {
+  std::int64_t peak = 0;
+  for (const LogPoint& point : history.points) peak = std::max(peak, point.gpu_peak_bytes.value_or(0));
+  return peak;
 }
 
 std::string curve_figure(const std::string& title, const std::string& y_label, bool from_zero,
@@ -80,10 +94,13 @@ std::filesystem::path write_train_report(const ModelFolder& folder) {
   body += html::section("Kernels", kernel_section(history));
   body += html::section("Load", load_section(history));
   body += html::section("Pictures", preview_section({run}));
-  body += html::section("Machine and settings",
-                        machine_section(record.machine, {{"seed", std::to_string(config.seed)},
-                                                         {"kernel", config.kernel},
-                                                         {"SH degree", std::to_string(config.sh_degree)}}));
+  std::vector<html::Row> facts{{"seed", std::to_string(config.seed)},
+                               {"kernel", config.kernel},
+                               {"SH degree", std::to_string(config.sh_degree)}};
+  if (const std::int64_t peak = gpu_peak_bytes(history); peak > 0) {
+    facts.push_back({"GPU memory", format_gigabytes(peak) + " at most, besides the CUDA context"});
+  }
+  body += html::section("Machine and settings", machine_section(record.machine, facts));
   const std::filesystem::path path = folder.root() / "report.html";
   write_file(path, html::page("Training of " + scene_name(config.source_path), headline(config, history), body));
   return path;

@@ -1,9 +1,10 @@
 // Kinds of fault and the checks that raise them. Depends on nothing else.
 //
-// InputError   what the user gave cannot be used: a damaged file, an unknown option, a missing GPU.
-// IoError      the system refused to read or write: an unwritable folder, a full disk.
-// NumericError the numbers left the range in which training makes sense.
-// LogicError   a contract between our own modules was broken.
+// InputError        what the user gave cannot be used: a damaged file, an unknown option, a missing GPU.
+// IoError           the system refused to read or write: an unwritable folder, a full disk.
+// NumericError      the numbers left the range in which training makes sense.
+// OutOfMemoryError  a GPU has not as much memory as was asked for.
+// LogicError        a contract between our own modules was broken.
 //
 // Only app/main.cpp catches; it turns the first two into exit code 2 and the others into 1.
 #pragma once
@@ -31,6 +32,11 @@ class IoError : public Error {
 };
 
 class NumericError : public Error {
+ public:
+  using Error::Error;
+};
+
+class OutOfMemoryError : public Error {
  public:
   using Error::Error;
 };

@@ -5,6 +5,7 @@
 #include "check.h"
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/tensor_check.h"
+#include "raster/tensor_room.h"
 
 // Set by the build where both nvcc and a LibTorch with CUDA are there.
 #if B3DGS_TORCH_CUDA
@@ -29,13 +30,6 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
           g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>()};
 }
 
-/// Keeps `tensor` if it can be written to as an array of this shape and kind, else replaces it.
-void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
-  const bool fits = tensor.defined() && tensor.sizes() == sizes && tensor.is_contiguous() &&
-                    tensor.dtype() == options.dtype() && tensor.device() == options.device();
-  if (!fits) tensor = torch::empty(sizes, options);
-}
-
 #if B3DGS_TORCH_CUDA
 constexpr bool kTorchHasCuda = true;
 #else
@@ -57,6 +51,7 @@ struct Rasterizer::Impl {
   std::unique_ptr<cuda::Rasterizer> cuda;  // made on first use: a CPU run never touches the driver
 #endif
   RenderedView rendered;
+  torch::Tensor color_room, depth_room, alpha_room, means2d_room;
   ViewStatistics statistics;
 
   void forward(const GaussianArrays& arrays, const PinholeView& view, const RenderSettings& settings,
@@ -126,7 +121,7 @@ struct Rasterizer::Impl {
   /// next forward.
   const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
     const torch::TensorOptions options = rendered.color.options();
-    ensure(statistics.means2d_grad, {n_gaussians, 2}, options);
+    place_tensor(statistics.means2d_grad, means2d_room, {n_gaussians, 2}, options, /*spare_part=*/4);
     statistics.radii =
         torch::from_blob(const_cast<std::int32_t*>(radii()), {n_gaussians}, options.dtype(torch::kInt32));
     return statistics;
@@ -149,9 +144,9 @@ RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const Pinhole
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   RenderedView& out = impl_->rendered;
   const auto options = gaussians.means.options();
-  ensure(out.color, {view.height, view.width, 3}, options);
-  ensure(out.depth, {view.height, view.width}, options);
-  ensure(out.alpha, {view.height, view.width}, options);
+  place_tensor(out.color, impl_->color_room, {view.height, view.width, 3}, options);
+  place_tensor(out.depth, impl_->depth_room, {view.height, view.width}, options);
+  place_tensor(out.alpha, impl_->alpha_room, {view.height, view.width}, options);
   impl_->forward(arrays, view, settings,
                  {out.color.data_ptr<float>(), out.depth.data_ptr<float>(), out.alpha.data_ptr<float>()});
   return out;
@@ -164,7 +159,11 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
   const auto options = gaussians.means.options();
   const auto parameters = gaussians.all();
   const auto gradients = grads.all();
-  for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    if (!gradients[i]->defined() || gradients[i]->sizes() != parameters[i]->sizes()) {
+      *gradients[i] = torch::empty(parameters[i]->sizes(), options);
+    }
+  }
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
   impl_->backward(arrays, image,
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
@@ -208,6 +207,29 @@ torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const Rendered
   (void)grad;
   throw LogicError(detail::concat("reblend_backward with ", backward_kernel_name(kernel), " on ", impl_->device.str(),
                                   "; there is one backward kernel on the CPU"));
+}
+
+ViewSize Rasterizer::view_size() const {
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) return {impl_->cuda->n_splats(), impl_->cuda->bins().n_isects};
+#endif
+  return {impl_->cpu.n_splats(), impl_->cpu.bins().n_isects};
+}
+
+std::int64_t Rasterizer::memory_bytes() const {
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) return impl_->cuda->memory_bytes();
+#endif
+  return 0;
+}
+
+void Rasterizer::release_memory() {
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) impl_->cuda->release_memory();
+#endif
+  impl_->color_room = impl_->depth_room = impl_->alpha_room = impl_->means2d_room = torch::Tensor();
+  impl_->rendered = RenderedView{};
+  impl_->statistics = ViewStatistics{};
 }
 
 ViewLoad Rasterizer::count_load() const {

@@ -34,6 +34,10 @@ struct ViewStatistics {
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0: not seen in this view
 };
 
+struct ViewSize {
+  std::int64_t n_splats = 0, n_pairs = 0;
+};
+
 /// What the last view asked of the blend (CountLoadArgs).
 struct ViewLoad {
   torch::Tensor tile_lists;    // [n_tiles] int64, length of each tile's list
@@ -69,6 +73,14 @@ class Rasterizer {
   /// Likewise the backward blend, on a GPU only. Gradients by the splats' ellipses, colours and depths, [M, 10],
   /// overwritten by the next backward pass.
   torch::Tensor reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad);
+
+  /// Splats and (tile, splat) pairs of the last forward().
+  ViewSize view_size() const;
+
+  /// On a GPU: of the buffers that are kept from view to view.
+  std::int64_t memory_bytes() const;
+  /// Gives them back. A forward() has to come next.
+  void release_memory();
 
   /// Counts for the view of the last forward(), on the host.
   ViewLoad count_load() const;

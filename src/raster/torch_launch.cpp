@@ -9,7 +9,11 @@ namespace {
 class TorchMemory final : public cuda::DeviceMemory {
  public:
   void* allocate(std::size_t bytes, cudaStream_t stream) override {
-    return c10::cuda::CUDACachingAllocator::raw_alloc_with_stream(bytes, stream);
+    try {
+      return c10::cuda::CUDACachingAllocator::raw_alloc_with_stream(bytes, stream);
+    } catch (const c10::OutOfMemoryError&) {
+      throw OutOfMemoryError(detail::concat("the GPU has no ", bytes, " bytes left"));
+    }
   }
   void free(void* memory, cudaStream_t) noexcept override { c10::cuda::CUDACachingAllocator::raw_delete(memory); }
 };

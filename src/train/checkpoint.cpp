@@ -85,6 +85,7 @@ void write_checkpoint(const std::filesystem::path& path, const TrainConfig& conf
                  {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
                  {"loss_average", state.loss_average},
                  {"elapsed_s", state.elapsed_s},
+                 {"held_at", state.held_at},
                  {"kernel_selection", state.kernel_selection},
                  {"config", config_to_json(config)},
                  {"scene", fingerprint(scene)}};
@@ -108,6 +109,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     header.at("view_order").at("remaining").get_to(state.view_order.remaining);
     header.at("loss_average").get_to(state.loss_average);
     state.elapsed_s = header.value("elapsed_s", 0.0);  // not in the first checkpoints
+    state.held_at = header.value("held_at", std::int64_t{0});
     state.kernel_selection = header.at("kernel_selection");
   } catch (const nlohmann::json::exception& error) {
     input_error(place, ": the header is not what this program writes: ", error.what());

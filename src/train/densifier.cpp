@@ -26,10 +26,12 @@ torch::Tensor rows_of(const torch::Tensor& mask) {
   return mask.nonzero().flatten();
 }
 
-/// The candidates that may grow if there is room for `room` of them.
-torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gradients, std::int64_t room) {
+/// The candidates that may grow if there is room for `room` of them, and how many may not.
+torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gradients, std::int64_t room,
+                        std::int64_t& n_refused) {
   const torch::Tensor rows = rows_of(candidates);
-  if (rows.size(0) <= room) return candidates;
+  n_refused = std::max<std::int64_t>(0, rows.size(0) - room);
+  if (n_refused == 0) return candidates;
   const torch::Tensor order =
       std::get<1>(torch::sort(gradients.index_select(0, rows), /*stable=*/true, /*dim=*/0, /*descending=*/true));
   torch::Tensor chosen = torch::zeros_like(candidates);
@@ -92,12 +94,13 @@ DensityRule density_rule(const TrainConfig& config, double extent, int iteration
 DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& statistics, const DensityRule& rule,
                      std::int64_t seed, int iteration) {
   const std::int64_t n = gaussians.size();
+  DensityRound round;
   // Thresholds are taken to the stored parameters, not the other way round: comparisons are exact.
   const torch::Tensor largest = gaussians.log_scales.amax(1);
   const torch::Tensor gradients = statistics.grad_norm_sum / statistics.view_count.clamp_min(1);
   torch::Tensor grows = (gradients >= rule.grad_threshold).logical_and_(statistics.view_count > 0);
   if (rule.max_gaussians > 0) {
-    grows = strongest(grows, gradients, std::max<std::int64_t>(0, rule.max_gaussians - n));
+    grows = strongest(grows, gradients, std::max<std::int64_t>(0, rule.max_gaussians - n), round.n_refused);
   }
   const torch::Tensor is_large = largest > std::log(rule.split_scale);
   const torch::Tensor cloned = rows_of(grows.logical_and(is_large.logical_not()));
@@ -120,7 +123,6 @@ DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& 
   const torch::Tensor copies = cloned.index_select(0, rows_of(copy_stays.index_select(0, cloned)));
   const torch::Tensor parts = split.index_select(0, rows_of(part_stays.index_select(0, split)));
 
-  DensityRound round;
   std::vector<torch::Tensor> sources{kept, copies}, means{gaussians.means.index_select(0, copies)},
       log_scales{gaussians.log_scales.index_select(0, copies)};
   for (int sample = 0; sample < kSplitSamples; ++sample) {

@@ -38,6 +38,7 @@ DensityRule density_rule(const TrainConfig& config, double extent, int iteration
 struct DensityRound {
   RowEdit edit;
   std::int64_t n_cloned = 0, n_split = 0, n_pruned = 0;
+  std::int64_t n_refused = 0;  // candidates for which max_gaussians left no room
 };
 
 /// One round, in the original's order: clones (exact copies) from the gradients, then splits (the parent makes way for

@@ -60,10 +60,14 @@ void make_resident(TrainView& view, const View& photograph, torch::Device device
 
 }  // namespace
 
-std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device) {
+std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device,
+                          [[maybe_unused]] double gpu_memory_gb) {
   if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
 #if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) return cuda::free_device_bytes() / 2;
+  if (device.is_cuda()) {
+    const double free = static_cast<double>(cuda::free_device_bytes());
+    return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
+  }
 #endif
   return 0;  // a CPU's photographs stay where they are
 }
@@ -148,6 +152,10 @@ TrainView ImageStore::take(std::int32_t index, [[maybe_unused]] const std::vecto
   set_tensors(view, truth, has_mask ? truth + truth_bytes : nullptr, device_);
 #endif
   return view;
+}
+
+std::int64_t ImageStore::release_resident(std::int64_t) {
+  return 0;  // what lies on the device stays there
 }
 
 }  // namespace b3dgs

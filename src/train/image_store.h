@@ -24,8 +24,8 @@ struct TrainView {
   std::int64_t n_valid = 0;  // px
 };
 
-/// Bytes for --image_cache_gb on a device; for -1 half of what a GPU has free now.
-std::int64_t image_budget(double image_cache_gb, torch::Device device);
+/// Bytes for --image_cache_gb on a device; for -1 half of what a GPU has free now, or of gpu_memory_gb if that is less.
+std::int64_t image_budget(double image_cache_gb, torch::Device device, double gpu_memory_gb = 0);
 
 class ImageStore {
  public:
@@ -47,6 +47,10 @@ class ImageStore {
   /// The view for work that is queued on the current stream until the next take(); `upcoming` (the first kLookAhead of
   /// them) are the views that will be taken next. The host does not wait; the stream does if an upload is not done.
   TrainView take(std::int32_t index, const std::vector<std::int32_t>& upcoming);
+
+  /// Frees at least so many bytes of a GPU's memory, or all that photographs have there: views stop being resident,
+  /// from the last one on. Returns the bytes that are given back to LibTorch's allocator; 0 on the CPU.
+  std::int64_t release_resident(std::int64_t bytes);
 
  private:
   struct Streamed;

@@ -4,6 +4,7 @@
 
 #include "check.h"
 #include "raster/tensor_check.h"
+#include "raster/tensor_room.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch_launch.h"
@@ -63,7 +64,7 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
 #if B3DGS_TORCH_CUDA
   if (cuda_ != nullptr) workspace_size = cuda::loss_workspace_size(args.width, args.height);
 #endif
-  if (!grad_.defined() || grad_.sizes() != rendered.sizes()) grad_ = torch::empty_like(rendered);
+  place_tensor(grad_, grad_room_, rendered.sizes(), rendered.options());
   if (!workspace_.defined() || workspace_.numel() < workspace_size) {
     workspace_ = torch::empty({workspace_size}, rendered.options());
   }

@@ -51,7 +51,7 @@ class ImageLoss {
  private:
   struct OnCuda;
   torch::Device device_;
-  torch::Tensor grad_, workspace_;
+  torch::Tensor grad_, grad_room_, workspace_;
   LossValue value_;
   std::unique_ptr<OnCuda> cuda_;
 };

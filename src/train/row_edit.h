@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <set>
 
 #include "raster/gaussian_tensors.h"
 #include "train/adam.h"
@@ -17,9 +19,36 @@ struct RowEdit {
   torch::Tensor new_log_scales;  // [M - n_kept, 3] likewise
 };
 
-/// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source with the edit's
-/// means and scales; their moments and statistics are 0. Nothing is changed in place: tensors that others hold stay as
-/// they were.
+/// A tensor, contents undefined. @throws OutOfMemoryError
+using AllocateTensor = std::function<torch::Tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options)>;
+torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options);
+
+/// Applies edits to all tensors of a model, one after the other and in place, so that besides the model there is never
+/// more than one of its tensors and the rows that are new to it.
+class RowEditor {
+ public:
+  explicit RowEditor(AllocateTensor allocate = allocate_tensor) : allocate_(std::move(allocate)) {}
+
+  /// Everything for which apply() needs memory: tensors with less than the edit's rows move to where there is room for
+  /// n_room (at least the edit's). If this throws, the model is as it was. @throws OutOfMemoryError
+  void reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensors& gaussians, AdamState& adam,
+               DensityStatistics& statistics);
+
+  /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source with the edit's
+  /// means and scales; their moments and statistics are 0. After reserve() of this edit it asks for no memory.
+  void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
+
+ private:
+  /// Rows for which a tensor has memory. One that this editor made may be the beginning of a longer one; behind the
+  /// rows of others there may be anything.
+  std::int64_t capacity(const torch::Tensor& tensor) const;
+
+  AllocateTensor allocate_;
+  std::set<const void*> made_;  // first elements of the tensors that reserve() moved
+  torch::Tensor scratch_;       // flat, of 4-byte elements
+};
+
+/// Both, with no room to spare.
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
 }  // namespace b3dgs

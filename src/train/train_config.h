@@ -29,6 +29,7 @@ struct TrainConfig {
   // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of what a GPU has free holds nearly every
   // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
   double image_cache_gb = -1;
+  double gpu_memory_gb = 0;  // 0: all that is free
 
   // Model and picture
   int sh_degree = 3;
@@ -111,6 +112,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
         "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead; -1: as "
         "many as fit in half of the memory that is free");
+  field(Option{"gpu_memory_gb"}, c.gpu_memory_gb, AtLeast{0},
+        "GPU memory that training may take besides the CUDA context, 10^9 bytes; the number of Gaussians is held where "
+        "more would not fit; 0: all that is free");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");

@@ -19,6 +19,7 @@ struct TrainLogLine {
   double ms = 0;                             // per step, mean since the line before
   std::int64_t count = 0;                    // Gaussians
   double elapsed_s = 0;                      // of training, over all runs so far
+  std::int64_t peak_memory_bytes = 0;        // of the process on the GPU, so far in this run; 0: not counted
   std::optional<StageTimes> stages;          // of the mean step, where some were timed since the line before
   std::string kernel, backward_kernel;       // in use; empty: there is no choice
   std::optional<ImageQuality> test_quality;  // mean over the test views, where they were evaluated

@@ -17,8 +17,9 @@ struct TrainState {
   AdamState adam;
   DensityStatistics statistics;
   ViewOrder view_order;
-  double loss_average = 0;  // 0.4 x new + 0.6 x old
-  double elapsed_s = 0;     // of training, over all runs so far
+  double loss_average = 0;   // 0.4 x new + 0.6 x old
+  double elapsed_s = 0;      // of training, over all runs so far
+  std::int64_t held_at = 0;  // Gaussians beyond which memory does not let the model grow; 0: not held
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 };
 

@@ -98,6 +98,7 @@ TrainResult Trainer::run_until(int iteration) {
   result.output_s = own.time.output_s();
   result.iteration = own.state.iteration;
   result.n_gaussians = own.state.gaussians.size();
+  result.peak_memory_bytes = own.memory->use().peak_reserved;
   return result;
 }
 

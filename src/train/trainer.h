@@ -5,11 +5,13 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "adaptive/kernel_timer.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
+#include "train/memory_source.h"
 #include "train/model_folder.h"
 #include "train/stage_timer.h"
 #include "train/train_config.h"
@@ -20,9 +22,19 @@ struct TrainProgress {
   int iteration = 0, iterations = 0;
   double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original prints it
   std::int64_t n_gaussians = 0;
-  double elapsed_s = 0;  // of training this run, without evaluation and saving
+  std::int64_t held_at = 0;  // the count does not grow beyond this for lack of GPU memory; 0: it may
+  double elapsed_s = 0;      // of training this run, without evaluation and saving
   // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint"
   std::string activity;
+};
+
+/// Of a GPU, bytes besides the CUDA context, before the first step.
+struct MemoryForecast {
+  std::int64_t limit = 0;          // what may be taken
+  std::int64_t photographs = 0;    // that stay there
+  std::int64_t model = 0;          // with moments and statistics, at its count at the start
+  std::int64_t pairs = 0;          // views of that model: splats, (tile, splat) pairs
+  std::int64_t largest_count = 0;  // Gaussians for which there is room
 };
 
 struct TrainHooks {
@@ -36,12 +48,14 @@ struct TrainHooks {
   std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
   // What the candidates for a kernel are timed by; the device's own if not set.
   std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;
+  std::shared_ptr<MemorySource> memory;  // the device's own if not set
 };
 
 struct TrainResult {
   int iteration = 0;         // last one done
   bool interrupted = false;  // by stop_signal
   std::int64_t n_gaussians = 0;
+  std::int64_t peak_memory_bytes = 0;  // of the process on the GPU besides the CUDA context; 0: not counted
   double train_s = 0;   // all of the steps: uploads, checks of kernels, densification, Adam; but no reading of files
   double output_s = 0;  // evaluation, statistics, saving, checkpoints
   std::filesystem::path ply, checkpoint;                // last ones written
@@ -84,6 +98,9 @@ class Trainer {
 
   std::int64_t n_gaussians() const;
   int sh_degree() const;  // in use
+
+  /// What training is going to take of a GPU's memory; nothing if that is not counted.
+  std::optional<MemoryForecast> forecast_memory();
 
  private:
   struct Impl;

@@ -12,7 +12,10 @@
 #include "train/image_store.h"
 #include "train/kernel_chooser.h"
 #include "train/loss.h"
+#include "train/memory_plan.h"
+#include "train/memory_source.h"
 #include "train/output_plan.h"
+#include "train/row_edit.h"
 #include "train/stage_timer.h"
 #include "train/time_account.h"
 #include "train/train_log.h"
@@ -37,11 +40,13 @@ struct Trainer::Impl {
         folder(std::move(folder)),
         hooks(std::move(hooks)),
         device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
+        memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, config.gpu_memory_gb)),
+        row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
         rasterizer(device),
         stepper(rasterizer),
         loss(device),
         kernels(config, device, kernel_check_tools(this->hooks)),
-        images(scene.train, device, image_budget(config.image_cache_gb, device)),
+        images(scene.train, device, image_budget(config.image_cache_gb, device, config.gpu_memory_gb)),
         timer(make_stage_clock(device)),
         time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {
     if (device.is_cuda() && config.deterministic &&
@@ -63,6 +68,17 @@ struct Trainer::Impl {
   [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
   void learn(const TrainView& view);
   void control_density();
+  /// A round of density control, with fewer or no new Gaussians where memory is short.
+  void grow();
+  void densify_model();
+  /// Gaussians for which there is memory; nothing if that is not counted.
+  std::optional<std::int64_t> room_for_gaussians();
+  /// From now on the model does not grow beyond `count`; said once.
+  void hold_count(std::int64_t count);
+  /// Gives back what the allocator keeps beyond a share.
+  void trim_memory();
+  MemoryRemedy free_scratch();
+  MemoryRemedy release_photographs();
   void collect_times(const std::vector<StageTimes>& known);
   void log_load();
   void log_kernel_times();
@@ -92,6 +108,8 @@ struct Trainer::Impl {
   const TrainHooks hooks;
   const torch::Device device;
 
+  const std::shared_ptr<MemorySource> memory;
+  RowEditor row_editor;
   Rasterizer rasterizer;
   GaussianStepper stepper;
   ImageLoss loss;
@@ -102,6 +120,8 @@ struct Trainer::Impl {
   TimeAccount time;
   double resumed_s = 0;  // of training before this run
   TrainState state;      // to be read through settled() where harmonics or all moments are wanted
+  ViewRatios view_ratios;
+  std::int64_t view_bytes = 0;  // of the rasterizer's buffers after the last view
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {

@@ -72,6 +72,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.ms = 1e3 * (time.train_s() - logged_s) / std::max(1, state.iteration - logged_iteration);
     logged_ms = line.ms;
     line.count = state.gaussians.size();
+    line.peak_memory_bytes = memory->use().peak_reserved;
     line.elapsed_s = elapsed_s();
     collect_times(timer.take());
     line.stages = stages.take(state.iteration - staged_iteration);
@@ -106,6 +107,7 @@ void Trainer::Impl::report(const char* activity) const {
   progress.iterations = config.iterations;
   progress.loss = state.loss_average;
   progress.n_gaussians = state.gaussians.size();
+  progress.held_at = state.held_at;
   progress.elapsed_s = time.train_s();
   progress.activity = activity;
   hooks.on_progress(progress);

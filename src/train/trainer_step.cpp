@@ -59,10 +59,15 @@ void Trainer::Impl::fail(int iteration, const std::string& view, const std::stri
 void Trainer::Impl::learn(const TrainView& view) {
   RenderedView rendered;
   try {
-    rendered = stepper.forward(state.gaussians, state.adam, view.camera, step_settings());
+    const RenderSettings settings = step_settings();
+    // The backward pass asks for nothing that this has not taken already.
+    rendered = with_remedies({free_scratch(), release_photographs()},
+                             [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
   } catch (const NumericError& error) {
     fail(state.iteration, view.name, error.what());
   }
+  view_ratios.add(rasterizer.view_size(), state.gaussians.size());
+  if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
   settle_loss();  // of the step before: the device has finished it by now
   timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
@@ -128,11 +133,7 @@ void Trainer::Impl::control_density() {
     report("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
     settle();
-    const DensityRound round =
-        densify(state.gaussians, state.statistics, density_rule(config, scene.extent, state.iteration), config.seed,
-                state.iteration);
-    apply_row_edit(round.edit, state.gaussians, state.adam, state.statistics);
-    state.statistics = make_density_statistics(state.gaussians.size(), device);
+    grow();
     timer.finish();
     if (state.gaussians.size() == 0) {
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",

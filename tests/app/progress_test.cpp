@@ -42,6 +42,9 @@ TEST(Format, TrainProgress) {
             " 37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying");
   EXPECT_EQ(format_train_progress(progress, 120, Eta{207, true}),
             " 37%  740/2000  120 it/s  ETA > 3:27  loss 0.0412  84,120 Gaussians  densifying");
+  progress.held_at = 84200;
+  EXPECT_EQ(format_train_progress(progress, 120, Eta{207, true}),
+            " 37%  740/2000  120 it/s  ETA > 3:27  loss 0.0412  84,120 Gaussians (held: GPU memory)  densifying");
 }
 
 TEST(StatusLine, OnATerminalOneLineIsRedrawnAndCut) {

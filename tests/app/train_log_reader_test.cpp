@@ -14,7 +14,7 @@ TrainHistory parse(const std::string& lines) {
 
 TEST(TrainLogReader, ReadsAllThatALineSays) {
   const TrainHistory history = parse(
-      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"kernel":"combined","backward_kernel":"x",)"
+      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"gpu_peak_bytes":2000000000,"kernel":"combined","backward_kernel":"x",)"
       R"("stages_ms":{"bin":1.5,"loss":2},"test_psnr":21.5,"test_ssim":0.7})"
       "\n");
   ASSERT_EQ(history.points.size(), 1u);
@@ -23,6 +23,7 @@ TEST(TrainLogReader, ReadsAllThatALineSays) {
   EXPECT_EQ(point.loss, 0.5);
   EXPECT_EQ(point.ms, 20);
   EXPECT_EQ(point.count, 100);
+  EXPECT_EQ(point.gpu_peak_bytes, 2000000000);
   EXPECT_EQ(point.elapsed_s, 0.25);
   EXPECT_EQ(point.kernel, "combined");
   EXPECT_EQ(point.backward_kernel, "x");
@@ -51,6 +52,8 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
       R"({"iteration":1000,"event":"load_statistics","tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
       R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
       "\n"
+      R"({"iteration":1000,"event":"held","reason":"GPU memory","count":2912344,"limit_bytes":4000000000})"
+      "\n"
       R"({"iteration":1000,"event":"of a later version"})"
       "\n");
   EXPECT_TRUE(history.points.empty());
@@ -63,6 +66,10 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   EXPECT_EQ(history.checks[0].before, "combined");
   EXPECT_EQ(history.checks[0].after, "shared-memory");
   EXPECT_EQ(history.checks[0].cost_ms, 12.5);
+  ASSERT_EQ(history.holds.size(), 1u);
+  EXPECT_EQ(history.holds[0].iteration, 1000);
+  EXPECT_EQ(history.holds[0].count, 2912344);
+  EXPECT_EQ(history.holds[0].reason, "GPU memory");
   ASSERT_EQ(history.loads.size(), 1u);
   ASSERT_TRUE(history.loads[0].tile_lists);
   EXPECT_EQ(history.loads[0].tile_lists->p99, 9);

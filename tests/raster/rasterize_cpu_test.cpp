@@ -14,6 +14,21 @@
 namespace b3dgs::test {
 namespace {
 
+TEST(RasterizeCpu, MoreTilesThan16BitsCountMakeNoDifference) {
+  constexpr int kScale = 6;
+  TestScene scene = anisotropic_cloud();
+  for (float* length : {&scene.view.fx, &scene.view.fy, &scene.view.cx, &scene.view.cy}) *length *= kScale;
+  scene.view.width *= kScale;
+  scene.view.height *= kScale;
+  RenderSettings settings = settings_of(scene);
+  const CpuView expected(scene, settings);
+  settings.tile = {1, 1};
+  const CpuView view(scene, settings);
+  ASSERT_GT(view.rasterizer().grid().n_tiles(), 1 << 16);
+  EXPECT_TRUE(torch::equal(view.color, expected.color));
+  EXPECT_TRUE(torch::equal(view.depth, expected.depth));
+}
+
 class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
 
 TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseReference) {

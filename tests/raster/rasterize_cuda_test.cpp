@@ -9,6 +9,7 @@
 #include "check.h"
 #include "raster/cuda_harness.h"
 #include "raster/judge.h"
+#include "raster/view_memory.h"
 
 namespace b3dgs::test {
 namespace {
@@ -103,6 +104,62 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
       const auto n_far = (difference > 2e-5).sum().item<std::int64_t>();
       EXPECT_LE(n_far, 3 + difference.numel() / 1000);
       EXPECT_LE(difference.max().item<double>(), 0.011 * std::max(1.0, largest(expected.color, 1)));
+    }
+  }
+}
+
+/// large_cloud() on 3200 x 2880 px: 72 000 tiles of 16 x 8.
+TestScene many_tiles() {
+  constexpr int kScale = 40;
+  TestScene scene = large_cloud();
+  for (float* length : {&scene.view.fx, &scene.view.fy, &scene.view.cx, &scene.view.cy}) *length *= kScale;
+  scene.view.width *= kScale;
+  scene.view.height *= kScale;
+  return scene;
+}
+
+TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = many_tiles();
+  for (const bool deterministic : {false, true}) {
+    RenderSettings settings = settings_of(scene);
+    settings.tile = {16, 8};
+    settings.deterministic = deterministic;
+    CpuView expected(scene, settings);
+    CudaView view(scene, settings);
+    ASSERT_GT(view.rasterizer().grid().n_tiles(), 1 << 16);
+    const torch::Tensor difference = (view.color - expected.color).abs();
+    EXPECT_GT(expected.color.slice(0, 1024).abs().max().item<double>(), 0.1) << "nothing lies in the last tiles";
+    EXPECT_LE((difference > 2e-5).sum().item<std::int64_t>(), 3 + difference.numel() / 1000);
+    EXPECT_LE(difference.max().item<double>(), 0.011);
+    const RenderedViewGrad grad{torch::ones_like(expected.color), {}, {}};
+    const torch::Tensor found = view.backward(grad).means2d, wanted = expected.backward(grad).means2d;
+    EXPECT_TRUE(within(found, wanted, 1e-3 * largest(wanted, 1e-9)));
+  }
+}
+
+TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = large_cloud();
+  for (const bool deterministic : {false, true}) {
+    for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
+      RenderSettings settings = settings_of(scene);
+      settings.tile = tile;
+      settings.deterministic = deterministic;
+      settings.depth_gradient = false;
+      settings.kernel = ForwardKernel::kSegmented;
+      CudaView view(scene, settings);
+      view.backward({torch::ones_like(view.color), {}, {}});
+      const double n = static_cast<double>(scene.gaussians.size());
+      const double forecast = view_memory(settings).bytes(n, static_cast<double>(view.rasterizer().n_splats()),
+                                                          static_cast<double>(view.rasterizer().bins().n_isects));
+      // Beyond what is forecast: a quarter to spare, half a bucket for each tile, images of 8 bytes a pixel.
+      const double tiles = view.rasterizer().grid().n_tiles(), tile_pixels = tile.width * tile.height;
+      const double taken = static_cast<double>(view.rasterizer().memory_bytes());
+      EXPECT_GE(taken, forecast);
+      EXPECT_LE(taken, 1.25 * (forecast + tiles * tile_pixels * (16 + 8 + 8)) + (1 << 20));
+      view.rasterizer().release_memory();
+      EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
     }
   }
 }

@@ -35,6 +35,30 @@ TEST(Rasterizer, GivesWhatTheRasterizerBelowGives) {
   }
 }
 
+TEST(Rasterizer, KeepsItsImagesForViewsOfSeveralSizes) {
+  const TestScene scene = anisotropic_cloud();
+  Rasterizer rasterizer(torch::kCPU);
+  const auto render = [&](std::int32_t width, std::int32_t height) {
+    PinholeView view = scene.view;
+    view.width = width;
+    view.height = height;
+    const RenderedView rendered = rasterizer.forward(scene.gaussians, view, settings_of(scene));
+    EXPECT_EQ(rendered.color.sizes(), (std::vector<std::int64_t>{height, width, 3}));
+    EXPECT_TRUE(
+        torch::equal(rendered.color, Rasterizer(torch::kCPU).forward(scene.gaussians, view, settings_of(scene)).color));
+    return std::array<const void*, 3>{rendered.color.data_ptr(), rendered.depth.data_ptr(), rendered.alpha.data_ptr()};
+  };
+  const auto places = render(60, 40);
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(render(30, 50), places);
+    EXPECT_EQ(render(60, 40), places);
+  }
+  rasterizer.release_memory();
+  EXPECT_THROW(rasterizer.count_load(), LogicError);
+  render(60, 40);
+  EXPECT_EQ(rasterizer.view_size().n_splats, CpuView(scene, settings_of(scene)).rasterizer().n_splats());
+}
+
 TEST(Rasterizer, WritesGradientsIntoTheTensorsItIsGivenIfTheyFit) {
   const TestScene scene = smooth_scene();
   Rasterizer rasterizer(torch::kCPU);

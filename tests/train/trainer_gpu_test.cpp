@@ -6,13 +6,17 @@
 #include <nlohmann/json.hpp>
 
 #include "raster/cuda/passes.h"
+#include "raster/torch_memory.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
+#include "support/files.h"
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
 #include "train/checkpoint.h"
 #include "train/densifier.h"
 #include "train/image_store.h"
+#include "train/row_edit.h"
+#include "train/short_memory.h"
 #include "train/tiny_scene.h"
 #include "train/training.h"
 
@@ -236,6 +240,117 @@ TEST(TrainerOnGpu, TimesAllStagesAndLearnsTheSame) {
   EXPECT_EQ(n_steps, config.iterations);
   EXPECT_GT(n_rounds, 0);
   EXPECT_TRUE(test::read_bytes(timed.ply) == train(config, scene, temp / "untimed").ply);
+}
+
+/// Views of 60 x 44 and of 48 x 64 px.
+Scene scene_of_two_sizes() {
+  test::TinySceneOptions upright;
+  upright.width = 48;
+  upright.height = 64;
+  Scene scene = test::make_tiny_scene(), other = test::make_tiny_scene(upright);
+  for (View& view : other.train) {
+    view.name = "upright_" + view.name;
+    scene.train.push_back(view);
+  }
+  return scene;
+}
+
+TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = scene_of_two_sizes();
+  const test::TempDir temp;
+  TrainConfig config = on_gpu(TrainConfig{});
+  config.densify_until_iter = 0;
+  config.kernel = "segmented";
+  config.position_lr_init = config.position_lr_final = config.scaling_lr = config.opacity_lr = config.rotation_lr = 0;
+  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  trainer.run_until(30);
+  const TorchMemoryUse before = torch_memory_use();
+  trainer.run_until(90);
+  const TorchMemoryUse after = torch_memory_use();
+  EXPECT_EQ(after.n_requests, before.n_requests);
+  EXPECT_EQ(after.reserved, before.reserved);
+  EXPECT_EQ(after.in_use, before.in_use);
+}
+
+TEST(TrainerOnGpu, HoldsTheCountAndTrainsToTheEndWhereMemoryIsShort) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = 200000;
+  TrainHooks hooks;
+  hooks.memory = memory;
+  const Trained held = train(deterministic_config(), scene, temp / "held", {}, hooks);
+  const Trained again = train(deterministic_config(), scene, temp / "again", {}, hooks);
+  EXPECT_TRUE(held.ply == again.ply);
+  EXPECT_EQ(held.result.iteration, 40);
+  EXPECT_GT(read_checkpoint_header(held.result.checkpoint).value("held_at", 0), 0);
+  EXPECT_LT(held.result.n_gaussians, train(deterministic_config(), scene, temp / "free").result.n_gaussians);
+}
+
+TEST(TrainerOnGpu, CountsTheMemoryThatItTakes) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  const std::optional<MemoryForecast> forecast = trainer.forecast_memory();
+  ASSERT_TRUE(forecast);
+  EXPECT_GT(forecast->model, 0);
+  EXPECT_GT(forecast->photographs, 0);
+  EXPECT_GT(forecast->largest_count, 100000);
+  EXPECT_LE(forecast->limit, device_memory_size().total);
+  const TrainResult result = trainer.run();
+  EXPECT_GE(result.peak_memory_bytes, torch_memory_use().in_use);
+  EXPECT_LT(result.peak_memory_bytes, device_memory_size().total);
+  EXPECT_NE(test::read_bytes(temp / "model" / "train.jsonl").find("gpu_peak_bytes"), std::string::npos);
+}
+
+TEST(TrainerOnGpu, TakesNoMoreThanItIsAllowed) {
+  B3DGS_NEEDS_GPU();
+  torch::zeros({1}, torch::kCUDA);
+  release_unused_torch_memory();
+  limit_torch_memory(torch_memory_use().reserved + (64 << 20));
+  EXPECT_THROW(allocate_tensor({100 << 20}, torch::TensorOptions(torch::kCUDA)), OutOfMemoryError);
+  EXPECT_NO_THROW(allocate_tensor({1 << 20}, torch::TensorOptions(torch::kCUDA)));
+  limit_torch_memory(0);
+  EXPECT_NO_THROW(allocate_tensor({100 << 20}, torch::TensorOptions(torch::kCUDA)));
+}
+
+TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {
+  B3DGS_NEEDS_GPU();
+  constexpr std::int64_t kRows = 700000;  // 31 M elements of the harmonics, 16 M in a piece
+  const auto edited = [](torch::Device device) {
+    const torch::Tensor number = torch::arange(kRows, device).to(torch::kFloat32);
+    const auto numbered = [&](std::vector<std::int64_t> sizes) {
+      std::vector<std::int64_t> column(sizes.size(), 1);
+      column[0] = kRows;
+      return number.view(column).expand(sizes).contiguous();
+    };
+    TrainState state;
+    state.gaussians = {numbered({kRows, 3}), numbered({kRows, 3}),    numbered({kRows, 4}),
+                       numbered({kRows}),    numbered({kRows, 1, 3}), numbered({kRows, 15, 3})};
+    state.adam = make_adam_state(state.gaussians);
+    state.statistics = make_density_statistics(kRows, device);
+    state.statistics.view_count.add_(2);
+    RowEditor editor;
+    for (int round = 0; round < 3; ++round) {  // the second and third in place
+      const torch::Tensor all = torch::arange(state.gaussians.size(), device);
+      const torch::Tensor kept = all.index_select(0, (all % 10 != round).nonzero().flatten());
+      const torch::Tensor grown = all.index_select(0, (all % 9 == round).nonzero().flatten());
+      RowEdit edit;
+      edit.sources = torch::cat({kept, grown});
+      edit.n_kept = kept.size(0);
+      edit.new_means = state.gaussians.means.index_select(0, grown) + 0.5;
+      edit.new_log_scales = state.gaussians.log_scales.index_select(0, grown) - 0.5;
+      editor.reserve(edit, edit.sources.size(0) + 100000, state.gaussians, state.adam, state.statistics);
+      editor.apply(edit, state.gaussians, state.adam, state.statistics);
+    }
+    return state;
+  };
+  const TrainState expected = edited(torch::kCPU), found = edited(torch::Device(torch::kCUDA, 0));
+  expect_same_state(expected, found);
 }
 
 TEST(DensifierOnGpu, DoesWhatTheCpuDoes) {

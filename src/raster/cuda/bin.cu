@@ -220,22 +220,35 @@ int bits_for(std::int64_t n) {
   return bits;
 }
 
+/// `emit` without the arrays of pairs, which are scratch.
 template <class TileKey>
-void sort_pairs_by_tile(const BinCudaArgs& args, const EmitArgs<TileKey>& emit, DeviceBuffer<TileKey>& sorted_buffer,
-                        BinBuffers& buffers, std::int64_t* tile_offsets, const LaunchContext& context) {
+void sort_pairs_by_tile(const BinCudaArgs& args, EmitArgs<TileKey> emit, BinBuffers& buffers, PassScratch& scratch,
+                        std::int64_t* tile_offsets, const LaunchContext& context) {
   const std::int32_t n_tiles = args.grid.n_tiles();
-  TileKey* const sorted = sorted_buffer.resize(args.n_isects, context);
-  std::int32_t* const splat_ids = buffers.splat_ids.resize(args.n_isects, context);
+  const std::int64_t n = args.n_isects;
+  std::int32_t* const splat_ids = buffers.splat_ids.resize(n, context);
+  TileKey* sorted = nullptr;
+  std::int32_t *values = nullptr, *sorted_values = nullptr;
+  const auto sort = [&](void* temporary, std::size_t& bytes) {
+    return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, values, sorted_values, n, 0,
+                                           bits_for(n_tiles + 1), context.stream);
+  };
+  std::size_t sort_bytes = 0;
+  B3DGS_CUDA_CHECK(sort(nullptr, sort_bytes));
+  unsigned char* temporary = nullptr;
+  scratch.lend(context, [&](ScratchArrays& arrays) {
+    emit.tiles = arrays.take<TileKey>(n);
+    emit.isect_ranks = arrays.take<std::int32_t>(n);
+    emit.slots = args.keep_slots ? arrays.take<std::int32_t>(n) : nullptr;
+    sorted = arrays.take<TileKey>(n);
+    sorted_values = args.keep_slots ? arrays.take<std::int32_t>(n) : splat_ids;
+    temporary = arrays.take<unsigned char>(static_cast<std::int64_t>(sort_bytes));
+  });
+  values = args.keep_slots ? emit.slots : emit.isect_ranks;
   if (args.n_splats > 0) {
     emit_pairs_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(emit);
     B3DGS_CUDA_CHECK_LAUNCH();
-    const std::int32_t* const values = args.keep_slots ? emit.slots : emit.isect_ranks;
-    std::int32_t* const sorted_values =
-        args.keep_slots ? buffers.slots_sorted.resize(args.n_isects, context) : splat_ids;
-    run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-      return cub::DeviceRadixSort::SortPairs(temporary, bytes, emit.tiles, sorted, values, sorted_values, args.n_isects,
-                                             0, bits_for(n_tiles + 1), context.stream);
-    });
+    B3DGS_CUDA_CHECK(sort(temporary, sort_bytes));
     if (args.keep_slots) {
       gather_slots_kernel<<<blocks_for(args.n_isects), kThreads, 0, context.stream>>>(
           sorted_values, emit.isect_ranks, args.n_isects, splat_ids,
@@ -266,7 +279,7 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuf
   });
 }
 
-BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context) {
+BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context) {
   const std::int64_t n = args.n_splats;
   const std::int32_t n_tiles = args.grid.n_tiles();
 
@@ -285,23 +298,17 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext
   Splat* const splats = buffers.splats.resize(n, context);
   Vec2f* const extents = buffers.extents.resize(n, context);
   std::int32_t* const rank_of_gaussian = buffers.rank_of_gaussian.resize(args.n_gaussians, context);
-  std::int32_t* const isect_ranks = buffers.isect_ranks.resize(args.n_isects, context);
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
-  const auto sort = [&](auto& keys, auto& sorted) {
-    using TileKey = std::remove_pointer_t<decltype(keys.data())>;
-    const EmitArgs<TileKey> emit{
-        args.projected,   visible_sorted,
-        slot_offsets,     n,
-        args.grid,        args.culling,
-        splats,           extents,
-        rank_of_gaussian, keys.resize(args.n_isects, context),
-        isect_ranks,      args.keep_slots ? buffers.slots.resize(args.n_isects, context) : nullptr};
-    sort_pairs_by_tile(args, emit, sorted, buffers, tile_offsets, context);
+  const auto sort = [&](auto key) {
+    const EmitArgs<decltype(key)> emit{args.projected,   visible_sorted, slot_offsets, n,
+                                       args.grid,        args.culling,   splats,       extents,
+                                       rank_of_gaussian, nullptr,        nullptr,      nullptr};
+    sort_pairs_by_tile(args, emit, buffers, scratch, tile_offsets, context);
   };
   if (n_tiles < 1 << 16) {  // the tile behind the last has to fit too
-    sort(buffers.tiles16, buffers.tiles16_sorted);
+    sort(std::uint16_t{});
   } else {
-    sort(buffers.tiles32, buffers.tiles32_sorted);
+    sort(std::uint32_t{});
   }
 
   const std::int64_t n_buckets_max = args.n_isects / kWarpSize + n_tiles;

@@ -17,6 +17,7 @@ namespace detail {
 
 [[noreturn]] inline void fail_cuda(cudaError_t code, const char* expression, const char* file, int line) {
   cudaGetLastError();  // a fault that can be survived must not fail the next call as well
+  if (code == cudaErrorMemoryAllocation) throw OutOfMemoryError(concat(expression, ": out of memory"));
   throw CudaError(
       concat(file, ":", line, ": ", expression, ": ", cudaGetErrorName(code), ": ", cudaGetErrorString(code)));
 }

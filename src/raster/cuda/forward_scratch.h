@@ -9,35 +9,42 @@ namespace b3dgs::cuda {
 class ForwardScratch {
  public:
   /// Fills in what the kernel needs for a view whose other arguments are there. The backward pass after it needs the
-  /// parts that parts_after() gives.
-  void lend(ForwardKernel kernel, BlendForwardCudaArgs& args, const LaunchContext& context) {
+  /// parts that parts_after() gives, which are not in `scratch`.
+  void lend(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
     const std::int64_t tile_pixels = std::int64_t{args.blend.grid.tile.width} * args.blend.grid.tile.height;
     args.next_task = next_task_.resize(1, context);
     if (kernel == ForwardKernel::kCombined) {
-      args.quad_words = quad_words_.resize(args.buckets.n_max * tile_pixels / 4, context);
+      scratch.lend(context, [&](ScratchArrays& arrays) {
+        args.quad_words = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / 4);
+      });
     }
     if (kernel == ForwardKernel::kSegmented) {
       // All but the last of a list's segments are full, and each task has a full one before it.
       const std::int64_t n_tasks_max = args.blend.bins.n_isects / kSegmentEntries;
       const std::int64_t n = 2 * args.blend.bins.n_isects / kSegmentEntries, n_pixels = n * tile_pixels;
-      args.segments = {static_cast<std::int32_t>(n_tasks_max),
-                       tasks_.resize(n_tasks_max, context),
-                       args.next_task,
-                       first_of_tile_.resize(args.blend.grid.n_tiles(), context),
-                       is_done_.resize(n, context),
-                       before_.resize(n_pixels, context),
-                       transmittance_.resize(n_pixels, context),
-                       shown_.resize(n_pixels, context),
-                       last_.resize(n_pixels, context)};
+      Segments& segments = args.segments;
+      segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
+      segments.n_tasks = args.next_task;
+      segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
+      segments.before = before_.resize(n_pixels, context);
+      scratch.lend(context, [&](ScratchArrays& arrays) {
+        segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
+        segments.is_done = arrays.take<std::int32_t>(n);
+        segments.transmittance = arrays.take<float>(n_pixels);
+        segments.shown = arrays.take<float4>(n_pixels);
+        segments.last = arrays.take<std::int32_t>(n_pixels);
+      });
     }
   }
 
+  template <class Visit>
+  void visit_buffers(Visit&& visit) {
+    visit(next_task_), visit(first_of_tile_), visit(before_);
+  }
+
  private:
-  DeviceBuffer<std::int32_t> next_task_, first_of_tile_, is_done_, last_;
-  DeviceBuffer<std::uint32_t> quad_words_;
-  DeviceBuffer<SegmentTask> tasks_;
-  DeviceBuffer<float> before_, transmittance_;
-  DeviceBuffer<float4> shown_;
+  DeviceBuffer<std::int32_t> next_task_, first_of_tile_;
+  DeviceBuffer<float> before_;
 };
 
 /// What a forward pass with these arguments has kept for the backward pass.

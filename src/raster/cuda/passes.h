@@ -56,15 +56,19 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context);
 /// Buffers that binning fills and keeps from view to view.
 struct BinBuffers {
   DeviceBuffer<std::uint32_t> depths, depths_sorted;
-  DeviceBuffer<std::int32_t> visible, visible_sorted, rank_of_gaussian, isect_ranks, splat_ids, tile_of_bucket;
-  DeviceBuffer<std::uint16_t> tiles16, tiles16_sorted;
-  DeviceBuffer<std::uint32_t> tiles32, tiles32_sorted;
-  DeviceBuffer<std::int32_t> slots, slots_sorted;
+  DeviceBuffer<std::int32_t> visible, visible_sorted, rank_of_gaussian, splat_ids, tile_of_bucket;
   DeviceBuffer<std::int64_t> slot_offsets, isect_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<unsigned long long> n_buckets;
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
-  DeviceBuffer<unsigned char> temporary;  // CUB's
+  DeviceBuffer<unsigned char> temporary;  // CUB's, for what has a row for each Gaussian
+
+  template <class Visit>
+  void visit_buffers(Visit&& visit) {
+    visit(depths), visit(depths_sorted), visit(visible), visit(visible_sorted), visit(rank_of_gaussian);
+    visit(splat_ids), visit(tile_of_bucket), visit(slot_offsets), visit(isect_slots), visit(tile_offsets);
+    visit(bucket_offsets), visit(n_buckets), visit(splats), visit(extents), visit(temporary);
+  }
 };
 
 struct BinCudaArgs {
@@ -97,8 +101,8 @@ struct BinnedView {
 void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
                const LaunchContext& context);
 
-/// After list_seen(), the rest.
-BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context);
+/// After list_seen(), the rest. Pairs are sorted in `scratch`; what it returns is not there.
+BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
 /// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket of 32 list entries
 /// adds to it. Written up to the bucket of the pixel's last splat. A bucket's own part, not the sum so far: what lies

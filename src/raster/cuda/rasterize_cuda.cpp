@@ -10,6 +10,7 @@
 #include "raster/cuda/forward_scratch.h"
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/passes.h"
+#include "raster/pair_limit.h"
 #include "raster/tiling.h"
 
 namespace b3dgs::cuda {
@@ -43,9 +44,8 @@ class StreamMark {
   cudaEvent_t event_ = nullptr;
 };
 
-/// Of all Gaussians, and the tiles that it touches. Waits.
-std::pair<std::int64_t, std::int32_t> widest_gaussian(const std::int32_t* n_tiles, std::int64_t n,
-                                                      const LaunchContext& context) {
+/// Waits.
+WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, const LaunchContext& context) {
   std::vector<std::int32_t> host(static_cast<std::size_t>(n));
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(host.data(), n_tiles, host.size() * sizeof(std::int32_t), cudaMemcpyDeviceToHost,
                                    context.stream));
@@ -67,8 +67,8 @@ struct Rasterizer::Impl {
   DeviceBuffer<ViewCounts> counts;
   DeviceBuffer<float4> part_light;
   DeviceBuffer<float> part_depth, transmittance;
-  DeviceBuffer<float2> bucket_ends;
   ForwardScratch forward_scratch;
+  PassScratch pass_scratch;
   DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
@@ -91,6 +91,25 @@ struct Rasterizer::Impl {
   std::int64_t n_bucket_pixels() const {
     return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
   }
+  float2* lend_bucket_ends(const LaunchContext& context) {
+    float2* ends = nullptr;
+    pass_scratch.lend(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
+    return ends;
+  }
+  /// Takes what the backward pass needs while this one can still be repeated.
+  void make_room_for_backward(const LaunchContext& context) {
+    lend_bucket_ends(context);
+    splat_grads.resize(n_splats, context);
+    if (deterministic) isect_grads.resize(binned.bins.n_isects, context);
+  }
+  template <class Visit>
+  void visit_buffers(Visit&& visit) {
+    visit(splats), visit(extents), visit(radii), visit(n_tiles), visit(last_ids), visit(depth_bits), visit(counts);
+    visit(part_light), visit(part_depth), visit(transmittance), visit(splat_grads), visit(isect_grads);
+    visit(pass_scratch);
+    forward_scratch.visit_buffers(visit);
+    bin_buffers.visit_buffers(visit);
+  }
   void blend_forward(ForwardKernel kernel, const LaunchContext& context);
   void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 };
@@ -99,7 +118,7 @@ void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& 
   const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
                                background,    rendered,       transmittance.data(), last_ids.data()};
   BlendForwardCudaArgs args{blend, binned.buckets, parts};
-  forward_scratch.lend(kernel, args, context);
+  forward_scratch.lend(kernel, args, pass_scratch, context);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
   kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
   kept_parts = parts_after(kernel, args);
@@ -120,7 +139,7 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
                 rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
   args.buckets = binned.buckets;
   args.parts = kept_parts;
-  args.bucket_ends = bucket_ends.resize(n_bucket_pixels(), context);
+  args.bucket_ends = lend_bucket_ends(context);
   args.splat_grads = zeroed(splat_grads, n_splats);
   if (deterministic) args.isect_grads = zeroed(isect_grads, binned.bins.n_isects);
   kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
@@ -166,17 +185,14 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
     throw NumericError(
         detail::concat("Gaussian ", counts.not_finite, " has no finite projection, or one of more than 1e9 px"));
   }
-  if (counts.n_isects > kIndexMax) {
-    const auto [widest, tiles] = widest_gaussian(projected.n_tiles, n, context);
-    throw NumericError(detail::concat("the view needs ", counts.n_isects, " (tile, Gaussian) pairs, more than ",
-                                      kIndexMax, "; Gaussian ", widest, " alone touches ", tiles, " of ",
-                                      s.grid.n_tiles(), " tiles: Gaussians have grown over the whole image, or there ",
-                                      "are too many"));
+  if (has_too_many_pairs(counts.n_isects)) {
+    throw NumericError(
+        too_many_pairs(counts.n_isects, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles()));
   }
   s.n_splats = counts.n_splats;
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
   s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
-                 context);
+                 s.pass_scratch, context);
 
   begin_stage(s.stages, Stage::kBlendForward);
   s.parts = {};
@@ -185,6 +201,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   if (settings.keep_for_backward) {
     s.parts.light = s.part_light.resize(s.n_bucket_pixels(), context);
     if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
+    s.make_room_for_backward(context);
   }
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   s.transmittance.resize(n_pixels, context);
@@ -252,6 +269,16 @@ TileGrid Rasterizer::grid() const {
 }
 std::int64_t Rasterizer::n_splats() const {
   return impl_->n_splats;
+}
+
+std::int64_t Rasterizer::memory_bytes() const {
+  std::int64_t bytes = 0;
+  impl_->visit_buffers([&](const auto& buffer) { bytes += buffer.bytes(); });
+  return bytes;
+}
+void Rasterizer::release_memory() {
+  impl_->n_gaussians = -1;
+  impl_->visit_buffers([](auto& buffer) { buffer.release(); });
 }
 
 }  // namespace b3dgs::cuda

@@ -49,6 +49,11 @@ class Rasterizer {
   TileGrid grid() const;
   std::int64_t n_splats() const;
 
+  /// Of all buffers that are kept from view to view (view_memory.h says what a view needs).
+  std::int64_t memory_bytes() const;
+  /// Gives them back; a forward() has to come next. Does not wait.
+  void release_memory();
+
   struct Impl;
 
  private:

@@ -150,9 +150,9 @@ void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& conte
 
 }  // namespace
 
-void DeferredHarmonics::clear(const LaunchContext& context) {
-  const auto bytes = static_cast<std::size_t>(rests_.n_gaussians) * sizeof(OwedSteps);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(rests_.n_gaussians, context), 0, bytes, context.stream));
+void DeferredHarmonics::clear(std::int64_t n_gaussians, const LaunchContext& context) {
+  const auto bytes = static_cast<std::size_t>(n_gaussians) * sizeof(OwedSteps);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(n_gaussians, context), 0, bytes, context.stream));
 }
 
 void DeferredHarmonics::begin_view(const RestArrays& rests, int sh_degree, const LaunchContext& context) {
@@ -163,8 +163,9 @@ void DeferredHarmonics::begin_view(const RestArrays& rests, int sh_degree, const
   }
   sh_degree_ = sh_degree;
   if (rests == rests_) return;
+  rests_ = {};  // until there is room for what these will owe
+  clear(rests.n_gaussians, context);
   rests_ = rests;
-  clear(context);
 }
 
 void DeferredHarmonics::color(const ColorCudaArgs& args, const LaunchContext& context) {
@@ -184,7 +185,7 @@ void DeferredHarmonics::settle(const RestArrays& rests, const LaunchContext& con
   B3DGS_CHECK(rests == rests_, "other harmonics than those that steps were put off of");
   if (sh_degree_ > 0) {
     launch<false>({rests_, owed_.data(), steps_, {}}, sh_degree_, context);
-    clear(context);
+    clear(rests_.n_gaussians, context);
   }
   steps_.n = 0;
 }

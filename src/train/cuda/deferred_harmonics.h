@@ -70,7 +70,7 @@ class DeferredHarmonics final : public ColorPass {
   void settle(const RestArrays& rests, const LaunchContext& context);
 
  private:
-  void clear(const LaunchContext& context);
+  void clear(std::int64_t n_gaussians, const LaunchContext& context);
 
   RestArrays rests_{};
   int sh_degree_ = 0;

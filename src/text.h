@@ -1,0 +1,27 @@
+// Numbers as people read them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+namespace b3dgs {
+
+/// "1,234,567"
+inline std::string format_count(std::int64_t n) {
+  std::string text = std::to_string(n);
+  for (std::ptrdiff_t at = static_cast<std::ptrdiff_t>(text.size()) - 3; at > (n < 0 ? 1 : 0); at -= 3) {
+    text.insert(static_cast<std::size_t>(at), ",");
+  }
+  return text;
+}
+
+/// "1.23 GB", of 10^9 bytes
+inline std::string format_gigabytes(std::int64_t bytes) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2f GB", 1e-9 * static_cast<double>(bytes));
+  return text;
+}
+
+}  // namespace b3dgs

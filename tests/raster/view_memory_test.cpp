@@ -1,0 +1,40 @@
+// What a view takes of a GPU's memory, and where its counts end.
+#include "raster/view_memory.h"
+
+#include <gtest/gtest.h>
+
+#include "raster/pair_limit.h"
+
+namespace b3dgs {
+namespace {
+
+TEST(ViewMemory, IsWhatTheReadmeSays) {
+  RenderSettings settings;
+  settings.tile = {16, 8};
+  settings.depth_gradient = false;
+  const ViewMemory memory = view_memory(settings);
+  EXPECT_EQ(memory.per_gaussian, 80);
+  EXPECT_EQ(memory.per_splat, 128);
+  EXPECT_NEAR(memory.per_pair, 101.1, 0.1);
+  EXPECT_EQ(memory.bytes(3, 2, 1), 3 * 80 + 2 * 128 + memory.per_pair);
+  settings.tile = {16, 16};
+  EXPECT_NEAR(view_memory(settings).per_pair, 198.1, 0.1);
+  settings.tile = {16, 8};
+  settings.deterministic = true;
+  EXPECT_NEAR(view_memory(settings).per_pair, 157.1, 0.1);
+  settings.keep_for_backward = settings.deterministic = false;
+  EXPECT_NEAR(view_memory(settings).per_pair, 19.1, 0.1);
+}
+
+TEST(PairLimit, EndsBeforeSlotsDo) {
+  const std::int64_t most = (std::int64_t{1} << 31) - 2;
+  EXPECT_FALSE(has_too_many_pairs(most));
+  EXPECT_TRUE(has_too_many_pairs(most + 1));
+  EXPECT_TRUE(has_too_many_pairs(std::int64_t{1} << 33));
+  EXPECT_EQ(too_many_pairs(std::int64_t{1} << 33, {12, 4000}, 5000),
+            "the view needs 8,589,934,592 (tile, Gaussian) pairs, more than 2,147,483,646; Gaussian 12 alone touches "
+            "4,000 of 5,000 tiles; take smaller images (-r 2) or fewer Gaussians (--max_gaussians)");
+}
+
+}  // namespace
+}  // namespace b3dgs

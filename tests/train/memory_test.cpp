@@ -1,0 +1,268 @@
+// A training whose memory is short, without a GPU: the source of memory is handed in.
+#include "train/memory_source.h"
+
+#include <gtest/gtest.h>
+
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "train/densifier.h"
+#include "train/loss.h"
+#include "train/memory_plan.h"
+#include "train/short_memory.h"
+#include "train/tiny_scene.h"
+#include "train/training.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Course {
+  TrainResult result;
+  std::vector<std::string> messages;
+  std::string log;
+  std::int64_t held_at = 0;  // in the last checkpoint
+};
+
+TrainConfig growing_config() {
+  TrainConfig config = test::eventful_config();
+  config.iterations = 40;
+  return config;
+}
+
+Course train_with(const std::shared_ptr<test::ShortMemory>& memory, const TrainConfig& config, const fs::path& folder,
+                  const fs::path& resume = {}) {
+  const Scene scene = test::make_tiny_scene();
+  Course course;
+  TrainHooks hooks;
+  hooks.memory = memory;
+  hooks.on_message = [&](const std::string& message) { course.messages.push_back(message); };
+  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  if (!resume.empty()) trainer.resume(resume);
+  course.result = trainer.run();
+  course.log = test::read_bytes(ModelFolder(folder).log());
+  course.held_at = read_checkpoint_header(course.result.checkpoint).value("held_at", std::int64_t{-1});
+  return course;
+}
+
+bool says(const Course& course, const std::string& what) {
+  return std::any_of(course.messages.begin(), course.messages.end(),
+                     [&](const std::string& message) { return message.find(what) != std::string::npos; });
+}
+
+TEST(Memory, WithoutALimitTheCountIsNotHeld) {
+  const test::TempDir temp;
+  const Course course = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
+  EXPECT_GT(course.result.n_gaussians, 160);
+  EXPECT_EQ(course.held_at, 0);
+  EXPECT_EQ(course.log.find("held"), std::string::npos);
+}
+
+TEST(Memory, HoldsTheCountBeforeAGrowthThatWouldNotFitAndTrainsToTheEnd) {
+  const test::TempDir temp;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = 200000;
+  const TrainConfig config = growing_config();
+  const Course course = train_with(memory, config, temp / "model");
+  EXPECT_EQ(course.result.iteration, config.iterations);
+  ASSERT_GT(course.held_at, 0);
+  EXPECT_LE(course.result.n_gaussians, course.held_at);
+  EXPECT_TRUE(says(course, "held at " + std::to_string(course.held_at) + " Gaussians: GPU memory"));
+  EXPECT_NE(course.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
+  EXPECT_NE(course.log.find("\"limit_bytes\":200000"), std::string::npos);
+  EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
+}
+
+TEST(Memory, AHoldGoesOnWithTheTraining) {
+  const test::TempDir temp;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = 200000;
+  TrainConfig config = growing_config();
+  config.iterations = 25;
+  const Course held = train_with(memory, config, temp / "held");
+  ASSERT_GT(held.held_at, 0);
+  config.iterations = 40;
+  const Course resumed =
+      train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
+  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but the course is the one that was held";
+  EXPECT_LE(resumed.result.n_gaussians, held.held_at);
+}
+
+TEST(Memory, GrowsAllTheSameWhereFreeingHelps) {
+  const test::TempDir temp;
+  const Course expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->n_failures = 2;  // with room to spare, and without
+  const Course course = train_with(memory, growing_config(), temp / "model");
+  EXPECT_EQ(memory->n_releases, 1);
+  EXPECT_EQ(course.held_at, 0);
+  EXPECT_EQ(test::read_bytes(course.result.ply), test::read_bytes(expected.result.ply));
+}
+
+TEST(Memory, HoldsTheCountWhereFreeingDoesNotHelp) {
+  const test::TempDir temp;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->rows_that_fit = 125;  // there are 120 at the start
+  const Course course = train_with(memory, growing_config(), temp / "model");
+  EXPECT_EQ(course.result.iteration, 40);
+  EXPECT_GE(memory->n_releases, 1);
+  EXPECT_EQ(course.held_at, 120);
+  EXPECT_LE(course.result.n_gaussians, 120);
+  EXPECT_TRUE(says(course, "held at 120 Gaussians: GPU memory"));
+}
+
+TEST(Memory, RemediesAreTakenInOrderAndOnlyWhereTheyHaveSomethingToGive) {
+  std::vector<std::string> done;
+  int n_failures = 2;
+  const auto work = [&] {
+    if (n_failures-- > 0) throw OutOfMemoryError("no memory");
+    return 7;
+  };
+  const MemoryRemedy first = [&] { return done.push_back("first"), true; };
+  const MemoryRemedy empty = [&] { return done.push_back("empty"), false; };
+  const MemoryRemedy last = [&] { return done.push_back("last"), true; };
+  EXPECT_EQ(with_remedies({first, empty, last}, work), 7);
+  EXPECT_EQ(done, (std::vector<std::string>{"first", "empty", "last"}));
+  n_failures = 3;
+  EXPECT_TRUE(test::fails_with<OutOfMemoryError>({"no memory"}, [&] { with_remedies({first, last}, work); }));
+  EXPECT_THROW(with_remedies({first}, []() -> int { throw NumericError("not of memory"); }), NumericError);
+}
+
+TEST(Memory, TheAllocatorMayKeepAQuarterOfWhatIsInUse) {
+  const std::int64_t mb = 1 << 20;
+  EXPECT_FALSE(keeps_too_much({100 * mb, 356 * mb, 0}));
+  EXPECT_TRUE(keeps_too_much({100 * mb, 357 * mb, 0}));
+  EXPECT_FALSE(keeps_too_much({8000 * mb, 10000 * mb, 0}));
+  EXPECT_TRUE(keeps_too_much({8000 * mb, 10001 * mb, 0}));
+}
+
+TEST(MemoryPlan, CountsWhatAGaussianTakes) {
+  TrainState state;
+  state.gaussians = to_tensors(splats_from_points({{0, 0, 0, 1, 1, 1}, {9, 9, 9, 9, 9, 9}}, 3), 3, torch::kCPU);
+  state.adam = make_adam_state(state.gaussians);
+  state.statistics = make_density_statistics(2, torch::kCPU);
+  EXPECT_EQ(state_row_bytes(state), 3 * 59 * 4 + 3 * 4);
+  EXPECT_EQ(state_bytes(state), 2 * state_row_bytes(state));
+  ViewRatios ratios;
+  ratios.add({1, 6}, 2);
+  ratios.add({2, 2}, 2);
+  EXPECT_EQ(ratios.splats, 1);
+  EXPECT_EQ(ratios.pairs, 3);
+  const GaussianMemory memory = gaussian_memory(state, {80, 128, 100}, ratios);
+  EXPECT_EQ(memory.view, 80 + 128 + 300);
+  EXPECT_EQ(memory.all(), 720 + 40 + 508 + 64 + 180);
+  // 31 of 32 parts of 3.2 GB, less 100 MB.
+  EXPECT_EQ(largest_count({3200000000, 100000000}, memory), 3000000000 / 1512);
+  EXPECT_EQ(largest_count({1000, 5000}, memory), 1) << "0 would be no limit";
+  EXPECT_EQ(smaller_limit(0, 5), 5);
+  EXPECT_EQ(smaller_limit(7, 0), 7);
+  EXPECT_EQ(smaller_limit(7, 5), 5);
+  EXPECT_EQ(smaller_limit(0, 0), 0);
+}
+
+TrainState numbered_state(std::int64_t n) {
+  TrainState state;
+  const torch::Tensor number = torch::arange(n).to(torch::kFloat32);
+  const auto numbered = [&](std::vector<std::int64_t> sizes) {
+    std::vector<std::int64_t> column(sizes.size(), 1);
+    column[0] = n;
+    return number.view(column).expand(sizes).contiguous();
+  };
+  state.gaussians = {numbered({n, 3}), numbered({n, 3}),    numbered({n, 4}),
+                     numbered({n}),    numbered({n, 1, 3}), numbered({n, 3, 3})};
+  state.adam = make_adam_state(state.gaussians);
+  for (GaussianTensors* moments : {&state.adam.m, &state.adam.v}) {
+    for (torch::Tensor* moment : moments->all()) moment->fill_(1);
+  }
+  state.statistics = make_density_statistics(n, torch::kCPU);
+  return state;
+}
+
+RowEdit make_edit(const std::vector<std::int64_t>& sources, std::int64_t n_kept) {
+  RowEdit edit;
+  edit.sources = torch::tensor(sources);
+  edit.n_kept = n_kept;
+  const auto n_new = static_cast<std::int64_t>(sources.size()) - n_kept;
+  edit.new_means = torch::full({n_new, 3}, 50.0f);
+  edit.new_log_scales = torch::full({n_new, 3}, 60.0f);
+  return edit;
+}
+
+TEST(RowEditor, StaysInItsMemoryWhereThereIsRoom) {
+  TrainState state = numbered_state(4);
+  int n_requests = 0;
+  RowEditor editor([&](torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+    ++n_requests;
+    return torch::empty(sizes, options);
+  });
+  const auto apply = [&](const RowEdit& edit, std::int64_t n_room) {
+    editor.reserve(edit, n_room, state.gaussians, state.adam, state.statistics);
+    const int n_reserved = n_requests;
+    editor.apply(edit, state.gaussians, state.adam, state.statistics);
+    EXPECT_EQ(n_requests, n_reserved) << "asked for memory half way";
+  };
+  apply(make_edit({0, 2, 3, 0, 2}, 3), 8);
+  EXPECT_EQ(n_requests, 21 + 1) << "all tensors move, and there is scratch";
+  const void* const place = state.gaussians.sh0.data_ptr();
+  EXPECT_TRUE(torch::equal(state.gaussians.quats.select(1, 0), torch::tensor({0.0f, 2.0f, 3.0f, 0.0f, 2.0f})));
+  apply(make_edit({1, 3, 4, 0, 4, 1, 4, 3}, 3), 8);  // sources of new rows are overwritten by kept ones
+  EXPECT_EQ(n_requests, 21 + 2) << "scratch alone";
+  EXPECT_EQ(state.gaussians.sh0.data_ptr(), place);
+  EXPECT_TRUE(torch::equal(state.gaussians.quats.select(1, 0),
+                           torch::tensor({2.0f, 0.0f, 2.0f, 0.0f, 2.0f, 2.0f, 2.0f, 0.0f})));
+  EXPECT_TRUE(torch::equal(state.gaussians.means.select(1, 0),
+                           torch::tensor({2.0f, 50.0f, 50.0f, 50.0f, 50.0f, 50.0f, 50.0f, 50.0f})));
+  EXPECT_TRUE(
+      torch::equal(state.adam.v.logit_opacities, torch::tensor({1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f})));
+  EXPECT_TRUE(state.gaussians.shN.is_contiguous());
+}
+
+TEST(RowEditor, LeavesTheModelAsItWasWhereMemoryIsShort) {
+  const RowEdit edit = make_edit({1, 2, 3, 1, 1, 2}, 3);
+  for (int n_granted = 0; n_granted < 22; ++n_granted) {
+    TrainState state = numbered_state(4);
+    const TrainState before = numbered_state(4);
+    int n_left = n_granted;
+    RowEditor editor([&](torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+      if (n_left-- == 0) throw OutOfMemoryError("no memory");
+      return torch::empty(sizes, options);
+    });
+    EXPECT_THROW(editor.reserve(edit, 6, state.gaussians, state.adam, state.statistics), OutOfMemoryError);
+    for (std::size_t i = 0; i < before.gaussians.all().size(); ++i) {
+      EXPECT_TRUE(torch::equal(*state.gaussians.all()[i], *before.gaussians.all()[i])) << n_granted;
+      EXPECT_TRUE(torch::equal(*state.adam.v.all()[i], *before.adam.v.all()[i])) << n_granted;
+    }
+  }
+}
+
+TEST(RowEditor, MovesMoreRowsThanAPieceHolds) {
+  constexpr std::int64_t kRows = 2000000;  // 18 M elements of the harmonics, 16 M in a piece
+  TrainState state = numbered_state(kRows);
+  std::vector<std::int64_t> sources;
+  for (std::int64_t i = 0; i < kRows; ++i) {
+    if (i % 1000 != 7) sources.push_back(i);
+  }
+  const auto n_kept = static_cast<std::int64_t>(sources.size());
+  apply_row_edit(make_edit(sources, n_kept), state.gaussians, state.adam, state.statistics);
+  EXPECT_TRUE(torch::equal(state.gaussians.shN.select(1, 2).select(1, 2), torch::tensor(sources).to(torch::kFloat32)));
+}
+
+TEST(ImageLoss, KeepsItsMemoryForPhotographsOfSeveralSizes) {
+  ImageLoss loss(torch::kCPU);
+  const auto grad_at = [&](std::int64_t height, std::int64_t width) {
+    const torch::Tensor truth = torch::zeros({height, width, 3}, torch::kUInt8);
+    loss.compute(torch::full({height, width, 3}, 0.5f), truth, {}, height * width, 0.2);
+    EXPECT_EQ(loss.grad().sizes(), (std::vector<std::int64_t>{height, width, 3}));
+    EXPECT_TRUE(loss.grad().is_contiguous());
+    return loss.grad().data_ptr();
+  };
+  const void* const place = grad_at(40, 30);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(grad_at(20, 50), place);
+    EXPECT_EQ(grad_at(40, 30), place);
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs
