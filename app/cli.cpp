@@ -100,20 +100,17 @@ std::string cli11_names(const OptionSpec& spec) {
 }
 
 template <class Number>
-bool parse_whole(const std::string& word, Number& value) {
-  const char* end = word.data() + word.size();
-  const auto [stop, error] = std::from_chars(word.data(), end, value);
-  return error == std::errc() && stop == end;
-}
-
-template <class Number>
 Number to_number(const OptionSpec& spec, const std::string& word) {
   Number value{};
-  if (!parse_whole(word, value) || !std::isfinite(static_cast<double>(value))) {
-    input_error("command line: ", spec.option.name, " must be a ",
-                std::is_integral_v<Number> ? "whole number" : "number", ", found \"", word, "\"");
+  const char* end = word.data() + word.size();
+  const auto [stop, error] = std::from_chars(word.data(), end, value);
+  if (error == std::errc() && stop == end && std::isfinite(static_cast<double>(value))) return value;
+  std::string wanted = "number";
+  if constexpr (std::is_integral_v<Number>) {
+    const bool is_too_large = error == std::errc::result_out_of_range && stop == end;
+    wanted = "whole number" + (is_too_large ? detail::limits_text<Number>() : "");
   }
-  return value;
+  input_error("command line: ", spec.option.name, " must be a ", wanted, ", found \"", word, "\"");
 }
 
 template <class Number>

@@ -25,23 +25,25 @@ std::vector<std::string> split(const std::string& text, char separator) {
 }
 
 /// The option's own name for one of its names; "" for an unknown one.
-std::string canonical_name(std::string key) {
-  std::replace(key.begin(), key.end(), '-', '_');
+std::string canonical_name(const std::string& key) {
   const TrainConfig config;
   std::string name;
   visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
-    const auto& other = option.other;
-    const bool is_other = std::any_of(other.begin(), other.end(), [&](const char* word) { return key == word; });
-    if (option.name == key || is_other) name = option.name;
+    if (option.has_name(key)) name = option.name;
   });
   return name;
+}
+
+bool is_shared(const std::string& name) {
+  return std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared);
 }
 
 std::string unknown_option(const std::string& key) {
   const TrainConfig config;
   std::vector<std::string> names;
-  visit_fields(config,
-               [&](const Option& option, const auto&, const auto&, const char*) { names.emplace_back(option.name); });
+  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
+    if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
+  });
   const std::string nearest = nearest_name(key, names);
   return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
 }
@@ -67,7 +69,7 @@ std::string to_word(const std::string& entry, const std::string& part) {
   if (name.empty()) {
     input_error("command line: --configs ", entry, ": no training option is called ", key, "; ", unknown_option(key));
   }
-  if (std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared)) {
+  if (is_shared(name)) {
     input_error("command line: --configs ", entry, ": ", name,
                 " has to be the same for all configurations; give it as --", name);
   }
