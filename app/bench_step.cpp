@@ -9,7 +9,7 @@
 #include "app/bench_report.h"
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
+#include "train/device.h"
 #include "app/model.h"
 #include "app/progress.h"
 #include "app/step_floor.h"

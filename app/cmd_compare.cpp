@@ -5,7 +5,7 @@
 #include "app/cli.h"
 #include "app/commands.h"
 #include "app/comparison.h"
-#include "app/device.h"
+#include "train/device.h"
 #include "app/interleaved_training.h"
 #include "app/machine.h"
 #include "app/model.h"

@@ -6,7 +6,7 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
+#include "train/device.h"
 #include "app/model.h"
 #include "check.h"
 #include "scene/image_io.h"

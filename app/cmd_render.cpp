@@ -7,7 +7,7 @@
 #include "app/cli.h"
 #include "app/commands.h"
 #include "app/depth_colors.h"
-#include "app/device.h"
+#include "train/device.h"
 #include "app/model.h"
 #include "check.h"
 #include "scene/image_io.h"

@@ -6,7 +6,7 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
+#include "train/device.h"
 #include "app/machine.h"
 #include "app/model.h"
 #include "app/progress.h"

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "app/device.h"
+#include "train/device.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
 #include "scene/remove_tree.h"

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "check.h"
+#include "train/device.h"
 #include "train/gaussian_step.h"
 #include "train/image_store.h"
 #include "train/kernel_chooser.h"
@@ -25,12 +26,13 @@ double steady_clock_s();
 void wait_for(torch::Device device);
 
 struct Trainer::Impl {
+  /// `config.device` is "cpu" or "cuda".
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
       : config(config),
         scene(scene),
         folder(std::move(folder)),
         hooks(std::move(hooks)),
-        device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
+        device(choose_device(config.device)),
         rasterizer(device),
         stepper(rasterizer),
         loss(device),
@@ -65,6 +67,9 @@ struct Trainer::Impl {
   void report(const char* activity) const;
   void say(const std::string& message) const {
     if (hooks.on_message) hooks.on_message(message);
+  }
+  void warn(const std::string& message) const {
+    if (hooks.on_warning) hooks.on_warning(message);
   }
   RenderSettings step_settings();
   /// Takes the steps that are put off, which is part of training.
