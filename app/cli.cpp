@@ -261,7 +261,7 @@ void CommandLine::add(const OptionSpec& spec, const std::string& heading) {
   CLI::Option* option = spec.kind == ValueKind::kFlag ? app.add_flag(cli11_names(spec))
                                                       : app.add_option(cli11_names(spec), CLI::callback_t());
   option->description(description(spec));
-  option->group(heading)->type_name(value_name(spec));
+  option->group(spec.unused ? "" : heading)->type_name(value_name(spec));
   if (is_list(spec)) {
     option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
   } else {
