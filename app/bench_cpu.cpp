@@ -75,11 +75,12 @@ Timing time_forward(const BenchRun& run, const BenchFrame& frame, ForwardKernel 
   return time_runs(run.repeat, [&] { cpu::blend_forward(kernel, frame.forward); });
 }
 
-nlohmann::ordered_json compare_kernels(const BenchRun& run, BenchFrame& frame) {
+void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
   ComparisonTable table("forward kernel", {});
   for (const ForwardKernelName& kernel : kForwardKernels) {
     const Timing timing = time_forward(run, frame, kernel.kernel);
     table.add({std::string(kernel.name), timing, frame.color, {}});
+    file.set("kernels", table.rows());
   }
 
   // One thread against one thread: what vectors and staging bring by themselves.
@@ -90,15 +91,15 @@ nlohmann::ordered_json compare_kernels(const BenchRun& run, BenchFrame& frame) {
   const Timing scalar = time_runs(few, [&] { blend_forward_scalar_loop(frame.forward); });
   set_thread_count(threads);
   table.add({"scalar loop, 1T", scalar, frame.color, {}});
+  file.set("kernels", table.rows());
   const double speedup = scalar.median_ms / shared.median_ms;
   std::printf("shared-memory on one thread: %.1f ms, %.2f x the scalar loop with libm exp\n", shared.median_ms,
               speedup);
-  return {{"kernels", table.rows()},
-          {"one_thread",
-           {{"shared_memory_ms", shared.median_ms}, {"scalar_loop_ms", scalar.median_ms}, {"speedup", speedup}}}};
+  file.set("one_thread",
+           {{"shared_memory_ms", shared.median_ms}, {"scalar_loop_ms", scalar.median_ms}, {"speedup", speedup}});
 }
 
-nlohmann::ordered_json time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame) {
+void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame, BenchFile& file) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::vector<float> grad_color(frame.color.size(), 1.0f / static_cast<float>(frame.color.size()));
   std::vector<SplatGrad> isect_grads(static_cast<std::size_t>(frame.bins.n_isects));
@@ -125,6 +126,7 @@ nlohmann::ordered_json time_passes(const BenchRun& run, const BenchScene& scene,
   PassTable table("pass");
   const auto add = [&](const char* name, const std::function<void()>& body) {
     table.add(name, time_runs(run.repeat, body));
+    file.set("passes", table.rows());
   };
   add("project", [&] { cpu::project(frame.project); });
   add("bin", [&] { cpu::bin(frame.bin, frame.bin_buffers); });
@@ -132,7 +134,6 @@ nlohmann::ordered_json time_passes(const BenchRun& run, const BenchScene& scene,
   add("blend backward", [&] { cpu::blend_backward(backward); });
   add("project backward", [&] { cpu::project_backward(project_backward); });
   table.print_sum("forward+backward");
-  return table.rows();
 }
 
 nlohmann::ordered_json lists_of(const BenchFrame& frame) {
@@ -145,17 +146,16 @@ nlohmann::ordered_json lists_of(const BenchFrame& frame) {
 
 }  // namespace
 
-nlohmann::ordered_json bench_kernels_cpu(const BenchRun& run, const BenchScene& scene) {
+void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
   BenchFrame frame(run, scene);
   const nlohmann::ordered_json lists = lists_of(frame);
   std::printf("%lld seen; CPU, %d threads\n", static_cast<long long>(frame.n_splats), thread_count());
   print_list_statistics(lists);
-  nlohmann::ordered_json report = compare_kernels(run, frame);
-  report["passes"] = time_passes(run, scene, frame);
-  report["lists"] = lists;
-  report["n_splats"] = frame.n_splats;
-  report["threads"] = thread_count();
-  return report;
+  file.set("lists", lists);
+  file.set("n_splats", frame.n_splats);
+  file.set("threads", thread_count());
+  compare_kernels(run, frame, file);
+  time_passes(run, scene, frame, file);
 }
 
 ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene) {

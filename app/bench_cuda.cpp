@@ -10,6 +10,7 @@
 #include "check.h"
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/forward_table.h"
+#include "raster/cuda/gpu_support.h"
 
 namespace b3dgs {
 namespace {
@@ -22,6 +23,7 @@ cudaDeviceProp device_properties() {
   if (const cudaError_t code = cudaGetDeviceCount(&n_devices); code != cudaSuccess || n_devices == 0) {
     input_error("--device cuda: no GPU can be used (", cudaGetErrorString(code), "); use --device cpu");
   }
+  cuda::require_support(cuda::query_gpu_support());
   cudaDeviceProp properties{};
   B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, 0));
   return properties;
@@ -90,7 +92,7 @@ struct Session {
   }
 };
 
-nlohmann::ordered_json compare_forward(Session& session) {
+void compare_forward(Session& session, BenchFile& file) {
   const TileShape tile = session.frame.forward_args.blend.grid.tile;
   ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true, /*keeping=*/true});
   for (const ForwardKernelName& kernel : kForwardKernels) {
@@ -99,11 +101,11 @@ nlohmann::ordered_json compare_forward(Session& session) {
     std::vector<float> image = session.frame.image();
     table.add({std::string(kernel.name), timing, std::move(image), session.run_backward(BackwardKernel::kPerSplat),
                row_of(kernel.kernel).resources(tile), keeping});
+    file.set("forward", table.rows());
   }
-  return table.rows();
 }
 
-nlohmann::ordered_json compare_backward(Session& session) {
+void compare_backward(Session& session, BenchFile& file) {
   const TileShape tile = session.frame.forward_args.blend.grid.tile;
   session.run_forward(ForwardKernel::kSharedMemory);
   ComparisonTable table("backward kernel", {/*image=*/false, /*gradients=*/true, /*resources=*/true});
@@ -114,11 +116,11 @@ nlohmann::ordered_json compare_backward(Session& session) {
                {},
                session.run_backward(kernel.kernel),
                row_of(kernel.kernel).resources(tile)});
+    file.set("backward", table.rows());
   }
-  return table.rows();
 }
 
-nlohmann::ordered_json time_passes(Session& session) {
+void time_passes(Session& session, BenchFile& file) {
   CudaFrame& frame = session.frame;
   const cuda::LaunchContext& context = session.context;
   PassTable table("pass");
@@ -135,12 +137,19 @@ nlohmann::ordered_json time_passes(Session& session) {
   table.add("blend backward", session.time_backward(BackwardKernel::kPerSplat));
   add("project backward", nothing, [&] { cuda::project_backward(frame.project_backward_args, context); });
   table.print_sum("forward+backward");
-  return table.rows();
+  file.set("passes", table.rows());
 }
 
 }  // namespace
 
-nlohmann::ordered_json bench_kernels_cuda(const BenchRun& run, const BenchScene& scene) {
+bool has_gpu() {
+  int n_devices = 0;
+  const bool is_there = cudaGetDeviceCount(&n_devices) == cudaSuccess && n_devices > 0;
+  if (!is_there) cudaGetLastError();
+  return is_there;
+}
+
+void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
   check_tile(run);
   const cudaDeviceProp properties = device_properties();
   int driver = 0;
@@ -150,16 +159,13 @@ nlohmann::ordered_json bench_kernels_cuda(const BenchRun& run, const BenchScene&
   std::printf("%lld seen; %s, CUDA %d.%d of the driver\n", static_cast<long long>(session.frame.found.n_splats),
               properties.name, driver / 1000, driver % 1000 / 10);
   print_list_statistics(lists);
-
-  nlohmann::ordered_json report;
-  report["forward"] = compare_forward(session);
-  report["backward"] = compare_backward(session);
-  report["passes"] = time_passes(session);
-  report["lists"] = lists;
-  report["n_splats"] = session.frame.found.n_splats;
-  report["gpu"] = properties.name;
-  report["cuda_driver"] = driver;
-  return report;
+  file.set("gpu", properties.name);
+  file.set("cuda_driver", driver);
+  file.set("lists", lists);
+  file.set("n_splats", session.frame.found.n_splats);
+  compare_forward(session, file);
+  compare_backward(session, file);
+  time_passes(session, file);
 }
 
 ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene) {

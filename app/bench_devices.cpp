@@ -13,16 +13,23 @@ namespace {
 
 }  // namespace
 
-nlohmann::ordered_json bench_kernels_cuda(const BenchRun&, const BenchScene&) {
+void bench_kernels_cuda(const BenchRun&, const BenchScene&, BenchFile&) {
   refuse_cuda();
 }
 ForwardTimes time_forward_kernels_cuda(const BenchRun&, const BenchScene&) {
   refuse_cuda();
 }
+bool has_gpu() {
+  return false;
+}
 #endif
 
-nlohmann::ordered_json bench_kernels(const BenchRun& run, const BenchScene& scene) {
-  return run.device == "cuda" ? bench_kernels_cuda(run, scene) : bench_kernels_cpu(run, scene);
+std::string default_bench_device() {
+  return has_gpu() ? "cuda" : "cpu";
+}
+
+void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
+  run.device == "cuda" ? bench_kernels_cuda(run, scene, file) : bench_kernels_cpu(run, scene, file);
 }
 
 ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene) {

@@ -21,16 +21,20 @@ struct ForwardTimes {
   std::vector<Row> rows;
 };
 
-/// Prints the tables of kernels and passes on run.device and returns their figures.
+/// "cuda" if this build has CUDA kernels and the machine a GPU, else "cpu": what --device auto takes.
+std::string default_bench_device();
+
+/// Prints the tables of kernels and passes on run.device, row by row, and adds their figures to `file`.
 /// @throws InputError if there is no such device, or this build cannot use it
-nlohmann::ordered_json bench_kernels(const BenchRun& run, const BenchScene& scene);
+void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 
 /// Prints nothing. @throws as bench_kernels
 ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene);
 
 // Each device's own.
-nlohmann::ordered_json bench_kernels_cpu(const BenchRun& run, const BenchScene& scene);
-nlohmann::ordered_json bench_kernels_cuda(const BenchRun& run, const BenchScene& scene);
+void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& file);
+void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file);
+bool has_gpu();
 ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene);
 ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene);
 

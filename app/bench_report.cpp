@@ -7,6 +7,7 @@
 
 #include "adaptive/load_statistics.h"
 #include "check.h"
+#include "scene/atomic_file.h"
 
 namespace b3dgs {
 namespace {
@@ -69,6 +70,11 @@ double relative_difference(const std::vector<float>& values, const std::vector<f
   for (const float value : reference) magnitude = std::max(magnitude, std::fabs(double{value}));
   const double difference = largest_difference(values, reference);
   return difference > 0 ? difference / magnitude : 0.0;
+}
+
+void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {
+  figures_[key] = std::move(value);
+  if (!path_.empty()) write_file(path_, figures_.dump(2) + "\n");
 }
 
 ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColumns& columns) : columns_(columns) {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "raster/cuda/kernel_resources.h"
@@ -31,6 +32,20 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
 /// Largest difference over the largest magnitude of `reference`, or over `size` if that is more; 0 if both hold nothing
 /// but zeros.
 double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size = 0);
+
+/// What a benchmark has found so far: printed by whoever finds it, and in a file, renewed with every figure, if there
+/// is a path. Who ends a long benchmark keeps both.
+class BenchFile {
+ public:
+  explicit BenchFile(std::string path) : path_(std::move(path)) {}
+
+  /// @throws IoError
+  void set(const std::string& key, nlohmann::ordered_json value);
+
+ private:
+  std::string path_;
+  nlohmann::ordered_json figures_ = nlohmann::ordered_json::object();
+};
 
 struct NamedArray {
   std::string name;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "app/bench_devices.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "scene/ply.h"
@@ -141,7 +142,8 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 
 }  // namespace
 
-void take_default_tile(BenchRun& run) {
+void take_defaults(BenchRun& run) {
+  if (run.device == "auto") run.device = default_bench_device();
   const TileShape tile = default_tile(run.device);
   if (run.tile_width == 0) run.tile_width = tile.width;
   if (run.tile_height == 0) run.tile_height = tile.height;

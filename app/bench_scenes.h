@@ -12,11 +12,11 @@ namespace b3dgs {
 /// How every benchmark measures.
 struct BenchRun {
   int width = 960, height = 540;        // px
-  int tile_width = 0, tile_height = 0;  // px; 0: take_default_tile()
+  int tile_width = 0, tile_height = 0;  // px; 0: take_defaults()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
-  std::string device = "cpu";
+  std::string device = "auto";
   int threads = 0;
   std::string json;
 };
@@ -31,7 +31,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fi
         "tiles of a Gaussian: exact, or the 3-sigma square");
   field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
   field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed runs after one warm-up; the median is shown");
-  field(Option{"device"}, c.device, OneOf{{"cpu", "cuda"}}, "what to time");
+  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto takes a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
   field(Option{"json"}, c.json, Any{}, "write all figures to this file as well");
 }
@@ -42,9 +42,9 @@ void visit_run_fields(Config& c, Visitor&& field) {
   visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
 
-/// Where the options leave the tile open, sets that of training on run.device: the kernels are timed as training uses
-/// them. Every benchmark does so before it uses a tile.
-void take_default_tile(BenchRun& run);
+/// Where the options leave device and tile open, sets the device of --device auto, and the tile of training there: the
+/// kernels are timed as training uses them. Every benchmark does so before it uses either.
+void take_defaults(BenchRun& run);
 
 /// What training has made of Gaussians that are spread over the image.
 enum class SpreadState {

@@ -1,5 +1,6 @@
 // b3dgs bench step: the whole training step on a scene, stage by stage. The steps are the trainer's own: nothing is
 // repeated or left out for the measurement.
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <limits>
@@ -9,13 +10,14 @@
 #include "app/bench_report.h"
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
 #include "app/model.h"
 #include "app/progress.h"
 #include "app/step_floor.h"
+#include "app/train_setup.h"
 #include "check.h"
 #include "scene/atomic_file.h"
 #include "train/checkpoint_file.h"
+#include "train/device.h"
 #include "train/threads.h"
 #include "train/trainer.h"
 
@@ -150,12 +152,17 @@ double mean_pixels(const Scene& scene) {
   return sum / static_cast<double>(scene.train.size());
 }
 
-/// Mean wall-clock time of a step, the device's part of the last one included.
+/// Mean wall-clock time of a step, the device's part of the last one included. A signal ends it early.
 double run_steps(Trainer& trainer, int n) {
   const auto start = std::chrono::steady_clock::now();
-  for (int i = 0; i < n; ++i) trainer.step();
+  int done = 0;
+  while (done < n && stop_signal() == 0) {
+    trainer.step();
+    ++done;
+  }
   trainer.wait();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count() / n;
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count() /
+         std::max(1, done);
 }
 
 /// Prints all figures and returns them.
@@ -191,29 +198,33 @@ int run_bench_step(const std::vector<std::string>& words) {
   BenchStepOptions options;
   CommandLine line("bench step", "Times whole training steps by stage, writing no model: b3dgs bench step SCENE.");
   line.add(options, "Benchmark");
-  line.add(TrainConfig{}, "Training", {"source_path"});
+  line.add(TrainConfig{}, "Training", {"source_path"},
+           {"model_path", "iterations", "test_iterations", "save_iterations", "checkpoint_iterations",
+            "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;
   line.apply(options);
   const TrainConfig config = make_config(line, options);
   set_compute_threads(config.threads);
 
   StatusLine status = StatusLine::for_stderr(false);
-  const Scene scene = load_scene(scene_options(config), show_loading(status));
-  status.clear();
+  const Scene scene = open_scene(scene_options(config), status);
   StepTimes times(options.warmup);
   TrainHooks hooks;
   hooks.on_message = [&](const std::string& message) { status.print(message); };
+  hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   hooks.on_stage_times = [&](const StageTimes& known) { times.add(known); };
   Trainer trainer(config, scene, ModelFolder(""), hooks);
   if (!options.checkpoint.empty()) trainer.resume(options.checkpoint);
 
+  catch_stop_signals();
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
+  if (times.steps().empty()) return 128 + stop_signal();  // nothing has been timed
   // As they are at the end: the floor is that of the largest step.
   const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
   const Json report = report_steps(times, config, size, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
-  return 0;
+  return stop_signal() == 0 ? 0 : 128 + stop_signal();
 }
 
 }  // namespace b3dgs

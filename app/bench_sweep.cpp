@@ -9,7 +9,6 @@
 #include "check.h"
 #include "parallel.h"
 #include "raster/forward_kernel.h"
-#include "scene/atomic_file.h"
 
 namespace b3dgs {
 namespace {
@@ -52,7 +51,6 @@ void print_cell(int points, double skew, const ForwardTimes& times) {
   const ForwardTimes::Row& fastest = fastest_of(times);
   std::printf(" | %-14s %7.2f\n", fastest.kernel.c_str(),
               times.rows.front().timing.median_ms / fastest.timing.median_ms);
-  std::fflush(stdout);  // a large grid takes minutes
 }
 
 nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes& times) {
@@ -81,11 +79,13 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   line.apply(config);
   if (config.skew.empty()) input_error("command line: skew needs at least one value; the grid is empty");
+  take_defaults(config);
   if (config.points.empty()) config.points = default_points(config.device);
-  take_default_tile(config);
   set_thread_count(config.threads);
 
-  nlohmann::ordered_json report, cells = nlohmann::ordered_json::array();
+  BenchFile file(config.json);
+  file.set("config", config_to_json(config));
+  nlohmann::ordered_json cells = nlohmann::ordered_json::array();
   for (const int points : config.points) {
     for (const double skew : config.skew) {
       // Colours are of no matter to blending; without harmonics the scenes are made ten times faster.
@@ -95,15 +95,13 @@ int run_bench_sweep(const std::vector<std::string>& words) {
         std::printf("%d x %d px, tiles of %d x %d px; %s\n", config.width, config.height, config.tile_width,
                     config.tile_height, times.device.c_str());
         print_head();
-        report["device"] = times.device;
+        file.set("device", times.device);
       }
       print_cell(points, skew, times);
       cells.push_back(cell_to_json(points, skew, times));
+      file.set("cells", cells);
     }
   }
-  report["cells"] = cells;
-  report["config"] = config_to_json(config);
-  if (!config.json.empty()) write_file(config.json, report.dump(2) + "\n");
   return 0;
 }
 

@@ -100,20 +100,17 @@ std::string cli11_names(const OptionSpec& spec) {
 }
 
 template <class Number>
-bool parse_whole(const std::string& word, Number& value) {
-  const char* end = word.data() + word.size();
-  const auto [stop, error] = std::from_chars(word.data(), end, value);
-  return error == std::errc() && stop == end;
-}
-
-template <class Number>
 Number to_number(const OptionSpec& spec, const std::string& word) {
   Number value{};
-  if (!parse_whole(word, value) || !std::isfinite(static_cast<double>(value))) {
-    input_error("command line: ", spec.option.name, " must be a ",
-                std::is_integral_v<Number> ? "whole number" : "number", ", found \"", word, "\"");
+  const char* end = word.data() + word.size();
+  const auto [stop, error] = std::from_chars(word.data(), end, value);
+  if (error == std::errc() && stop == end && std::isfinite(static_cast<double>(value))) return value;
+  std::string wanted = "number";
+  if constexpr (std::is_integral_v<Number>) {
+    const bool is_too_large = error == std::errc::result_out_of_range && stop == end;
+    wanted = "whole number" + (is_too_large ? detail::limits_text<Number>() : "");
   }
-  return value;
+  input_error("command line: ", spec.option.name, " must be a ", wanted, ", found \"", word, "\"");
 }
 
 template <class Number>
@@ -264,7 +261,7 @@ void CommandLine::add(const OptionSpec& spec, const std::string& heading) {
   CLI::Option* option = spec.kind == ValueKind::kFlag ? app.add_flag(cli11_names(spec))
                                                       : app.add_option(cli11_names(spec), CLI::callback_t());
   option->description(description(spec));
-  option->group(heading)->type_name(value_name(spec));
+  option->group(spec.unused ? "" : heading)->type_name(value_name(spec));
   if (is_list(spec)) {
     option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
   } else {

@@ -23,6 +23,7 @@ struct OptionSpec {
   std::string range;  // "at least 1", or empty
   nlohmann::json default_value;
   bool positional = false;  // may be given without its name
+  bool unused = false;      // accepted, but not in the help text
 };
 
 namespace detail {
@@ -66,9 +67,11 @@ class CommandLine {
   CommandLine& operator=(const CommandLine&) = delete;
 
   /// Adds every field of a config, under `heading` in the help text. Fields named in `positional` may also be given
-  /// without their name, in the order of the list.
+  /// without their name, in the order of the list. Those in `unused` are taken, without effect, and not in the help
+  /// text: for commands that take the options of another.
   template <class Config>
-  void add(const Config& defaults, const std::string& heading, const std::vector<std::string>& positional = {}) {
+  void add(const Config& defaults, const std::string& heading, const std::vector<std::string>& positional = {},
+           const std::vector<std::string>& unused = {}) {
     visit_fields(defaults, [&](const Option& option, const auto& value, const auto& constraint, const char* help) {
       OptionSpec spec;
       spec.option = option;
@@ -77,6 +80,7 @@ class CommandLine {
       spec.range = detail::range_text(constraint);
       spec.default_value = value;
       for (const std::string& name : positional) spec.positional = spec.positional || name == option.name;
+      for (const std::string& name : unused) spec.unused = spec.unused || name == option.name;
       add(spec, heading);
     });
   }

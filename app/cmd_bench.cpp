@@ -5,7 +5,6 @@
 #include "app/cli.h"
 #include "app/commands.h"
 #include "parallel.h"
-#include "scene/atomic_file.h"
 
 namespace b3dgs {
 namespace {
@@ -20,23 +19,24 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
-  take_default_tile(config);
+  take_defaults(config);
   set_thread_count(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
   std::printf("%s: %lld Gaussians, %d x %d px, tiles of %d x %d px\n", scene.name.c_str(),
               static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height, config.tile_width,
               config.tile_height);
-  nlohmann::ordered_json report = bench_kernels(config, scene);
-  report["config"] = config_to_json(config);
-  report["n_gaussians"] = scene.cloud.size();
-  if (!config.json.empty()) write_file(config.json, report.dump(2) + "\n");
+  BenchFile file(config.json);
+  file.set("config", config_to_json(config));
+  file.set("n_gaussians", scene.cloud.size());
+  bench_kernels(config, scene, file);
   return 0;
 }
 
 }  // namespace
 
 int run_bench(const std::vector<std::string>& words) {
+  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // through a pipe, too, each row shows when it is known
   const std::string what = words.empty() ? "" : words.front();
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());

@@ -5,13 +5,13 @@
 #include "app/cli.h"
 #include "app/commands.h"
 #include "app/comparison.h"
-#include "app/device.h"
 #include "app/interleaved_training.h"
 #include "app/machine.h"
 #include "app/model.h"
 #include "app/progress.h"
 #include "app/train_setup.h"
 #include "check.h"
+#include "train/device.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -147,10 +147,9 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
   if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
-  const Scene scene = load_scene(scene_options(plan.base), show_loading(status));
+  const Scene scene = open_scene(scene_options(plan.base), status);
   const double reading_s = steady_seconds() - start_s;
   plan.reading_s += reading_s;
-  status.clear();
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;

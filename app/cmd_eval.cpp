@@ -6,10 +6,10 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
 #include "app/model.h"
 #include "check.h"
 #include "scene/image_io.h"
+#include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussian_model.h"
 
@@ -64,16 +64,19 @@ void print_table(const Evaluation& evaluation) {
 
 class SplitEvaluator {
  public:
-  SplitEvaluator(const LoadedModel& model, const torch::Device& device, bool save_images, StatusLine& status)
+  /// Images are saved below MODEL/SPLIT/`key`.
+  SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
+                 StatusLine& status)
       : model_(model),
+        key_(key),
         gaussians_(to_tensors(model.splats, model.splats.sh_degree, device)),
-        settings_(evaluation_settings(model.config, model.splats.sh_degree)),
+        settings_(image_settings(model)),
         rasterizer_(device),
         save_images_(save_images),
         status_(status) {}
 
   Evaluation run(const std::vector<View>& views, const std::string& split) {
-    const std::filesystem::path folder = image_folder(model_, split);
+    const std::filesystem::path folder = model_.folder.root() / split / key_;
     const ProgressFn progress = show_loading(status_);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const ImageQuality&) {
@@ -95,6 +98,7 @@ class SplitEvaluator {
 
  private:
   const LoadedModel& model_;
+  std::string key_;
   GaussianTensors gaussians_;
   RenderSettings settings_;
   Rasterizer rasterizer_;
@@ -130,15 +134,18 @@ int run_eval(const std::vector<std::string>& words) {
     std::cout << "no views were held out (--eval): these are the views it was trained on\n";
   }
 
-  SplitEvaluator evaluator(model, device, options.save_images, status);
+  const EvaluationSource source =
+      evaluation_source(model.config, usual_split == "test" ? model.scene.test : model.scene.train, usual_split);
+  const std::string key = model.folder.results_key(model.iteration, results_variant(model, model_options), source);
+  SplitEvaluator evaluator(model, key, device, options.save_images, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
     const Evaluation evaluation = evaluator.run(views, name);
-    // The results files have one entry for an iteration: that of the views a model is judged by.
+    // The results files have one entry for an iteration and a scene: that of the views a model is judged by.
     if (name != usual_split) continue;
-    model.folder.write_results(model.iteration, evaluation);
-    std::cout << "written: results.json, per_view.json\n";
+    model.folder.write_results(key, evaluation, source);
+    std::cout << "written: results.json, per_view.json (" << key << ")\n";
   }
   return 0;
 }

@@ -9,9 +9,11 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
+#include "app/model.h"
 #include "app/print.h"
 #include "app/progress.h"
 #include "check.h"
+#include "scene/colmap.h"
 #include "scene/ply.h"
 #include "scene/scene.h"
 #include "train/checkpoint_file.h"
@@ -120,7 +122,8 @@ void describe_scene(const std::string& path) {
   SceneOptions options;
   options.source_path = path;
   options.load_images = false;
-  const Scene scene = load_scene(options);
+  StatusLine status = StatusLine::for_stderr(/*quiet=*/true);
+  const Scene scene = open_scene(options, status);
   for (const std::string& line : scene.summary) std::printf("%s\n", line.c_str());
 }
 
@@ -136,6 +139,15 @@ void describe_checkpoint(const std::string& path) {
   TrainConfig config;
   config_from_json(config, header["config"], path);
   print_options(config);
+}
+
+void describe_folder(const std::string& path) {
+  const fs::path folder = path;
+  if (fs::exists(folder / "config.json") || fs::exists(folder / "point_cloud")) return describe_model(path);
+  if (fs::exists(folder / "sparse") || colmap_format(folder)) return describe_scene(path);
+  input_error(path,
+              ": holds neither a COLMAP scene (sparse/) nor a trained model (config.json); photographs alone need ",
+              "a COLMAP reconstruction first");
 }
 
 /// First bytes of a file, which tell its kind.
@@ -161,7 +173,7 @@ int run_info(const std::vector<std::string>& words) {
 
   if (!fs::exists(path)) input_error(path, ": no such file or folder");
   if (fs::is_directory(path)) {
-    fs::exists(fs::path(path) / "sparse") ? describe_scene(path) : describe_model(path);
+    describe_folder(path);
     return 0;
   }
   const std::string start = read_start(path);

@@ -2,15 +2,16 @@
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
+#include <utility>
 
 #include "app/camera_path.h"
 #include "app/cli.h"
 #include "app/commands.h"
 #include "app/depth_colors.h"
-#include "app/device.h"
 #include "app/model.h"
 #include "check.h"
 #include "scene/image_io.h"
+#include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussian_model.h"
 
@@ -41,6 +42,23 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> vis
   field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: how much of the light is stopped, as grey");
 }
 
+/// A file in place of the model folder is a PLY; one that lies in a model folder is that folder's iteration.
+void take_file(ModelOptions& model, RenderOptions& options) {
+  if (fs::is_regular_file(model.model_path)) options.ply = std::exchange(model.model_path, "");
+  if (options.ply.empty() || !model.source_path.empty()) return;
+  const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
+  const ModelFolder folder(root);
+  if (!fs::exists(root / "config.json")) return;
+  for (const int iteration : folder.ply_iterations()) {
+    std::error_code error;
+    if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;
+    model.model_path = root.string();
+    model.iteration = iteration;
+    options.ply.clear();
+    return;
+  }
+}
+
 std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
   const std::vector<View>& views = options.path == "test" ? scene.test : scene.train;
   if (views.empty()) {
@@ -62,7 +80,9 @@ fs::path output_folder(const LoadedModel& model, const RenderOptions& options) {
 }  // namespace
 
 int run_render(const std::vector<std::string>& words) {
-  CommandLine line("render", "Renders images of a trained model, or of any PLY of Gaussians.");
+  CommandLine line("render",
+                   "Renders images of a trained model, or of any PLY of Gaussians: b3dgs render MODEL, b3dgs render "
+                   "FILE.ply -s SCENE. A model folder needs no photographs.");
   ModelOptions model_options;
   RenderOptions options;
   line.add(model_options, "Model", {"model_path"});
@@ -76,15 +96,16 @@ int run_render(const std::vector<std::string>& words) {
   if (!options.ply.empty() && !model_options.model_path.empty()) {
     input_error("command line: -m and --ply name two models; give one");
   }
-  const LoadedModel model =
-      options.ply.empty() ? load_model(model_options, status) : load_ply_model(options.ply, model_options, status);
+  take_file(model_options, options);
+  const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)
+                                                : load_ply_model(options.ply, model_options, status);
   // A single PLY was held out from nothing: its default is what every scene has.
   if (!line.was_given("path") && model.scene.test.empty()) options.path = "train";
   const std::vector<Camera> cameras = choose_cameras(model.scene, options);
   const fs::path folder = output_folder(model, options);
 
   const GaussianTensors gaussians = to_tensors(model.splats, model.splats.sh_degree, device);
-  const RenderSettings settings = evaluation_settings(model.config, model.splats.sh_degree);
+  const RenderSettings settings = image_settings(model);
   const DepthRange range = visible_depth_range(model.splats, cameras, model.config.near_plane);
   Rasterizer rasterizer(device);
   const ProgressFn progress = show_loading(status);

@@ -11,6 +11,8 @@
 namespace b3dgs {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct ReportOptions {
   std::string folder;
 };
@@ -30,15 +32,21 @@ int run_report(const std::vector<std::string>& words) {
   line.apply(options);
   if (options.folder.empty()) input_error("command line: of what? b3dgs report FOLDER");
 
-  const std::filesystem::path folder = options.folder;
-  if (!std::filesystem::is_directory(folder)) input_error(folder.string(), ": no such folder");
+  const fs::path folder = options.folder;
+  if (!fs::is_directory(folder)) input_error(folder.string(), ": no such folder");
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);
     print_comparison(comparison);
     std::cout << "written: " << (folder / "report.html").string() << "\n";
   } else {
-    std::cout << "written: " << write_train_report(ModelFolder(folder)).string() << "\n";
+    if (!fs::exists(folder / "config.json")) {
+      input_error(folder.string(),
+                  ": holds neither a training (config.json) nor a comparison (compare.json); name the ",
+                  "folder that -m named");
+    }
+    const fs::path report = write_train_report(ModelFolder(folder));
+    std::cout << "written: " << report.string() << "\n";
   }
   return 0;
 }

@@ -6,7 +6,6 @@
 
 #include "app/cli.h"
 #include "app/commands.h"
-#include "app/device.h"
 #include "app/machine.h"
 #include "app/model.h"
 #include "app/progress.h"
@@ -15,6 +14,7 @@
 #include "app/train_setup.h"
 #include "check.h"
 #include "train/checkpoint_file.h"
+#include "train/device.h"
 #include "train/threads.h"
 #include "train/trainer.h"
 
@@ -68,7 +68,7 @@ fs::path find_checkpoint(TrainConfig& config, StatusLine& status) {
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   fs::path checkpoint = newest_valid_checkpoint(ModelFolder(config.model_path),
-                                                [&](const std::string& message) { status.print(message); });
+                                                [&](const std::string& message) { status.warn(message); });
   if (checkpoint.empty()) status.print(config.model_path + ": no checkpoint to resume, starting from the beginning");
   return checkpoint;
 }
@@ -98,7 +98,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_given(line, options, config);
     if (!named_folder.empty()) config.model_path = named_folder;
   }
-  if (config.source_path.empty()) input_error("command line: which scene? Name its folder with -s");
+  if (config.source_path.empty()) input_error("command line: which scene? b3dgs train SCENE, or -s SCENE");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
@@ -144,10 +144,10 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
-  CommandLine line("train", "Trains a COLMAP scene: b3dgs train -s SCENE [-m MODEL].");
+  CommandLine line("train", "Trains a COLMAP scene: b3dgs train SCENE [-m MODEL].");
   TrainCommandOptions options;
   line.add(options, "Command");
-  line.add(TrainConfig{}, "Training");
+  line.add(TrainConfig{}, "Training", {"source_path"});
   if (!line.parse(words)) return 0;
   line.apply(options);
 
@@ -164,9 +164,8 @@ int run_train(const std::vector<std::string>& words) {
   folder.create();  // before the images are read: an unwritable folder is known at once
 
   const double reading_start_s = steady_seconds();
-  const Scene scene = load_scene(scene_options(config), show_loading(status));
+  const Scene scene = open_scene(scene_options(config), status);
   const double reading_s = steady_seconds() - reading_start_s;
-  status.clear();
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
@@ -178,6 +177,7 @@ int run_train(const std::vector<std::string>& words) {
   hooks.on_message = [&](const std::string& message) {
     if (!options.quiet) status.print(message);
   };
+  hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   hooks.stop_signal = &stop_signal();
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder); };

@@ -25,23 +25,25 @@ std::vector<std::string> split(const std::string& text, char separator) {
 }
 
 /// The option's own name for one of its names; "" for an unknown one.
-std::string canonical_name(std::string key) {
-  std::replace(key.begin(), key.end(), '-', '_');
+std::string canonical_name(const std::string& key) {
   const TrainConfig config;
   std::string name;
   visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
-    const auto& other = option.other;
-    const bool is_other = std::any_of(other.begin(), other.end(), [&](const char* word) { return key == word; });
-    if (option.name == key || is_other) name = option.name;
+    if (option.has_name(key)) name = option.name;
   });
   return name;
+}
+
+bool is_shared(const std::string& name) {
+  return std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared);
 }
 
 std::string unknown_option(const std::string& key) {
   const TrainConfig config;
   std::vector<std::string> names;
-  visit_fields(config,
-               [&](const Option& option, const auto&, const auto&, const char*) { names.emplace_back(option.name); });
+  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
+    if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
+  });
   const std::string nearest = nearest_name(key, names);
   return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
 }
@@ -67,7 +69,7 @@ std::string to_word(const std::string& entry, const std::string& part) {
   if (name.empty()) {
     input_error("command line: --configs ", entry, ": no training option is called ", key, "; ", unknown_option(key));
   }
-  if (std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared)) {
+  if (is_shared(name)) {
     input_error("command line: --configs ", entry, ": ", name,
                 " has to be the same for all configurations; give it as --", name);
   }
@@ -76,13 +78,14 @@ std::string to_word(const std::string& entry, const std::string& part) {
   return "--" + name + value;
 }
 
-void check_name(const std::string& entry, const std::string& name) {
+/// `configuration` is the entry without its name.
+void check_name(const std::string& entry, const std::string& name, const std::string& configuration) {
   const auto is_allowed = [](char c) {
     return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-.+=").find(c) != std::string::npos;
   };
   if (name.empty() || name[0] == '.' || !std::all_of(name.begin(), name.end(), is_allowed)) {
     input_error("command line: --configs ", entry, ": \"", name,
-                "\" cannot name a folder; put a name of letters, digits, _ - . + = before it: NAME:", entry);
+                "\" cannot name a folder; give it a name of letters, digits, _ - . + = instead: NAME:", configuration);
   }
 }
 
@@ -92,10 +95,9 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
   const std::string name = is_named ? entry.substr(0, colon) : entry;
   std::vector<std::string> words;
-  for (const std::string& part : split(is_named ? entry.substr(colon + 1) : entry, '+')) {
-    words.push_back(to_word(entry, part));
-  }
-  check_name(entry, name);
+  const std::string parts = is_named ? entry.substr(colon + 1) : entry;
+  for (const std::string& part : split(parts, '+')) words.push_back(to_word(entry, part));
+  check_name(entry, name, parts);
   CommandLine line("compare --configs " + name, "");
   line.add(TrainConfig{}, "Training");
   line.parse(words);
@@ -112,8 +114,10 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
     const Configuration next = parse_entry(entry, base);
     for (const Configuration& other : configurations) {
       if (other.name == next.name) {
-        input_error("command line: --configs: ", next.name, " occurs twice; give one another name, as in a:", next.name,
-                    ",b:", next.name);
+        // The name may be that of an entry as a whole: "naive", or of one that has it before a colon.
+        const std::string parts =
+            entry.compare(0, next.name.size() + 1, next.name + ":") == 0 ? entry.substr(next.name.size() + 1) : entry;
+        input_error("command line: --configs: ", next.name, " occurs twice; give one another name: NAME:", parts);
       }
     }
     configurations.push_back(next);

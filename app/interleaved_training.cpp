@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
-#include "app/device.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
 #include "scene/remove_tree.h"
+#include "train/device.h"
 #include "train/image_store.h"
 
 namespace b3dgs {
@@ -64,10 +64,13 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   hooks.on_message = [this, &turn](const std::string& message) {
     if (!status_.is_quiet()) status_.print(turn.configuration.name + ", " + label_ + ": " + message);
   };
+  hooks.on_warning = [this, &turn](const std::string& message) {
+    status_.warn(turn.configuration.name + ", " + label_ + ": " + message);
+  };
   hooks.stop_signal = &stop_signal();
   hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
-  const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_message);
+  const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_warning);
   if (checkpoint.empty()) return;
   for (const std::string& change : turn.trainer->resume(checkpoint)) hooks.on_message("changed option " + change);
 }

@@ -8,7 +8,7 @@
 #include <string>
 #include <thread>
 
-#include "app/device.h"
+#include "train/device.h"
 
 namespace b3dgs {
 namespace {

@@ -1,8 +1,10 @@
-// b3dgs: trains, measures and renders 3D Gaussian Splatting models. The one place that catches.
+// b3dgs-engine, which b3dgs starts (launcher.cpp): trains, measures and renders 3D Gaussian Splatting models. The one
+// place that catches.
 #include <algorithm>
 #include <cstring>
 #include <exception>
 #include <iostream>
+#include <iterator>
 #include <new>
 #include <string>
 #include <vector>
@@ -14,39 +16,19 @@
 namespace b3dgs {
 namespace {
 
-struct Command {
-  const char* name;
-  int (*run)(const std::vector<std::string>& words);
-  const char* help;
-};
+using RunCommand = int (*)(const std::vector<std::string>& words);
 
-constexpr Command kCommands[] = {
-    {"train", run_train, "train a COLMAP scene"},
-    {"eval", run_eval, "measure a trained model on its photographs: PSNR, SSIM"},
-    {"render", run_render, "render colour, depth and alpha images of a model"},
-    {"info", run_info, "say what a scene folder, a PLY or a checkpoint holds"},
-    {"synth", run_synth, "write a synthetic COLMAP scene"},
-    {"compare", run_compare, "train a scene with several configurations and compare time and quality"},
-    {"report", run_report, "write report.html of a training or a comparison again"},
-    {"bench", run_bench, "time the rasterizer's kernels and passes"},
-};
+/// In the order of their names.
+constexpr RunCommand kCommands[] = {run_train, run_eval,    run_render, run_info,
+                                    run_synth, run_compare, run_report, run_bench};
+static_assert(std::size(kCommands) == std::size(kCommandNames));
 
 enum ExitCode { kFailed = 1, kAskedWrongly = 2 };
-
-std::string general_help() {
-  std::string text = "Balanced3DGS " B3DGS_VERSION
-                     ": 3D Gaussian Splatting from COLMAP scenes\n\n"
-                     "Usage: b3dgs COMMAND [OPTIONS]\n\nCommands:\n";
-  for (const Command& command : kCommands) {
-    text += "  " + std::string(command.name) + std::string(9 - std::strlen(command.name), ' ') + command.help + "\n";
-  }
-  return text + "\nb3dgs COMMAND --help lists the options of a command; b3dgs --version prints the version.\n";
-}
 
 [[noreturn]] void reject_command(const std::string& word) {
   std::vector<std::string> names;
   std::string list;
-  for (const Command& command : kCommands) {
+  for (const CommandName& command : kCommandNames) {
     names.emplace_back(command.name);
     list += (list.empty() ? "" : ", ") + names.back();
   }
@@ -56,22 +38,11 @@ std::string general_help() {
 }
 
 int run(const std::vector<std::string>& words) {
-  if (words.empty()) {
-    std::cerr << general_help();
-    return kAskedWrongly;
+  const std::string name = words.empty() ? "" : words[0];
+  for (std::size_t i = 0; i < std::size(kCommands); ++i) {
+    if (name == kCommandNames[i].name) return kCommands[i]({words.begin() + 1, words.end()});
   }
-  if (words[0] == "--help" || words[0] == "-h" || words[0] == "help") {
-    std::cout << general_help();
-    return 0;
-  }
-  if (words[0] == "--version") {
-    std::cout << "b3dgs " B3DGS_VERSION "\n";
-    return 0;
-  }
-  for (const Command& command : kCommands) {
-    if (words[0] == command.name) return command.run({words.begin() + 1, words.end()});
-  }
-  reject_command(words[0]);
+  reject_command(name);
 }
 
 int report(const std::string& message, ExitCode code) {

@@ -1,10 +1,16 @@
 #include "app/model.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdio>
+#include <map>
 
+#include "app/train_setup.h"
 #include "check.h"
 #include "scene/ply.h"
+#include "train/cameras_json.h"
+#include "train/device.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -25,35 +31,138 @@ int choose_iteration(const ModelFolder& folder, int wanted) {
   input_error(folder.root().string(), ": no iteration ", wanted, "; saved are ", list);
 }
 
-void load_scene_of(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+/// Everything but the scene.
+LoadedModel load_gaussians(const ModelOptions& options) {
+  if (options.model_path.empty()) input_error("command line: which model? Name its folder with -m");
+  if (!fs::exists(options.model_path)) input_error(options.model_path, ": no such folder");
+  if (!fs::is_directory(options.model_path)) input_error(options.model_path, ": is a file; expected a model folder");
+  LoadedModel model;
+  model.folder = ModelFolder(options.model_path);
+  model.iteration = choose_iteration(model.folder, options.iteration);
+  model.config = model.folder.read_config();
+  model.splats = read_splat_ply(model.folder.ply(model.iteration));
+  return model;
+}
+
+/// The options that have to do with this run, not with the training.
+void apply_options(LoadedModel& model, const ModelOptions& options) {
   if (!options.source_path.empty()) model.config.source_path = options.source_path;
+  make_absolute(model.config.source_path);
   if (options.resolution != 0) model.config.resolution = options.resolution;
+  model.config.device = device_name(choose_device(options.device));
   set_compute_threads(options.threads);
-  model.scene = load_scene(scene_options(model.config), show_loading(status));
-  status.clear();
+}
+
+Scene open_cameras(const TrainConfig& config, StatusLine& status) {
+  SceneOptions options = scene_options(config);
+  options.load_images = false;
+  return open_scene(options, status);
+}
+
+/// The views of a training, from its cameras.json.
+Scene scene_of_cameras(const LoadedModel& model) {
+  std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
+  std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
+  Scene scene;
+  scene.source_path = model.config.source_path;
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    std::vector<View>& part = model.config.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    part.push_back({cameras[i].name, cameras[i].camera, nullptr, nullptr});
+  }
+  return scene;
+}
+
+/// Where a scene's views differ from those of cameras.json.
+struct SceneDifference {
+  bool views = false;  // other names, another number of them, or other poses
+  bool sizes = false;
+};
+
+SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Scene& scene) {
+  constexpr double kSameShare = 1e-6;  // of the largest coordinate: JSON keeps all digits, a product of matrices not
+  std::map<std::string, const Camera*> trained;
+  for (const NamedCamera& named : cameras) trained[named.name] = &named.camera;
+  SceneDifference difference;
+  difference.views = cameras.size() != scene.train.size() + scene.test.size();
+  for (const std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (const View& view : *views) {
+      const auto found = trained.find(view.name);
+      if (found == trained.end()) {
+        difference.views = true;
+        continue;
+      }
+      const std::array<double, 3> was = found->second->center(), is = view.camera.center();
+      for (std::size_t i = 0; i < 3; ++i) {
+        const double size = std::max({1.0, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
+        difference.views = difference.views || !(std::abs(was[i] - is[i]) <= kSameShare * size);
+      }
+      difference.sizes =
+          difference.sizes || found->second->width != view.camera.width || found->second->height != view.camera.height;
+    }
+  }
+  return difference;
 }
 
 }  // namespace
 
+Scene open_scene(const SceneOptions& options, StatusLine& status) {
+  Scene scene = load_scene(options, show_loading(status));
+  status.clear();
+  for (const std::string& warning : scene.warnings) status.warn(warning);
+  return scene;
+}
+
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
-  if (options.model_path.empty()) input_error("command line: which model? Name its folder with -m");
-  LoadedModel model;
-  model.folder = ModelFolder(options.model_path);
-  if (!fs::is_directory(options.model_path)) input_error(options.model_path, ": no such folder");
-  model.iteration = choose_iteration(model.folder, options.iteration);
-  model.config = model.folder.read_config();
-  model.splats = read_splat_ply(model.folder.ply(model.iteration));
-  load_scene_of(model, options, status);
+  LoadedModel model = load_gaussians(options);
+  apply_options(model, options);
+  model.scene = open_scene(scene_options(model.config), status);
+  return model;
+}
+
+LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_gaussians(options);
+  const bool is_as_trained = options.source_path.empty() && options.resolution == 0;
+  apply_options(model, options);
+  const bool has_cameras = fs::exists(model.folder.cameras());
+  model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
   return model;
 }
 
 LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
-  if (options.source_path.empty())
-    input_error("command line: --ply needs the scene that has the cameras; name it with -s");
+  if (options.source_path.empty()) {
+    input_error(ply.string(), ": a PLY has no cameras; name a scene that has them with -s, or render a model folder");
+  }
   LoadedModel model;
   model.splats = read_splat_ply(ply);
-  load_scene_of(model, options, status);
+  apply_options(model, options);
+  model.scene = open_cameras(model.config, status);
   return model;
+}
+
+RenderSettings image_settings(const LoadedModel& model) {
+  RenderSettings settings = evaluation_settings(model.config, model.splats.sh_degree);
+  settings.keep_for_backward = false;
+  return settings;
+}
+
+std::string results_variant(const LoadedModel& model, const ModelOptions& options) {
+  if (options.source_path.empty() && options.resolution == 0) return "";
+  const TrainConfig trained = model.folder.read_config();
+  SceneDifference difference;
+  if (fs::exists(model.folder.cameras())) {
+    difference = compare_views(read_cameras_json(model.folder.cameras()), model.scene);
+  } else {
+    difference.views = model.config.source_path != trained.source_path;
+    difference.sizes = model.config.resolution != trained.resolution;
+  }
+  const std::string scene = scene_name(model.config.source_path);
+  std::string variant = difference.views ? scene : "";
+  if (difference.sizes && model.config.resolution != trained.resolution) {
+    variant += detail::concat(variant.empty() ? "r" : "_r", model.config.resolution);
+  } else if (difference.sizes && !difference.views) {
+    variant = scene;  // the same views from photographs of another size
+  }
+  return variant;
 }
 
 SceneOptions scene_options(const TrainConfig& config) {

@@ -47,13 +47,27 @@ struct LoadedModel {
   Scene scene;
 };
 
-/// Reads the folder's config and PLY and loads the scene. @throws InputError
+/// Reads the folder's config and PLY and loads the scene with its photographs. @throws InputError
 LoadedModel load_model(const ModelOptions& options, StatusLine& status);
 
-/// Reads a PLY and loads the scene that `options.source_path` names. @throws InputError
+/// As load_model(), for rendering: the views are those of the folder's cameras.json and have no photographs. With
+/// another scene or resolution in the options, they are the scene's.
+LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
+
+/// Reads a PLY and the views of the scene that `options.source_path` names, without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
 
+/// load_scene() with its progress and warnings.
+Scene open_scene(const SceneOptions& options, StatusLine& status);
+
 SceneOptions scene_options(const TrainConfig& config);
+
+/// How images of a model are rendered on the device of its config: nothing is kept for a backward pass.
+RenderSettings image_settings(const LoadedModel& model);
+
+/// For results of a model's loaded scene (ModelFolder::results_key): "" where views and sizes are those it was trained
+/// with, wherever the scene lies now; else the scene's name, "r4" for another resolution, or both.
+std::string results_variant(const LoadedModel& model, const ModelOptions& options);
 
 /// Folder for images of a split or path, as the original 3DGS names it: MODEL/test/ours_7000.
 std::filesystem::path image_folder(const LoadedModel& model, const std::string& set);

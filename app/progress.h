@@ -36,6 +36,8 @@ class StatusLine {
   void show(const std::string& text, bool now = false);
   /// A line that stays, above the status.
   void print(const std::string& line);
+  /// Likewise, with "warning: " before it; also where quiet.
+  void warn(const std::string& line) { print("warning: " + line); }
   /// Takes the status away.
   void clear();
 

@@ -1,17 +1,26 @@
 #!/usr/bin/env bash
 # From nothing to Gaussians on the CPU: installs what is missing, builds, writes a synthetic COLMAP scene, trains it,
 # evaluates it, renders a flight, and says where the results are. Run it again at any time.
-# Usage: scripts/demo.sh [OUTPUT_FOLDER]    default: output/demo
+# Usage: scripts/demo.sh [OUTPUT_FOLDER]    default: output/demo in the repository
+# The folder has to be new, empty, or that of an earlier demo, whose scene and model are replaced.
 set -euo pipefail
+out=$(realpath -m -- "${1:-$(dirname "$0")/../output/demo}")
 cd "$(dirname "$0")/.."
-out=${1:-output/demo}
+
+mark=$out/.made_by_demo
+if [[ -e $out && ! -f $mark ]] && ! { [[ -d $out ]] && [[ -z $(ls -A -- "$out") ]]; }; then
+  echo "demo.sh: error: $out: holds something that the demo did not make; name another folder, or empty it" >&2
+  exit 2
+fi
+mkdir -p -- "$out"
+touch -- "$mark"
 
 scripts/install_packages.sh
 cmake --preset cpu -DB3DGS_TESTS=OFF -B build/demo
 cmake --build build/demo --target b3dgs
 b3dgs=build/demo/app/b3dgs
 
-rm -rf "$out"
+rm -rf -- "$out/scene" "$out/model"
 "$b3dgs" synth orbit "$out/scene" --views 40 --width 320 --height 240
 "$b3dgs" train -s "$out/scene" -m "$out/model" --eval --iterations 1500 --test_iterations 500 1000 1500 --device cpu
 "$b3dgs" eval -m "$out/model" --save_images

@@ -24,11 +24,18 @@
 
 namespace b3dgs {
 
-/// Name of a field: in JSON, and with two hyphens on the command line, where '-' and '_' are the same.
+/// Name of a field: in JSON, and with two hyphens on the command line. '-' and '_' are the same in both.
 struct Option {
   std::string_view name;                          // "source_path"
   char letter = '\0';                             // 's' for -s, or none
   std::initializer_list<const char*> other = {};  // names of other trainers for the same thing
+
+  /// Whether `key` is one of the option's names, its letter included.
+  bool has_name(std::string key) const {
+    if (letter != '\0' && key == std::string(1, letter)) return true;
+    std::replace(key.begin(), key.end(), '-', '_');
+    return key == name || std::any_of(other.begin(), other.end(), [&](const char* word) { return key == word; });
+  }
 };
 
 struct Any {};
@@ -93,6 +100,69 @@ std::string violation(const Constraint& constraint, const std::vector<Number>& v
   return "";
 }
 
+namespace detail {
+
+template <class Value>
+struct is_vector : std::false_type {};
+template <class Entry>
+struct is_vector<std::vector<Entry>> : std::true_type {};
+
+/// " from -2147483648 to 2147483647"
+template <class Number>
+std::string limits_text() {
+  return concat(" from ", std::numeric_limits<Number>::min(), " to ", std::numeric_limits<Number>::max());
+}
+
+/// Takes a JSON value as it is, without rounding or wrapping. False if it does not fit.
+template <class Value>
+bool take_json(const nlohmann::ordered_json& json, Value& value) {
+  if constexpr (is_vector<Value>::value) {
+    if (!json.is_array()) return false;
+    value.clear();
+    for (const auto& item : json) {
+      typename Value::value_type entry{};
+      if (!take_json(item, entry)) return false;
+      value.push_back(std::move(entry));
+    }
+    return true;
+  } else if constexpr (std::is_same_v<Value, bool>) {
+    return json.is_boolean() && (json.get_to(value), true);
+  } else if constexpr (std::is_integral_v<Value>) {
+    constexpr std::uint64_t kMax64 = std::numeric_limits<std::int64_t>::max();
+    if (!json.is_number_integer()) return false;
+    if (json.is_number_unsigned() && json.get<std::uint64_t>() > kMax64) return false;
+    const auto wide = json.get<std::int64_t>();
+    value = static_cast<Value>(wide);
+    return value == wide;
+  } else if constexpr (std::is_floating_point_v<Value>) {
+    return json.is_number() && std::isfinite(json.get_to(value));
+  } else {
+    return json.is_string() && (json.get_to(value), true);
+  }
+}
+
+/// What `found`, which take_json() refuses, would have to be for a field of type Value: "a whole number".
+template <class Value>
+std::string expected_json(const nlohmann::ordered_json& found) {
+  if constexpr (is_vector<Value>::value) {
+    using Entry = typename Value::value_type;
+    Entry entry{};
+    const auto bad =
+        std::find_if(found.begin(), found.end(), [&](const auto& item) { return !take_json(item, entry); });
+    return "a list" + (found.is_array() ? ", each entry " + expected_json<Entry>(*bad) : "");
+  } else if constexpr (std::is_same_v<Value, bool>) {
+    return "true or false";
+  } else if constexpr (std::is_integral_v<Value>) {
+    return "a whole number" + (found.is_number_integer() ? limits_text<Value>() : "");
+  } else if constexpr (std::is_floating_point_v<Value>) {
+    return "a number";
+  } else {
+    return "text in quotes";
+  }
+}
+
+}  // namespace detail
+
 /// Throws an InputError that names the first field out of range; `place` is the file or command it came from.
 template <class Config>
 void check_ranges(const Config& config, const std::string& place) {
@@ -115,37 +185,34 @@ nlohmann::ordered_json config_to_json(const Config& config) {
   return json;
 }
 
-/// Sets the fields that `json` names and leaves the others. Unknown keys, wrong types and values out of range are
-/// InputErrors that name `place` and the key.
+/// Sets the fields that `json` names, by any of their names, and leaves the others. Unknown keys, fields named twice,
+/// wrong types and values out of range are InputErrors that name `place` and the key.
 template <class Config>
 void config_from_json(Config& config, const nlohmann::ordered_json& json, const std::string& place) {
   if (!json.is_object())
     input_error(place, ": expected a JSON object with option names as keys, found ", json.type_name());
-  std::size_t known = 0;
+  std::size_t n_known = 0;
   visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
-    const auto it = json.find(std::string(option.name));
-    if (it == json.end()) return;
-    ++known;
-    using Value = std::decay_t<decltype(value)>;
-    const bool fits = std::is_same_v<Value, bool>          ? it->is_boolean()
-                      : std::is_same_v<Value, double>      ? it->is_number()
-                      : std::is_same_v<Value, std::string> ? it->is_string()
-                      : std::is_integral_v<Value>          ? it->is_number_integer()
-                                                           : it->is_array();
-    if (!fits) input_error(place, ": ", option.name, " has the wrong type: found ", it->dump());
-    try {
-      value = it->template get<Value>();
-    } catch (const nlohmann::json::exception&) {
-      input_error(place, ": ", option.name, " has the wrong type: found ", it->dump());
+    std::string first;
+    for (const auto& [key, given] : json.items()) {
+      if (!option.has_name(key)) continue;
+      if (!first.empty()) input_error(place, ": \"", first, "\" and \"", key, "\" are the same option; give one");
+      first = key;
+      ++n_known;
+      using Value = std::decay_t<decltype(value)>;
+      if (!detail::take_json(given, value)) {
+        input_error(place, ": ", option.name, " must be ", detail::expected_json<Value>(given), ", found ",
+                    given.dump());
+      }
     }
   });
-  if (known != json.size()) {
+  if (n_known != json.size()) {
     for (const auto& [key, value] : json.items()) {
-      bool found = false;
-      visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
-        found = found || option.name == key;
+      bool is_known = false;
+      visit_fields(config, [&, &name = key](const Option& option, const auto&, const auto&, const char*) {
+        is_known = is_known || option.has_name(name);
       });
-      if (!found) input_error(place, ": unknown option \"", key, "\"");
+      if (!is_known) input_error(place, ": unknown option \"", key, "\"");
     }
   }
   check_ranges(config, place);

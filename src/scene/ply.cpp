@@ -56,6 +56,19 @@ std::string header(std::int64_t count, const std::vector<std::pair<std::string, 
   return text + "end_header\n";
 }
 
+/// Names the formats of other programs that look like a file of Gaussians. @throws InputError
+void refuse_other_formats(const PlyReader& reader) {
+  const PlyElement& vertices = reader.vertices();
+  if (vertices.find("packed_position")) {
+    input_error(reader.name(), ": is a compressed PLY as SuperSplat writes it; open it there and export it as PLY");
+  }
+  if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
+    input_error(reader.name(),
+                ": holds Gaussians with two scales, a model of 2D Gaussian Splatting; expected one of 3D Gaussian "
+                "Splatting, with scale_0 to scale_2");
+  }
+}
+
 int sh_degree_of(const PlyReader& reader) {
   const PlyElement& vertices = reader.vertices();
   const auto n_rest = static_cast<int>(
@@ -122,11 +135,13 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
 
 bool is_splat_ply(const std::filesystem::path& path) {
   const PlyReader reader(path);
+  refuse_other_formats(reader);
   return reader.vertices().find("f_dc_0") && reader.vertices().find("opacity");
 }
 
 SplatCloud read_splat_ply(const std::filesystem::path& path) {
   PlyReader reader(path);
+  refuse_other_formats(reader);
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
   const std::uint64_t n = reader.vertices().count;
@@ -175,6 +190,7 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 
 PointCloud read_point_ply(const std::filesystem::path& path) {
   PlyReader reader(path);
+  refuse_other_formats(reader);
   const PlyElement& vertices = reader.vertices();
   std::vector<std::string> columns{"x", "y", "z"};
   const PlyProperty* red = vertices.find("red");

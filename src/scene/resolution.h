@@ -6,6 +6,7 @@
 namespace b3dgs {
 
 inline constexpr int kMaxDefaultWidth = 1600;  // px; what -r -1 allows
+inline constexpr int kMinWidth = 32;           // px; the smallest width that -r takes
 
 /// Size that an images_N folder would have: each side divided by N and rounded to nearest, halves up.
 ImageSize divided_size(ImageSize size, int divisor);
@@ -14,7 +15,7 @@ ImageSize divided_size(ImageSize size, int divisor);
 /// other values are the target width, with the height truncated. Never larger than `size`, never below 1 px.
 ImageSize training_size(ImageSize size, int resolution);
 
-/// @throws InputError unless `resolution` is -1 or above 0.
+/// @throws InputError unless `resolution` is -1, 1, 2, 4, 8 or at least kMinWidth: who writes 3 means a third.
 void check_resolution(int resolution);
 
 }  // namespace b3dgs

@@ -158,6 +158,11 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                 " to train on; leave out --eval");
   }
   scene.extent = scene_extent(scene.train);
+  if (!missing.empty()) {
+    scene.warnings.push_back(detail::concat("registered images missing in ", folder.folder().string(), ": ",
+                                            missing.size(), " of ", model.images.size(), " (first: ", missing.front(),
+                                            "); training and measures go without them"));
+  }
   std::set<fs::path> used;
   for (const ViewSource& source : sources) used.insert(source.file);
   scene.summary = summarize(scene, {options, model_folder, model, folder, sources, missing, folder.count_others(used)});

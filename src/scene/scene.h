@@ -25,7 +25,7 @@ inline constexpr int kTestEvery = 8;  // what the published numbers of the field
 struct SceneOptions {
   std::string source_path;
   std::string images = "images";  // folder of the images below source_path
-  int resolution = -1;            // 1, 2, 4, 8 divide; -1 caps the width at 1600 px; others are the target width in px
+  int resolution = -1;            // 1, 2, 4, 8 divide; -1 caps the width at 1600 px; 32 and more: target width in px
   bool eval = false;              // hold out every 8th view by sorted name
   bool white_background = false;  // what RGBA images are composited on
   bool load_images = true;        // false: cameras and points only
@@ -36,8 +36,9 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
-  double extent = 0;                 // world units: 1.1 x largest distance of a training camera from their mean
-  std::vector<std::string> summary;  // about a dozen lines that say what was loaded
+  double extent = 0;                  // world units: 1.1 x largest distance of a training camera from their mean
+  std::vector<std::string> summary;   // about a dozen lines that say what was loaded
+  std::vector<std::string> warnings;  // what is missing of the scene, a line each
 };
 
 /// What load_scene is doing now: stage, items done, items in all. Called from one thread at a time.

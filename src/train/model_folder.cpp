@@ -52,6 +52,11 @@ Json read_results(const fs::path& path) {
   return json.is_object() ? json : Json::object();
 }
 
+Json to_json(const EvaluationSource& source) {
+  return {{"split", source.split},           {"width", source.width},   {"height", source.height},
+          {"resolution", source.resolution}, {"images", source.images}, {"source_path", source.source_path}};
+}
+
 /// A Python string literal.
 std::string python_string(const std::string& text) {
   std::string literal = "'";
@@ -119,11 +124,38 @@ TrainConfig ModelFolder::read_config() const {
   return config;
 }
 
-void ModelFolder::write_results(int iteration, const Evaluation& evaluation) const {
-  const std::string key = "ours_" + std::to_string(iteration);
+EvaluationSource evaluation_source(const TrainConfig& config, const std::vector<View>& views,
+                                   const std::string& split) {
+  EvaluationSource source{config.source_path, config.images, config.resolution, 0, 0, split};
+  for (const View& view : views) {
+    source.width = std::max(source.width, view.camera.width);
+    source.height = std::max(source.height, view.camera.height);
+  }
+  return source;
+}
+
+std::string ModelFolder::results_key(int iteration, const std::string& variant, const EvaluationSource& source) const {
+  const std::string own = "ours_" + std::to_string(iteration);
+  if (variant.empty()) return own;
+  const Json results = read_results(root_ / "results.json"), wanted = to_json(source);
+  const auto is_free = [&](const std::string& key) {
+    if (!results.contains(key) || !results[key].is_object()) return true;
+    for (const auto& [name, value] : wanted.items()) {
+      if (results[key].value(name, Json()) != value) return false;
+    }
+    return true;
+  };
+  std::string key = own + "_" + variant;
+  for (int n = 2; !is_free(key); ++n) key = own + "_" + variant + "_" + std::to_string(n);
+  return key;
+}
+
+void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
+                                const EvaluationSource& source) const {
   const fs::path results_path = root_ / "results.json", per_view_path = root_ / "per_view.json";
   Json results = read_results(results_path), per_view = read_results(per_view_path);
-  results[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}};
+  results[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
+  results[key].update(to_json(source));
   Json ssim = Json::object(), psnr = Json::object();
   for (const ViewQuality& view : evaluation.views) {
     ssim[view.name] = view.quality.ssim;

@@ -11,6 +11,16 @@
 
 namespace b3dgs {
 
+/// What views were measured on. Two measurements compare where these are the same.
+struct EvaluationSource {
+  std::string source_path, images;
+  int resolution = 0;         // --resolution
+  int width = 0, height = 0;  // px, of the largest view
+  std::string split;          // "test" or "train"
+};
+
+EvaluationSource evaluation_source(const TrainConfig& config, const std::vector<View>& views, const std::string& split);
+
 class ModelFolder {
  public:
   explicit ModelFolder(std::filesystem::path root) : root_(std::move(root)) {}
@@ -34,8 +44,13 @@ class ModelFolder {
   /// The config a model was trained with. @throws InputError if config.json is missing or wrong.
   TrainConfig read_config() const;
 
-  /// Adds results of one iteration to results.json and per_view.json under "ours_N".
-  void write_results(int iteration, const Evaluation& evaluation) const;
+  /// The key of an iteration's results: "ours_N" for the views and sizes that the model was trained with. `variant`
+  /// sets others apart, as "ours_N_VARIANT", with "_2", "_3", ... behind it where that key holds results of another
+  /// source.
+  std::string results_key(int iteration, const std::string& variant = "", const EvaluationSource& source = {}) const;
+
+  /// Adds results to results.json, with where they come from, and to per_view.json. @throws IoError
+  void write_results(const std::string& key, const Evaluation& evaluation, const EvaluationSource& source) const;
 
  private:
   std::filesystem::path root_;

@@ -103,7 +103,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "folder to write the model to (default: output/SCENE)");
   field(Option{"images", 'i'}, c.images, Any{}, "image folder below the scene");
   field(Option{"resolution", 'r', {"data_factor"}}, c.resolution, AtLeast{-1},
-        "1, 2, 4, 8 divide the image size; -1 caps the width at 1600 px; any other number is the width in px");
+        "1, 2, 4, 8 divide the image size; -1 caps the width at 1600 px; 32 and more are the width in px");
   field(Option{"eval"}, c.eval, Any{}, "hold out every 8th view by sorted name for testing");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from the Gaussians (or points) of this PLY instead of the scene's points");

@@ -20,7 +20,9 @@ void wait_for(torch::Device device) {
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
-  impl_ = std::make_unique<Impl>(config, scene, std::move(folder), std::move(hooks));
+  TrainConfig resolved = config;  // what depends on the device is decided by its name: the default tile, for one
+  resolved.device = device_name(choose_device(config.device));
+  impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }
 Trainer::~Trainer() = default;
 

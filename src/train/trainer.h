@@ -40,6 +40,7 @@ struct MemoryForecast {
 struct TrainHooks {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
+  std::function<void(const std::string&)> on_warning;     // likewise: something is wrong, and training goes on
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
   // If set, every step is timed stage by stage, and told some time after the device has got through it.
   std::function<void(const StageTimes&)> on_stage_times;
@@ -64,7 +65,7 @@ struct TrainResult {
 
 class Trainer {
  public:
-  /// `scene` must outlive the trainer.
+  /// `scene` must outlive the trainer. @throws InputError if config.device cannot be used
   Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
   ~Trainer();
 

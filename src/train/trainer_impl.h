@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "check.h"
+#include "train/device.h"
 #include "train/gaussian_step.h"
 #include "train/image_store.h"
 #include "train/kernel_chooser.h"
@@ -34,12 +35,13 @@ inline KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
 }
 
 struct Trainer::Impl {
+  /// `config.device` is "cpu" or "cuda".
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
       : config(config),
         scene(scene),
         folder(std::move(folder)),
         hooks(std::move(hooks)),
-        device(config.device == "cuda" ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU)),
+        device(choose_device(config.device)),
         memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, config.gpu_memory_gb)),
         row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
         rasterizer(device),
@@ -87,6 +89,9 @@ struct Trainer::Impl {
   void report(const char* activity) const;
   void say(const std::string& message) const {
     if (hooks.on_message) hooks.on_message(message);
+  }
+  void warn(const std::string& message) const {
+    if (hooks.on_warning) hooks.on_warning(message);
   }
   RenderSettings step_settings();
   /// Takes the steps that are put off, which is part of training.

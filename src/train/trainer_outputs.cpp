@@ -59,7 +59,8 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     result.evaluations.emplace_back(state.iteration, evaluate_views(rasterizer, settled().gaussians, scene.test,
                                                                     evaluation_settings(config, state.sh_degree)));
     const Evaluation& evaluation = result.evaluations.back().second;
-    folder.write_results(state.iteration, evaluation);
+    folder.write_results(folder.results_key(state.iteration), evaluation,
+                         evaluation_source(config, scene.test, "test"));
     line.test_quality = evaluation.mean;
     char text[120];
     std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", state.iteration,

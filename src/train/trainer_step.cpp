@@ -25,8 +25,8 @@ void Trainer::Impl::start() {
   state.adam = make_adam_state(state.gaussians);
   state.statistics = make_density_statistics(state.gaussians.size(), device);
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
-    say(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
-                       config.max_gaussians, ": none are added"));
+    warn(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
+                        config.max_gaussians, ": none are added"));
   }
 }
 

@@ -154,6 +154,16 @@ TEST_F(BadInput, TheUnspoiltSceneTrains) {
   EXPECT_EQ(train({}).exit_code, 0);
 }
 
+TEST_F(BadInput, AMissingPhotographIsAWarning) {
+  fs::remove(scene() / "images/view1.jpg");
+  const Outcome outcome = train({});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.err.rfind("warning: registered images missing in ", 0), 0u) << outcome.err;
+  EXPECT_NE(outcome.err.find(": 1 of 3 (first: view1.jpg); training and measures go without them\n"), std::string::npos)
+      << outcome.err;
+  EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+}
+
 TEST_F(BadInput, WrongPly) {
   write_file(folder_.path() / "wrong.ply", "no ply at all");
   const std::string ply = (folder_.path() / "wrong.ply").string();
@@ -222,6 +232,14 @@ TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"synth", "orbit"}), {"OUTPUT"});
   expect_refused(run_b3dgs({"train", "-s", scene().string(), "--iteratons", "5"}), {"did you mean --iterations?"});
   expect_refused(run_b3dgs({"eval", "-m", scene().string()}), {"no trained model"});
+  expect_refused(run_b3dgs({"eval", "-m", (scene() / "images/view0.jpg").string()}), {"expected a model folder"});
+  expect_refused(train({"-r", "3"}), {"-r 3", "3 px wide", "1, 2, 4 or 8"});
+  expect_refused(train({"--data-factor", "3"}), {"-r 3"});
+  const Outcome info = run_b3dgs({"info", (scene() / "images").string()});
+  expect_refused(info, {"neither a COLMAP scene", "nor a trained model"});
+  const Outcome report = run_b3dgs({"report", scene().string()});
+  expect_refused(report, {"neither a training", "nor a comparison"});
+  EXPECT_EQ(report.out, "");
   expect_refused(run_b3dgs({"info", (folder_.path() / "none").string()}), {"none"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply"}), {"-s"});
   expect_refused(train({"--resume", "auto", "--config", "none.json"}), {"none.json"});

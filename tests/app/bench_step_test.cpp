@@ -70,6 +70,15 @@ TEST_F(BenchStep, GoesOnFromACheckpointThroughDensityControl) {
   EXPECT_EQ(report["density_rounds"]["count"], 1) << "12 and 13 are warm-up, 14 to 17 are timed";
 }
 
+TEST_F(BenchStep, OptionsWithoutEffectAreTakenButNotListed) {
+  EXPECT_EQ(bench({path("scene"), "-m", path("model")})["steps"], 4);
+  EXPECT_FALSE(std::filesystem::exists(path("model")));
+  const std::string help = run_b3dgs({"bench", "step", "--help"}).out;
+  EXPECT_NE(help.find("--source_path"), std::string::npos) << help;
+  EXPECT_EQ(help.find("--model_path"), std::string::npos) << help;
+  EXPECT_EQ(help.find("--save_iterations"), std::string::npos) << help;
+}
+
 TEST_F(BenchStep, SaysWhatIsMissing) {
   const Outcome nothing = run_b3dgs({"bench", "step"});
   EXPECT_EQ(nothing.exit_code, 2);

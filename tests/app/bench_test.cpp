@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <csignal>
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "app/bench_devices.h"
 #include "app/bench_report.h"
 #include "app/bench_scenes.h"
 #include "app/run_program.h"
@@ -103,13 +106,20 @@ TEST(BenchRun, TakesTheTileOfTrainingUnlessToldOtherwise) {
     open.device = told.device = device;
     told.tile_width = 24;
     told.tile_height = 4;
-    take_default_tile(open);
-    take_default_tile(told);
+    take_defaults(open);
+    take_defaults(told);
     EXPECT_EQ(open.tile_width, expected.width) << device;
     EXPECT_EQ(open.tile_height, expected.height) << device;
     EXPECT_EQ(told.tile_width, 24) << device;
     EXPECT_EQ(told.tile_height, 4) << device;
   }
+}
+
+TEST(BenchRun, AutoNamesTheDeviceThatItTakes) {
+  BenchRun run;
+  ASSERT_EQ(run.device, "auto") << "as for every other command";
+  take_defaults(run);
+  EXPECT_EQ(run.device, default_bench_device());
 }
 
 constexpr int kWidth = 480, kHeight = 270;
@@ -287,7 +297,7 @@ class BenchProgram : public ::testing::Test {
   /// Runs `b3dgs bench WORDS` and returns its JSON.
   json bench(std::vector<std::string> words) const {
     words.insert(words.begin(), "bench");
-    words.insert(words.end(), {"--repeat", "1", "--json", path("report.json")});
+    words.insert(words.end(), {"--repeat", "1", "--device", "cpu", "--json", path("report.json")});
     const Outcome outcome = run_b3dgs(words);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     return json::parse(test::read_bytes(path("report.json")));
@@ -317,6 +327,22 @@ TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
   EXPECT_NE(empty.err.find("skew needs at least one value"), std::string::npos) << empty.err;
+}
+
+TEST_F(BenchProgram, WhoEndsItKeepsWhatWasFound) {
+  const auto n_cells = [&]() -> std::size_t {
+    if (!std::filesystem::exists(path("report.json"))) return 0;
+    return json::parse(test::read_bytes(path("report.json")))["cells"].size();
+  };
+  test::RunOptions options;
+  options.signal = SIGINT;
+  options.signal_when = [&] { return n_cells() > 0; };
+  const Outcome ended = run_b3dgs({"bench", "sweep", "--points", "300", "--width", "96", "--height", "64", "--skew",
+                                   "0", "1", "--repeat", "1000", "--device", "cpu", "--json", path("report.json")},
+                                  options);
+  EXPECT_EQ(ended.exit_code, 130);
+  EXPECT_GE(n_cells(), 1u);
+  EXPECT_GE(std::count(ended.out.begin(), ended.out.end(), '\n'), 3) << ended.out;
 }
 
 TEST_F(BenchProgram, AModelAndAPlyWithItsCamerasShowTheSameView) {

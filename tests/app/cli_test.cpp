@@ -149,7 +149,13 @@ TEST(CommandLine, MalformedValuesAreNamed) {
   EXPECT_EQ(complaint({"--iterations", "abc"}), "command line: iterations must be a whole number, found \"abc\"");
   EXPECT_EQ(complaint({"--iterations", "3e4"}), "command line: iterations must be a whole number, found \"3e4\"");
   EXPECT_EQ(complaint({"--iterations", "99999999999"}),
-            "command line: iterations must be a whole number, found \"99999999999\"");
+            "command line: iterations must be a whole number from -2147483648 to 2147483647, found \"99999999999\"");
+  EXPECT_EQ(complaint({"--iterations", "1.5"}), "command line: iterations must be a whole number, found \"1.5\"");
+  EXPECT_EQ(complaint({"--seed", "9223372036854775808"}),
+            "command line: seed must be a whole number from -9223372036854775808 to 9223372036854775807, found "
+            "\"9223372036854775808\"");
+  EXPECT_EQ(complaint({"--test_iterations", "5", "1.9"}),
+            "command line: test_iterations must be a whole number, found \"1.9\"");
   EXPECT_EQ(complaint({"--opacity_lr", "0.1x"}), "command line: opacity_lr must be a number, found \"0.1x\"");
   EXPECT_EQ(complaint({"--opacity_lr", "nan"}), "command line: opacity_lr must be a number, found \"nan\"");
   EXPECT_EQ(complaint({"--eval=maybe"}), "command line: eval must be true or false, found \"maybe\"");
@@ -231,9 +237,43 @@ TEST_F(ConfigFile, TheEffectiveConfigReadsBackTheSame) {
 TEST_F(ConfigFile, NamesTheFileAndTheFault) {
   EXPECT_NE(complaint("{").find("config.json: no valid JSON"), std::string::npos);
   EXPECT_NE(complaint(R"({"iteratons": 5})").find("config.json: unknown option \"iteratons\""), std::string::npos);
-  EXPECT_NE(complaint(R"({"iterations": "5"})").find("config.json: iterations has the wrong type"), std::string::npos);
+  EXPECT_NE(complaint(R"({"iterations": "5"})").find("config.json: iterations must be a whole number, found \"5\""),
+            std::string::npos);
   EXPECT_NE(complaint(R"({"iterations": 0})").find("config.json: iterations must be at least 1"), std::string::npos);
   EXPECT_NE(complaint("[]").find("expected a JSON object"), std::string::npos);
+}
+
+TEST_F(ConfigFile, NumbersAreNeitherWrappedNorRounded) {
+  const auto says = [&](const std::string& text, const std::string& wanted) {
+    const std::string found = complaint(text);
+    EXPECT_NE(found.find(wanted), std::string::npos) << text << ": " << found;
+  };
+  says(R"({"iterations": 4294967297})",
+       "iterations must be a whole number from -2147483648 to 2147483647, found 4294967297");
+  says(R"({"iterations": 1e3})", "iterations must be a whole number, found 1000.0");
+  says(R"({"iterations": true})", "iterations must be a whole number, found true");
+  says(R"({"seed": 18446744073709551615})", "seed must be a whole number from -9223372036854775808");
+  says(R"({"test_iterations": [1.9]})", "test_iterations must be a list, each entry a whole number, found [1.9]");
+  says(R"({"test_iterations": [7, 4294967297]})",
+       "each entry a whole number from -2147483648 to 2147483647, found [7,");
+  says(R"({"test_iterations": 7})", "test_iterations must be a list, found 7");
+  says(R"({"kernel_candidates": ["naive", 2]})", "each entry text in quotes");
+  says(R"({"opacity_lr": "0.1"})", "opacity_lr must be a number, found \"0.1\"");
+  says(R"({"opacity_lr": 1e999})", "no valid JSON");
+  says(R"({"eval": 1})", "eval must be true or false, found 1");
+  EXPECT_EQ(complaint(R"({"seed": 9223372036854775807, "opacity_lr": 1, "test_iterations": [2147483647]})"),
+            "accepted");
+}
+
+TEST_F(ConfigFile, TakesTheNamesOfTheCommandLine) {
+  TrainConfig config;
+  apply_config_file(config, write(R"({"max_steps": 50, "test-iterations": [3], "s": "scene", "data-factor": 2})"));
+  EXPECT_EQ(config.iterations, 50);
+  EXPECT_EQ(config.test_iterations, std::vector<int>{3});
+  EXPECT_EQ(config.source_path, "scene");
+  EXPECT_EQ(config.resolution, 2);
+  const std::string twice = complaint(R"({"max_steps": 50, "iterations": 60})");
+  EXPECT_NE(twice.find("\"max_steps\" and \"iterations\" are the same option; give one"), std::string::npos) << twice;
 }
 
 TEST_F(ConfigFile, AMissingFileIsNamed) {

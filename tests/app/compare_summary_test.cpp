@@ -320,7 +320,11 @@ TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
   expect_refused("naive,combined+seed=3", "has to be the same for all");
   expect_refused("naive,combined+max_steps=3", "has to be the same for all");
   expect_refused("naive,init_ply=/tmp/x.ply", "cannot name a folder");
-  expect_refused("naive,../x:combined", "cannot name a folder");
+  expect_refused("naive,../x:combined",
+                 "cannot name a folder; give it a name of letters, digits, _ - . + = instead: "
+                 "NAME:combined");
+  expect_refused("a:naive,a:combined", "a occurs twice; give one another name: NAME:combined");
+  expect_refused("naive,combined+seeed=3", "b3dgs train --help lists them");
 }
 
 }  // namespace

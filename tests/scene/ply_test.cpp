@@ -168,6 +168,21 @@ TEST_F(SplatPly, RefusesOtherFiles) {
   EXPECT_TRUE(fails_with<InputError>({"none.ply", "No such file"}, [&] { read_splat_ply(folder_ / "none.ply"); }));
 }
 
+TEST_F(SplatPly, NamesFormatsOfOtherPrograms) {
+  std::vector<std::string> flat = kDegree0;
+  flat.erase(std::find(flat.begin(), flat.end(), "scale_2"));
+  const fs::path two_scales = folder_ / "2dgs.ply", packed = folder_ / "packed.ply";
+  write_bytes(two_scales, header("binary_little_endian", 0, flat));
+  write_bytes(packed, header("binary_little_endian", 0,
+                             {"packed_position", "packed_rotation", "packed_scale", "packed_color"}, "uint"));
+  for (const auto& read :
+       {+[](const fs::path& path) { is_splat_ply(path); }, +[](const fs::path& path) { read_splat_ply(path); },
+        +[](const fs::path& path) { read_point_ply(path); }}) {
+    EXPECT_TRUE(fails_with<InputError>({"2dgs.ply", "2D Gaussian Splatting"}, [&] { read(two_scales); }));
+    EXPECT_TRUE(fails_with<InputError>({"packed.ply", "SuperSplat", "export it as PLY"}, [&] { read(packed); }));
+  }
+}
+
 TEST_F(SplatPly, NamesTheMissingProperty) {
   std::vector<std::string> names = kDegree0;
   names.erase(names.begin() + 12);

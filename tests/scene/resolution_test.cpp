@@ -42,6 +42,15 @@ TEST(Resolution, AMissingFolderIsReplacedAsItWouldHaveBeenMade) {
   expect_size(divided_size({2, 2}, 8), 1, 1);
 }
 
+TEST(Resolution, RefusesWidthsThatNobodyMeans) {
+  for (const int resolution : {3, 5, 6, 7, 9, 16, 31}) {
+    EXPECT_TRUE(test::fails_with<InputError>(
+        {"-r " + std::to_string(resolution), std::to_string(resolution) + " px wide", "1, 2, 4 or 8"},
+        [&] { check_resolution(resolution); }));
+  }
+  for (const int resolution : {1, 2, 4, 8, 32, 33}) EXPECT_NO_THROW(check_resolution(resolution)) << resolution;
+}
+
 TEST(Resolution, RefusesZeroAndOtherNegativeNumbers) {
   for (const int resolution : {0, -2}) {
     EXPECT_TRUE(

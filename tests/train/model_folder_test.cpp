@@ -99,17 +99,40 @@ TEST(ModelFolder, ReadsTheOriginalsCamerasAndRefusesWrongOnes) {
 TEST(ModelFolder, AddsResultsByIteration) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
-  folder.write_results(7000, {{{"a/1.jpg", {20, 0.5}}, {"b.jpg", {30, 0.75}}}, {25, 0.625}});
-  folder.write_results(30000, {{{"a/1.jpg", {40, 1}}}, {40, 1}});
+  const EvaluationSource source{"/data/scene", "images_2", 4, 640, 480, "test"};
+  EXPECT_EQ(folder.results_key(7000), "ours_7000");
+  folder.write_results("ours_7000", {{{"a/1.jpg", {20, 0.5}}, {"b.jpg", {30, 0.75}}}, {25, 0.625}}, source);
+  folder.write_results("ours_30000", {{{"a/1.jpg", {40, 1}}}, {40, 1}}, source);
   const json results = json::parse(test::read_bytes(temp / "results.json"));
-  EXPECT_EQ(results,
-            json::parse(R"({"ours_7000": {"SSIM": 0.625, "PSNR": 25.0}, "ours_30000": {"SSIM": 1.0, "PSNR": 40.0}})"));
+  EXPECT_EQ(results.size(), 2u);
+  EXPECT_EQ(results["ours_7000"],
+            json::parse(R"({"SSIM": 0.625, "PSNR": 25.0, "views": 2, "split": "test", "width": 640, "height": 480,
+                            "resolution": 4, "images": "images_2", "source_path": "/data/scene"})"));
+  EXPECT_EQ(results["ours_30000"]["PSNR"], 40);
   const json per_view = json::parse(test::read_bytes(temp / "per_view.json"));
   EXPECT_EQ(per_view["ours_7000"]["PSNR"]["a/1.jpg"], 20);
   EXPECT_EQ(per_view["ours_7000"]["SSIM"]["b.jpg"], 0.75);
   test::write_bytes(temp / "results.json", "{\"ours_7000\": ");
-  folder.write_results(5, {{}, {10, 0.1}});
+  folder.write_results("ours_5", {{}, {10, 0.1}}, source);
   EXPECT_EQ(json::parse(test::read_bytes(temp / "results.json")).size(), 1u) << "a damaged file is begun anew";
+}
+
+TEST(ModelFolder, ResultsOfAnotherSourceHaveAKeyOfTheirOwn) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  const EvaluationSource first{"/data/scene", "images", 4, 320, 240, "test"};
+  EvaluationSource second = first;
+  second.source_path = "/elsewhere/scene";
+  EXPECT_EQ(folder.results_key(10, "r4", first), "ours_10_r4");
+  folder.write_results("ours_10_r4", {{}, {10, 0.1}}, first);
+  EXPECT_EQ(folder.results_key(10, "r4", first), "ours_10_r4") << "measured again";
+  EXPECT_EQ(folder.results_key(10, "r4", second), "ours_10_r4_2");
+  folder.write_results("ours_10_r4_2", {{}, {20, 0.2}}, second);
+  EXPECT_EQ(folder.results_key(10, "r4", second), "ours_10_r4_2");
+  EXPECT_EQ(folder.results_key(10), "ours_10");
+  const json results = json::parse(test::read_bytes(temp / "results.json"));
+  EXPECT_EQ(results["ours_10_r4"]["PSNR"], 10);
+  EXPECT_EQ(results["ours_10_r4_2"]["source_path"], "/elsewhere/scene");
 }
 
 TEST(ModelFolder, ListsIterationsByNumber) {

@@ -1,9 +1,12 @@
-#include "app/device.h"
+#include "train/device.h"
 
 #include <ATen/Context.h>
 
 #include "check.h"
 #include "parallel.h"
+#if B3DGS_TORCH_CUDA
+#include "raster/cuda/gpu_support.h"
+#endif
 
 namespace b3dgs {
 namespace {
@@ -22,9 +25,14 @@ std::string why_no_gpu() {
 torch::Device choose_device(const std::string& name) {
   if (name == "cpu") return torch::kCPU;
   const std::string reason = why_no_gpu();
-  if (reason.empty()) return torch::Device(torch::kCUDA, 0);
-  if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
-  return torch::kCPU;
+  if (!reason.empty()) {
+    if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
+    return torch::kCPU;
+  }
+#if B3DGS_TORCH_CUDA
+  cuda::require_support(cuda::query_gpu_support());
+#endif
+  return torch::Device(torch::kCUDA, 0);
 }
 
 std::string device_name(const torch::Device& device) {

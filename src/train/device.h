@@ -8,7 +8,7 @@
 namespace b3dgs {
 
 /// The device for `--device NAME`: "cpu", "cuda", or "auto", which takes a GPU if this build and this machine have one.
-/// @throws InputError if a GPU is asked for and there is none
+/// @throws InputError if a GPU is asked for and there is none, or if the kernels of this build cannot run on it
 torch::Device choose_device(const std::string& name);
 
 /// Its name as on the command line.

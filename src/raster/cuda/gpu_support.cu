@@ -1,0 +1,28 @@
+#include "raster/cuda/cuda_check.h"
+#include "raster/cuda/gpu_support.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+__global__ void probe() {}
+
+constexpr int kArchitectures[] = {__CUDA_ARCH_LIST__};  // 800, 900
+
+}  // namespace
+
+GpuSupport query_gpu_support() {
+  cudaDeviceProp properties{};
+  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, 0));
+  GpuSupport gpu;
+  gpu.name = properties.name;
+  gpu.capability = 10 * properties.major + properties.minor;
+  for (const int architecture : kArchitectures) gpu.architectures.push_back(architecture / 10);
+  cudaFuncAttributes attributes{};
+  const cudaError_t code = cudaFuncGetAttributes(&attributes, probe);
+  gpu.has_code = code != cudaErrorNoKernelImageForDevice && code != cudaErrorInvalidDeviceFunction &&
+                 code != cudaErrorUnsupportedPtxVersion;
+  if (!gpu.has_code) cudaGetLastError();  // or the next check would report it
+  return gpu;
+}
+
+}  // namespace b3dgs::cuda

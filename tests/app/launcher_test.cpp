@@ -1,0 +1,56 @@
+// b3dgs before it becomes b3dgs-engine, and the demo's care for what it did not make.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "app/run_program.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Outcome;
+using test::run_b3dgs;
+
+/// The exit code of a shell command, its output in `folder`/out.
+int run_shell(const fs::path& folder, const std::string& command) {
+  const int status = std::system((command + " > '" + (folder / "out").string() + "' 2>&1").c_str());
+  return WEXITSTATUS(status);
+}
+
+TEST(Launcher, AnswersWithoutTheEngine) {
+  const test::TempDir folder;
+  fs::copy(B3DGS_PROGRAM, folder / "b3dgs");
+  const std::string program = (folder / "b3dgs").string();
+  EXPECT_EQ(run_shell(folder.path(), program + " --version"), 0);
+  EXPECT_EQ(test::read_bytes(folder / "out").rfind("b3dgs ", 0), 0u);
+  EXPECT_EQ(run_shell(folder.path(), program + " --help"), 0);
+  EXPECT_NE(test::read_bytes(folder / "out").find("Usage: b3dgs COMMAND"), std::string::npos);
+  EXPECT_EQ(run_shell(folder.path(), program + " train"), 1);
+  EXPECT_NE(test::read_bytes(folder / "out").find("b3dgs-engine: cannot be started"), std::string::npos);
+}
+
+TEST(Launcher, ThreadsSleepWhileTheyWaitUnlessTheUserSaysOtherwise) {
+  setenv("OMP_DISPLAY_ENV", "true", 1);
+  const std::string usual = run_b3dgs({"train", "--help"}).err;
+  setenv("OMP_WAIT_POLICY", "active", 1);
+  const std::string told = run_b3dgs({"train", "--help"}).err;
+  unsetenv("OMP_WAIT_POLICY");
+  unsetenv("OMP_DISPLAY_ENV");
+  EXPECT_NE(usual.find("OMP_WAIT_POLICY = 'PASSIVE'"), std::string::npos) << usual;
+  EXPECT_NE(told.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << told;
+}
+
+TEST(Demo, RefusesAFolderThatItDidNotMake) {
+  const test::TempDir folder;
+  test::write_bytes(folder / "mine/model/thesis.txt", "years");
+  EXPECT_EQ(run_shell(folder.path(), B3DGS_SCRIPTS "/demo.sh '" + (folder / "mine").string() + "'"), 2);
+  EXPECT_NE(test::read_bytes(folder / "out").find("holds something that the demo did not make"), std::string::npos);
+  EXPECT_EQ(test::read_bytes(folder / "mine/model/thesis.txt"), "years");
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,130 @@
+// Trained models as eval and render see them: device, scene and resolution of this run, cameras without photographs.
+#include "app/model.h"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "app/run_program.h"
+#include "scene/atomic_file.h"
+#include "scene/image_io.h"
+#include "scene/remove_tree.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Outcome;
+using test::read_bytes;
+using test::run_b3dgs;
+
+class TrainedModel : public ::testing::Test {
+ protected:
+  TrainedModel() {
+    make_scene("scene", "1");
+    const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("model"), "--eval", "--iterations", "3",
+                                       "--test_iterations", "3", "--device", "cpu", "--quiet"});
+    EXPECT_EQ(trained.exit_code, 0) << trained.err;
+    options_.model_path = path("model");
+    options_.device = "cpu";
+  }
+  void make_scene(const std::string& name, const std::string& seed) const {
+    const Outcome made = run_b3dgs({"synth", "orbit", path(name), "--points", "300", "--views", "9", "--width", "64",
+                                    "--height", "48", "--seed", seed, "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  nlohmann::json results() const { return nlohmann::json::parse(read_bytes(folder_ / "model/results.json")); }
+  void change_config(const std::string& key, const nlohmann::ordered_json& value) const {
+    const fs::path file = folder_ / "model/config.json";
+    auto config = nlohmann::ordered_json::parse(read_bytes(file));
+    config[key] = value;
+    write_file(file, config.dump());
+  }
+
+  test::TempDir folder_;
+  ModelOptions options_;
+  std::ostringstream messages_;
+  StatusLine status_{messages_, 0, /*quiet=*/true};
+};
+
+TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
+  change_config("device", "cuda");
+  const LoadedModel model = load_model(options_, status_);
+  EXPECT_EQ(model.config.device, "cpu");
+  EXPECT_EQ(image_settings(model).tile.height, default_tile("cpu").height);
+}
+
+TEST_F(TrainedModel, ImagesKeepNothingForABackwardPass) {
+  change_config("deterministic", true);
+  change_config("backward_kernel", "per-pixel");
+  const LoadedModel model = load_model_cameras(options_, status_);
+  EXPECT_FALSE(image_settings(model).keep_for_backward) << "on a GPU this pair has no backward pass";
+  EXPECT_EQ(run_b3dgs({"render", path("model"), "--device", "cpu", "--quiet"}).exit_code, 0);
+}
+
+TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
+  const LoadedModel with_scene = load_model(options_, status_);
+  const Outcome before = run_b3dgs({"render", path("model"), "-s", path("scene"), "--output", path("before")});
+  ASSERT_EQ(before.exit_code, 0) << before.err;
+  remove_tree(path("scene"));
+  const LoadedModel model = load_model_cameras(options_, status_);
+  ASSERT_EQ(model.scene.test.size(), with_scene.scene.test.size());
+  ASSERT_EQ(model.scene.train.size(), with_scene.scene.train.size());
+  for (std::size_t i = 0; i < model.scene.train.size(); ++i) {
+    EXPECT_EQ(model.scene.train[i].name, with_scene.scene.train[i].name);
+  }
+  const Outcome after = run_b3dgs({"render", path("model"), "--output", path("after")});
+  ASSERT_EQ(after.exit_code, 0) << after.err;
+  const Image8 expected = read_image(folder_ / "before/renders/00001.png", false);
+  const Image8 found = read_image(folder_ / "after/renders/00001.png", false);
+  ASSERT_EQ(found.pixels.size(), expected.pixels.size());
+  int largest = 0;
+  for (std::size_t i = 0; i < found.pixels.size(); ++i) {
+    largest = std::max(largest, std::abs(int{found.pixels[i]} - int{expected.pixels[i]}));
+  }
+  EXPECT_LE(largest, 1);
+}
+
+TEST_F(TrainedModel, APlyInAModelFolderIsRenderedWithItsCameras) {
+  remove_tree(path("scene"));
+  const Outcome rendered = run_b3dgs({"render", path("model/point_cloud/iteration_3/point_cloud.ply")});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
+  EXPECT_TRUE(fs::exists(folder_ / "model/test/ours_3/renders/00001.png"));
+  fs::copy(folder_ / "model/point_cloud/iteration_3/point_cloud.ply", folder_ / "alone.ply");
+  const Outcome alone = run_b3dgs({"render", path("alone.ply")});
+  EXPECT_EQ(alone.exit_code, 2);
+  EXPECT_NE(alone.err.find("alone.ply: a PLY has no cameras; name a scene that has them with -s"), std::string::npos)
+      << alone.err;
+}
+
+TEST_F(TrainedModel, ResultsOfAnotherSizeOrSceneStandBesideItsOwn) {
+  const nlohmann::json own = results()["ours_3"];
+  EXPECT_EQ(own["width"], 64);
+  EXPECT_EQ(own["resolution"], -1);
+  EXPECT_EQ(own["source_path"], path("scene"));
+  EXPECT_EQ(own["split"], "test");
+
+  ASSERT_EQ(run_b3dgs({"eval", path("model"), "-r", "2", "--save_images"}).exit_code, 0);
+  make_scene("other", "2");
+  ASSERT_EQ(run_b3dgs({"eval", path("model"), "-s", path("other")}).exit_code, 0);
+  nlohmann::json found = results();
+  EXPECT_EQ(found["ours_3"], own);
+  EXPECT_EQ(found["ours_3_r2"]["width"], 32);
+  EXPECT_TRUE(fs::exists(folder_ / "model/test/ours_3_r2/renders/00000.png"));
+  EXPECT_EQ(found["ours_3_other"]["source_path"], path("other"));
+  EXPECT_EQ(found.size(), 3u);
+
+  fs::rename(folder_ / "scene", folder_ / "moved");
+  ASSERT_EQ(run_b3dgs({"eval", path("model"), "-s", path("moved")}).exit_code, 0);
+  found = results();
+  EXPECT_EQ(found.size(), 3u) << "the same scene in another place";
+  EXPECT_EQ(found["ours_3"]["source_path"], path("moved"));
+  EXPECT_NEAR(found["ours_3"]["PSNR"].get<double>(), own["PSNR"].get<double>(), 1e-3);
+}
+
+}  // namespace
+}  // namespace b3dgs
