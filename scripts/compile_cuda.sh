@@ -11,4 +11,5 @@ cmake --preset cuda-compile -DB3DGS_TESTS=ON
 cmake --build --preset cuda-compile --target b3dgs_raster_cuda b3dgs_train_cuda b3dgs_adaptive_cuda \
   raster_cuda_tests train_cuda_tests adaptive_cuda_tests
 scripts/kernel_resources.sh --check
+scripts/check_rounding.sh
 ctest --test-dir build/cuda-compile -L gpu --no-tests=error --parallel 2 --output-on-failure
