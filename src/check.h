@@ -6,7 +6,8 @@
 // OutOfMemoryError  a GPU has not as much memory as was asked for.
 // LogicError        a contract between our own modules was broken.
 //
-// Only app/main.cpp catches; it turns the first two into exit code 2 and the others into 1.
+// app/main.cpp turns the first two into exit code 2 and the others into 1. Whoever else catches adds a place to the
+// message, or can go on without what failed.
 #pragma once
 
 #include <sstream>
