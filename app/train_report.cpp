@@ -36,7 +36,7 @@ std::string headline(const TrainConfig& config, const TrainHistory& history) {
   if (history.points.empty()) return text;
   const LogPoint& last = history.points.back();
   if (last.count) text += ", " + format_count(*last.count) + " Gaussians";
-  if (!history.holds.empty()) {
+  if (!history.holds.empty() && last.count.value_or(0) <= history.holds.back().count) {
     const HoldEvent& hold = history.holds.back();
     text += " (held at " + format_count(hold.count) + ": " + hold.reason + ")";
   }

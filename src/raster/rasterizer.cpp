@@ -30,6 +30,13 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
           g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>()};
 }
 
+/// Keeps `tensor` if it can be written to as an array of this shape and kind, else replaces it.
+void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+  const bool fits = tensor.defined() && tensor.sizes() == sizes && tensor.is_contiguous() &&
+                    tensor.dtype() == options.dtype() && tensor.device() == options.device();
+  if (!fits) tensor = torch::empty(sizes, options);
+}
+
 #if B3DGS_TORCH_CUDA
 constexpr bool kTorchHasCuda = true;
 #else
@@ -159,11 +166,7 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
   const auto options = gaussians.means.options();
   const auto parameters = gaussians.all();
   const auto gradients = grads.all();
-  for (std::size_t i = 0; i < parameters.size(); ++i) {
-    if (!gradients[i]->defined() || gradients[i]->sizes() != parameters[i]->sizes()) {
-      *gradients[i] = torch::empty(parameters[i]->sizes(), options);
-    }
-  }
+  for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
   impl_->backward(arrays, image,
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),

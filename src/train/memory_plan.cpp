@@ -1,6 +1,7 @@
 #include "train/memory_plan.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace b3dgs {
 namespace {
@@ -24,16 +25,12 @@ std::int64_t row_bytes(const torch::Tensor& tensor) {
 void ViewRatios::add(const ViewSize& view, std::int64_t n_gaussians) {
   if (n_gaussians == 0) return;
   const double n = static_cast<double>(n_gaussians);
-  const double seen = static_cast<double>(view.n_splats) / n, touched = static_cast<double>(view.n_pairs) / n;
-  splats = is_measured_ ? std::max(splats, seen) : seen;
-  pairs = is_measured_ ? std::max(pairs, touched) : touched;
-  is_measured_ = true;
+  now_.splats = std::max(now_.splats, static_cast<double>(view.n_splats) / n);
+  now_.pairs = std::max(now_.pairs, static_cast<double>(view.n_pairs) / n);
 }
 
-void ViewRatios::fade() {
-  constexpr double kKept = 0.98;
-  splats *= kKept;
-  pairs *= kKept;
+void ViewRatios::begin_round() {
+  before_ = std::exchange(now_, {});
 }
 
 std::int64_t state_row_bytes(const TrainState& state) {
@@ -59,7 +56,7 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;
-  memory.view = view.bytes(1, ratios.splats, ratios.pairs);
+  memory.view = view.bytes(1, ratios.splats(), ratios.pairs());
   memory.round = kPlan + static_cast<double>(largest);
   return memory;
 }

@@ -1,6 +1,7 @@
 // How many Gaussians a training has memory for: from what a Gaussian takes and what is there. Pure.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 
@@ -10,18 +11,27 @@
 
 namespace b3dgs {
 
-/// Of a training's largest views.
-struct ViewRatios {
-  double splats = 1;  // seen Gaussians, of all
-  double pairs = 4;   // (tile, splat) pairs for each Gaussian; the first view says more
-
-  /// Takes a view into account.
+/// How much views show of a model: of the largest ones since the round of density control before the last one. Earlier
+/// ones say nothing, for Gaussians become smaller as they become more.
+class ViewRatios {
+ public:
   void add(const ViewSize& view, std::int64_t n_gaussians);
-  /// Lets views count less that were long ago: to be called once a round of density control.
-  void fade();
+  /// To be called at each round of density control.
+  void begin_round();
+  /// Seen Gaussians, of all; 1 before the first view.
+  double splats() const { return ratio(&Largest::splats, 1); }
+  /// (tile, splat) pairs for each Gaussian; a guess before the first view.
+  double pairs() const { return ratio(&Largest::pairs, 4); }
 
  private:
-  bool is_measured_ = false;
+  struct Largest {
+    double splats = 0, pairs = 0;
+  };
+  double ratio(double Largest::*which, double unknown) const {
+    const double largest = std::max(before_.*which, now_.*which);
+    return largest > 0 ? largest : unknown;
+  }
+  Largest before_, now_;
 };
 
 /// Bytes of a Gaussian's parameters, moments and statistics.
@@ -35,7 +45,8 @@ struct GaussianMemory {
   double step = 0;   // gradients by centres, steps that are put off
   double view = 0;   // rasterizer: what it keeps of a view, pairs included
   double round = 0;  // a round of density control: its plan, and the largest tensor a second time
-  double all() const { return state + step + view + round; }
+  /// What is kept of views gives way to a round where both do not fit.
+  double all() const { return state + step + std::max(view, round); }
 };
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios);
 

@@ -12,9 +12,6 @@
 namespace b3dgs {
 namespace {
 
-// Rows are moved in pieces of this size: large enough that a GPU has enough to do.
-constexpr std::int64_t kPieceElements = 16 << 20;
-
 std::int64_t row_elements(const torch::Tensor& tensor) {
   std::int64_t n = 1;
   for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) n *= tensor.size(axis);
@@ -57,18 +54,19 @@ void check_edit(const RowEdit& edit) {
 }
 
 /// Rows that are moved at a time.
-std::int64_t piece_rows(const torch::Tensor& tensor) {
-  return std::max<std::int64_t>(1, kPieceElements / std::max<std::int64_t>(1, row_elements(tensor)));
+std::int64_t piece_rows(const torch::Tensor& tensor, std::int64_t piece_elements) {
+  return std::max<std::int64_t>(1, piece_elements / std::max<std::int64_t>(1, row_elements(tensor)));
 }
 
 /// Elements of scratch for one tensor: its new rows, which are read before their sources move, and a piece.
-std::int64_t scratch_elements(const RowEdit& edit, const torch::Tensor& tensor) {
+std::int64_t scratch_elements(const RowEdit& edit, const torch::Tensor& tensor, std::int64_t piece_elements) {
   const std::int64_t n_new = edit.sources.size(0) - edit.n_kept;
-  return (n_new + std::min(edit.n_kept, piece_rows(tensor))) * row_elements(tensor);
+  return (n_new + std::min(edit.n_kept, piece_rows(tensor, piece_elements))) * row_elements(tensor);
 }
 
-/// Gives the tensor the edit's rows in its own memory.
-void edit_tensor(const RowEdit& edit, const torch::Tensor& scratch, torch::Tensor& tensor, bool copies_new) {
+/// Gives the tensor the edit's rows in its own memory, `piece` rows at a time.
+void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& scratch, torch::Tensor& tensor,
+                 bool copies_new) {
   const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept, per_row = row_elements(tensor);
   const torch::Tensor elements = scratch.view(tensor.scalar_type());
   /// Rows of sources [begin, end) in the scratch, from row `at` on.
@@ -82,7 +80,6 @@ void edit_tensor(const RowEdit& edit, const torch::Tensor& scratch, torch::Tenso
   if (copies_new) new_rows = gather(0, edit.n_kept, n_rows);
   torch::Tensor result = with_rows(tensor, n_rows);
   // Sources of kept rows lie where the rows go or behind: no piece overwrites what a later one reads.
-  const std::int64_t piece = piece_rows(tensor);
   for (std::int64_t begin = 0; begin < edit.n_kept; begin += piece) {
     const std::int64_t end = std::min(begin + piece, edit.n_kept);
     result.slice(0, begin, end).copy_(gather(n_new, begin, end));
@@ -117,7 +114,7 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
   B3DGS_CHECK(n_room >= n_rows, "room for ", n_room, " of ", n_rows, " rows");
   std::int64_t n_scratch = 0;
   visit_tensors(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
-    n_scratch = std::max(n_scratch, scratch_elements(edit, tensor));
+    n_scratch = std::max(n_scratch, scratch_elements(edit, tensor, piece_elements_));
     if (capacity(tensor) >= n_rows) return;
     const torch::Tensor larger = allocate_(sizes_with_rows(tensor, n_room), tensor.options());
     larger.slice(0, 0, tensor.size(0)).copy_(tensor);
@@ -132,7 +129,8 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
   B3DGS_CHECK(scratch_.defined(), "an edit without room for it");
   const torch::Tensor scratch = std::exchange(scratch_, {});
   const auto edit_all = [&](auto& group, bool copies_new) {
-    for (torch::Tensor* tensor : group.all()) edit_tensor(edit, scratch, *tensor, copies_new);
+    for (torch::Tensor* tensor : group.all())
+      edit_tensor(edit, piece_rows(*tensor, piece_elements_), scratch, *tensor, copies_new);
   };
   edit_all(gaussians, true);
   edit_all(adam.m, false);

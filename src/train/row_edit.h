@@ -27,7 +27,11 @@ torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptio
 /// more than one of its tensors and the rows that are new to it.
 class RowEditor {
  public:
-  explicit RowEditor(AllocateTensor allocate = allocate_tensor) : allocate_(std::move(allocate)) {}
+  /// Rows are moved in pieces of about so many elements: large enough that a GPU has enough to do.
+  static constexpr std::int64_t kPieceElements = 16 << 20;
+
+  explicit RowEditor(AllocateTensor allocate = allocate_tensor, std::int64_t piece_elements = kPieceElements)
+      : allocate_(std::move(allocate)), piece_elements_(piece_elements) {}
 
   /// Everything for which apply() needs memory: tensors with less than the edit's rows move to where there is room for
   /// n_room (at least the edit's). If this throws, the model is as it was. @throws OutOfMemoryError
@@ -44,6 +48,7 @@ class RowEditor {
   std::int64_t capacity(const torch::Tensor& tensor) const;
 
   AllocateTensor allocate_;
+  std::int64_t piece_elements_;
   std::set<const void*> made_;  // first elements of the tensors that reserve() moved
   torch::Tensor scratch_;       // flat, of 4-byte elements
 };

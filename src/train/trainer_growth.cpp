@@ -21,7 +21,7 @@ void Trainer::Impl::hold_count(std::int64_t count) {
   constexpr double kNoteworthy = 0.99;  // of what was said before
   const bool is_news =
       state.held_at == 0 || static_cast<double>(count) < kNoteworthy * static_cast<double>(state.held_at);
-  state.held_at = smaller_limit(state.held_at, count);
+  state.held_at = count;
   if (!is_news) return;
   say("held at " + format_count(count) + " Gaussians: GPU memory");
   if (log == nullptr) return;
@@ -33,10 +33,18 @@ void Trainer::Impl::hold_count(std::int64_t count) {
                     {"limit_bytes", memory->limit().value_or(0)}});
 }
 
+bool Trainer::Impl::can_grow_on(std::int64_t room) const {
+  // Less would be a hold at each round. A course that has to be the same twice does not depend on what is free.
+  constexpr double kWorthwhile = 1.05;
+  if (config.deterministic || growth_has_failed) return false;
+  return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
+}
+
 void Trainer::Impl::densify_model() {
   const std::int64_t before = state.gaussians.size();
-  const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
   const std::int64_t room = room_for_gaussians().value_or(0);
+  if (state.held_at > 0 && can_grow_on(room)) state.held_at = 0;
+  const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
   DensityRule rule = density_rule(config, scene.extent, state.iteration);
   rule.max_gaussians = smaller_limit(allowed, room);
   const DensityRound round = densify(state.gaussians, state.statistics, rule, config.seed, state.iteration);
@@ -58,10 +66,11 @@ void Trainer::Impl::densify_model() {
 }
 
 void Trainer::Impl::grow() {
-  view_ratios.fade();
+  view_ratios.begin_round();
   try {
     with_remedies({free_scratch()}, [&] { densify_model(); });
   } catch (const OutOfMemoryError&) {
+    growth_has_failed = true;
     hold_count(state.gaussians.size());
     with_remedies({free_scratch()}, [&] { densify_model(); });  // what is to be removed is removed all the same
   }

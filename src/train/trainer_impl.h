@@ -75,7 +75,9 @@ struct Trainer::Impl {
   void densify_model();
   /// Gaussians for which there is memory; nothing if that is not counted.
   std::optional<std::int64_t> room_for_gaussians();
-  /// From now on the model does not grow beyond `count`; said once.
+  /// Whether a hold ends, there being memory for so many (0: any number).
+  bool can_grow_on(std::int64_t room) const;
+  /// The model does not grow beyond `count` until there is room for more; said unless it has been.
   void hold_count(std::int64_t count);
   /// Gives back what the allocator keeps beyond a share.
   void trim_memory();
@@ -126,7 +128,8 @@ struct Trainer::Impl {
   double resumed_s = 0;  // of training before this run
   TrainState state;      // to be read through settled() where harmonics or all moments are wanted
   ViewRatios view_ratios;
-  std::int64_t view_bytes = 0;  // of the rasterizer's buffers after the last view
+  bool growth_has_failed = false;  // in this run, although there seemed to be memory
+  std::int64_t view_bytes = 0;     // of the rasterizer's buffers after the last view
   TrainResult result;
   /// A step whose loss the host has not read yet.
   struct Unsettled {
