@@ -84,7 +84,7 @@ TEST(ImageStore, OnTheCpuIsTheScenesOwnImagesWhateverTheBudget) {
     const TrainView view = store.take(i, {1, 2});
     const View& expected = scene.train[static_cast<std::size_t>(i)];
     EXPECT_EQ(view.name, expected.name);
-    EXPECT_EQ(view.truth.data_ptr<std::uint8_t>(), expected.image->pixels.data()) << "copied";
+    EXPECT_EQ(view.truth.data_ptr<std::uint8_t>(), expected.image->held()->pixels.data()) << "copied";
     EXPECT_EQ(view.valid.data_ptr<std::uint8_t>(), expected.valid->pixels.data()) << "copied";
     EXPECT_EQ(view.truth.sizes(), (std::vector<std::int64_t>{44, 60, 3}));
     EXPECT_EQ(view.n_valid, 44 * 48);

@@ -158,7 +158,7 @@ TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
   ImageStore store(scene.train, device, 2 * 7920);
   for (const std::int32_t i : {5, 0, 3, 3, 2, 4, 1, 5}) {
     const TrainView view = store.take(i, {4, 2});
-    const Image8& expected = *scene.train[static_cast<std::size_t>(i)].image;
+    const Image8& expected = *scene.train[static_cast<std::size_t>(i)].image->held();
     const torch::Tensor host = view.truth.to(torch::kCPU);
     EXPECT_TRUE(std::equal(expected.pixels.begin(), expected.pixels.end(), host.data_ptr<std::uint8_t>())) << i;
     EXPECT_FALSE(view.valid.defined());
