@@ -30,6 +30,7 @@ class ImageMemory {
   explicit ImageMemory(const Plan& plan);
 
   std::int64_t limit() const { return plan_.limit; }
+  std::int64_t fixed() const { return plan_.fixed; }
   /// Buffers for one reader, 1 to kMaxBuffers.
   int n_buffers() const { return n_buffers_; }
 

@@ -36,7 +36,7 @@ struct ImagePlaces {
   Share on_device, in_memory, on_disk;  // the device being a GPU; on disk: read ahead
 };
 
-/// "1,200 on the GPU (6.15 GB), 390 in memory (2.00 GB), 1,410 read ahead from disk (7.22 GB)"
+/// "1200 on the GPU (6.15 GB), 390 in memory (2.00 GB), 1410 read ahead from disk (7.22 GB)"
 std::string describe(const ImagePlaces& places);
 
 /// Of views that are not on a GPU.
