@@ -11,7 +11,8 @@ std::int64_t image_memory_limit(double host_memory_gb, std::int64_t available_by
   return static_cast<std::int64_t>(std::min(1e9 * host_memory_gb, 9e18));
 }
 
-ImageMemory::ImageMemory(const Plan& plan) : plan_(plan), hold_limit_(plan.limit), held_(plan.fixed), peak_(plan.fixed) {
+ImageMemory::ImageMemory(const Plan& plan)
+    : plan_(plan), hold_limit_(plan.limit), held_(plan.fixed), peak_(plan.fixed) {
   B3DGS_CHECK(plan.limit >= 0 && plan.n_readers >= 1, "limit ", plan.limit, ", readers ", plan.n_readers);
   if (plan.largest == 0) return;
   const std::int64_t left = std::max<std::int64_t>(0, plan.limit - plan.fixed);

@@ -58,7 +58,9 @@ class ImageMemory {
 /// Buffers that are counted for as long as this lives.
 class ImageBufferCount {
  public:
-  ImageBufferCount(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) { memory_.take_buffers(bytes_); }
+  ImageBufferCount(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) {
+    memory_.take_buffers(bytes_);
+  }
   ~ImageBufferCount() { memory_.give_buffers_back(bytes_); }
   ImageBufferCount(const ImageBufferCount&) = delete;
   ImageBufferCount& operator=(const ImageBufferCount&) = delete;

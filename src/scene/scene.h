@@ -47,8 +47,8 @@ struct Scene {
 /// What load_scene is doing now: stage, items done, items in all. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a COLMAP scene. Of the images only the headers are read: ViewImage decodes. Notices that are no errors (several models, a missing images folder replaced by downscaling,
-/// images missing on disk) are in `summary`.
+/// Reads a COLMAP scene. Of the images only the headers are read: ViewImage decodes. Notices that are no errors
+/// (several models, a missing images folder replaced by downscaling, images missing on disk) are in `summary`.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used.
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 

@@ -13,8 +13,7 @@ int reading_threads(bool cpu_is_busy) {
   return cpu_is_busy ? 1 : std::clamp(thread_count() - 1, 1, kMost);
 }
 
-ImageReader::ImageReader(Setup setup)
-    : setup_(std::move(setup)), slots_(n_buffers()), buffers_(setup_.buffers.size()) {
+ImageReader::ImageReader(Setup setup) : setup_(std::move(setup)), slots_(n_buffers()), buffers_(setup_.buffers.size()) {
   B3DGS_CHECK(n_buffers() > 0 && setup_.n_threads > 0, n_buffers(), " buffers, ", setup_.n_threads, " threads");
   try {
     for (int i = 0; i < std::min(setup_.n_threads, n_buffers()); ++i) threads_.emplace_back([this] { run_thread(); });
@@ -70,7 +69,8 @@ bool ImageReader::is_ready(std::int32_t image) const {
 int ImageReader::wait(std::int32_t image) const {
   std::unique_lock<std::mutex> lock(mutex_);
   const int slot = slots_.slot_of(image);
-  B3DGS_CHECK(is_read(image) || std::find(order_.begin(), order_.end(), slot) != order_.end(), "image ", image, " was not expected");
+  B3DGS_CHECK(is_read(image) || std::find(order_.begin(), order_.end(), slot) != order_.end(), "image ", image,
+              " was not expected");
   done_.wait(lock, [&] { return is_read(image); });
   const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
   if (buffer.error) std::rethrow_exception(buffer.error);
@@ -123,7 +123,8 @@ BufferPlan::BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& imag
 }
 
 ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images) : plan_(images) {
-  for (int i = 0; i < plan_.count; ++i) buffers_.emplace_back(new std::uint8_t[static_cast<std::size_t>(plan_.n_bytes)]);
+  for (int i = 0; i < plan_.count; ++i)
+    buffers_.emplace_back(new std::uint8_t[static_cast<std::size_t>(plan_.n_bytes)]);
 }
 
 std::vector<std::uint8_t*> ImageBuffers::pointers() const {
@@ -155,8 +156,8 @@ void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, 
       continue;
     }
     std::vector<std::int32_t> next;
-    for (std::int32_t j = number[i]; j < static_cast<std::int32_t>(on_disk.size()) &&
-                                     next.size() < static_cast<std::size_t>(reader->n_buffers());
+    for (std::int32_t j = number[i];
+         j < static_cast<std::int32_t>(on_disk.size()) && next.size() < static_cast<std::size_t>(reader->n_buffers());
          ++j) {
       next.push_back(j);
     }

@@ -65,8 +65,8 @@ class ImageReader {
   UploadSlots slots_;  // which image belongs into which buffer
   mutable std::mutex mutex_;
   mutable std::condition_variable work_, done_;
-  std::vector<Buffer> buffers_;   // this and the next two under the mutex
-  std::vector<int> order_;        // of buffers, the most urgent first
+  std::vector<Buffer> buffers_;  // this and the next two under the mutex
+  std::vector<int> order_;       // of buffers, the most urgent first
   bool is_stopping_ = false;
   std::vector<std::thread> threads_;
 };
@@ -77,7 +77,7 @@ struct BufferPlan {
   explicit BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images);
 
   int count = 0;
-  std::int64_t n_bytes = 0;                 // of each
+  std::int64_t n_bytes = 0;                  // of each
   std::unique_ptr<ImageBufferCount> in_use;  // counted by the memory of the scene as long as this lives
 };
 

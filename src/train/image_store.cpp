@@ -275,7 +275,7 @@ std::int64_t ImageStore::release_resident(std::int64_t bytes) {
       truth_at(copy->pixels.data(), view, torch::kCPU).copy_(view.truth);
       image.hold(std::move(copy));
     }
-    view.truth = {};
+    view.truth = torch::Tensor();
     freed += image.n_bytes();
     --n_resident_;
   }

@@ -70,9 +70,9 @@ class ImageStore {
   /// @throws InputError if this photograph cannot be read; other views can still be taken then.
   TrainView take(std::int32_t index, const std::vector<std::int32_t>& upcoming);
 
-  /// Frees at least so many bytes of a GPU's memory, or all that photographs have there: views stop being resident, from
-  /// the last one on. They move to host memory if there is room. What take() gave stays as it is until the next take().
-  /// Returns the bytes that are given back to LibTorch's allocator; 0 on the CPU.
+  /// Frees at least so many bytes of a GPU's memory, or all that photographs have there: views stop being resident,
+  /// from the last one on. They move to host memory if there is room. What take() gave stays as it is until the next
+  /// take(). Returns the bytes that are given back to LibTorch's allocator; 0 on the CPU.
   std::int64_t release_resident(std::int64_t bytes);
 
  private:

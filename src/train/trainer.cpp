@@ -56,8 +56,7 @@ void Trainer::wait() {
 }
 
 std::string Trainer::describe_images() const {
-  return "for training " + describe(impl_->images.places()) + "; for testing " +
-         describe(places_of(impl_->scene.test));
+  return "for training " + describe(impl_->images.places()) + "; for testing " + describe(places_of(impl_->scene.test));
 }
 
 std::int64_t Trainer::n_gaussians() const {

@@ -118,8 +118,7 @@ void Trainer::Impl::step() {
   const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   timer.begin(Stage::kUpload);
-  const std::vector<std::int32_t> next =
-      state.view_order.upcoming(config.seed, images.size(), 1 + images.look_ahead());
+  const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + images.look_ahead());
   const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
   timer.end();
   // Only now: a photograph that cannot be read leaves the state as it was after the last step.

@@ -20,7 +20,9 @@ class DiskScene {
     views.insert(views.end(), tiny.test.begin(), tiny.test.end());
     const Camera& shared = views.front().camera;
     ColmapModel model;
-    model.cameras[1] = {1, CameraModel::kOpenCv, static_cast<std::uint64_t>(shared.width),
+    model.cameras[1] = {1,
+                        CameraModel::kOpenCv,
+                        static_cast<std::uint64_t>(shared.width),
                         static_cast<std::uint64_t>(shared.height),
                         {shared.fx, shared.fy, shared.cx, shared.cy, distorted ? 0.3 : 0, 0, 0, 0}};
     for (const View& view : views) {

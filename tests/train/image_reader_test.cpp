@@ -131,8 +131,8 @@ TEST(ImageReader, ReadsTheMostUrgentFirst) {
                           written.push_back(buffer);
                         }});
     reader.expect({0, 1, 2, 3});
-    gate.wait_for(1);            // it is at 0
-    reader.expect({3, 2, 1});    // 0 keeps its buffer
+    gate.wait_for(1);          // it is at 0
+    reader.expect({3, 2, 1});  // 0 keeps its buffer
     gate.open();
     for (const std::int32_t image : {1, 2, 3}) reader.wait(image);
     ASSERT_EQ(written.size(), 4u);

@@ -88,7 +88,8 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   EXPECT_GE(last, 5);
   EXPECT_LT(last, 14);
   const fs::path checkpoint = trainer.write_checkpoint();
-  const Scene sound = DiskScene().load();
+  const DiskScene sound_disk;
+  const Scene sound = sound_disk.load();
   const test::Trained whole = test::train(config, sound, temp / "whole");
   const test::Trained resumed = test::train(config, sound, temp / "resumed", checkpoint);
   EXPECT_TRUE(resumed.ply == whole.ply);

@@ -14,8 +14,8 @@ std::int64_t free_device_bytes();
 
 class ImageUploader {
  public:
-  /// Slots on the device and staging buffers in host memory, each of `image_bytes`. Memory is the uploader's own, not an
-  /// allocator's that would hand it on. @throws CudaError if there is not enough of it, or none that can be pinned
+  /// Slots on the device and staging buffers in host memory, each of `image_bytes`. Memory is the uploader's own, not
+  /// an allocator's that would hand it on. @throws CudaError if there is not enough of it, or none that can be pinned
   ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes);
   ~ImageUploader();
   ImageUploader(const ImageUploader&) = delete;
