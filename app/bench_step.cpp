@@ -212,8 +212,10 @@ int run_bench_step(const std::vector<std::string>& words) {
   TrainHooks hooks;
   hooks.on_message = [&](const std::string& message) { status.print(message); };
   hooks.on_warning = [&](const std::string& message) { status.warn(message); };
+  hooks.on_loading = show_loading(status);
   hooks.on_stage_times = [&](const StageTimes& known) { times.add(known); };
   Trainer trainer(config, scene, ModelFolder(""), hooks);
+  status.clear();
   if (!options.checkpoint.empty()) trainer.resume(options.checkpoint);
 
   catch_stop_signals();

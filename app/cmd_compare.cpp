@@ -11,6 +11,7 @@
 #include "app/progress.h"
 #include "app/train_setup.h"
 #include "check.h"
+#include "scene/view_image.h"
 #include "train/device.h"
 #include "train/threads.h"
 
@@ -147,7 +148,10 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
   if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
-  const Scene scene = open_scene(scene_options(plan.base), status);
+  SceneOptions scene_options = b3dgs::scene_options(plan.base);
+  scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;  // one evaluates at a time
+  const Scene scene = open_scene(scene_options, status);
+  hold_images(scene.train, show_loading(status));  // every configuration of every seed takes them from there
   const double reading_s = steady_seconds() - start_s;
   plan.reading_s += reading_s;
   if (!options.quiet) {

@@ -9,6 +9,7 @@
 #include "app/model.h"
 #include "check.h"
 #include "scene/image_io.h"
+#include "scene/view_image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussian_model.h"
@@ -82,9 +83,10 @@ class SplitEvaluator {
                                  const ImageQuality&) {
       if (save_images_) {
         const Image8 image = to_image8(rendered.color);
-        write_image(folder / "gt" / image_name(index), *view.image);
+        const std::shared_ptr<const Image8> truth = view.image->read();
+        write_image(folder / "gt" / image_name(index), *truth);
         write_image(folder / "renders" / image_name(index), image);
-        write_image(folder / "diff" / image_name(index), difference(*view.image, image, view.valid.get()));
+        write_image(folder / "diff" / image_name(index), difference(*truth, image, view.valid.get()));
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };

@@ -165,7 +165,6 @@ int run_train(const std::vector<std::string>& words) {
 
   const double reading_start_s = steady_seconds();
   const Scene scene = open_scene(scene_options(config), status);
-  const double reading_s = steady_seconds() - reading_start_s;
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
@@ -178,11 +177,15 @@ int run_train(const std::vector<std::string>& words) {
     if (!options.quiet) status.print(message);
   };
   hooks.on_warning = [&](const std::string& message) { status.warn(message); };
+  hooks.on_loading = show_loading(status);
   hooks.stop_signal = &stop_signal();
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder); };
   owned = std::make_unique<Trainer>(config, scene, folder, hooks);
   Trainer& trainer = *owned;
+  const double reading_s = steady_seconds() - reading_start_s;
+  status.clear();
+  if (!options.quiet) std::cout << "photographs " << trainer.describe_images() << std::endl;
   if (!plan.checkpoint.empty()) {
     const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
     std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;

@@ -69,7 +69,10 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   };
   hooks.stop_signal = &stop_signal();
   hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
+  hooks.on_loading = show_loading(status_);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
+  status_.clear();
+  hooks.on_message("photographs " + turn.trainer->describe_images());
   const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_warning);
   if (checkpoint.empty()) return;
   for (const std::string& change : turn.trainer->resume(checkpoint)) hooks.on_message("changed option " + change);

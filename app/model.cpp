@@ -172,6 +172,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.resolution = config.resolution;
   options.eval = config.eval;
   options.white_background = config.white_background;
+  options.host_memory_gb = config.host_memory_gb;
   return options;
 }
 

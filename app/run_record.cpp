@@ -7,6 +7,7 @@
 #include "scene/atomic_file.h"
 #include "scene/image_io.h"
 #include "scene/remove_tree.h"
+#include "scene/view_image.h"
 #include "train/gaussian_model.h"
 
 namespace b3dgs {
@@ -41,7 +42,7 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
                                const ImageQuality& quality) {
     const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
     const fs::path render = report_folder(folder) / ("render_" + image_name(index));
-    write_image(truth, small(*view.image));
+    write_image(truth, small(*view.image->read()));
     write_image(render, small(to_image8(rendered.color)));
     previews.push_back({view.name, quality.psnr, truth, render});
   };

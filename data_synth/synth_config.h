@@ -12,6 +12,7 @@ struct SynthConfig {
   std::string scene = "orbit";
   std::string output;
   std::string format = "binary";
+  std::string image_format = "png";
   std::int64_t seed = 0;
   int points = 0;
   int views = 0;
@@ -27,6 +28,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthConfig>> visit
       "orbit: coloured solids on a ground, cameras around them; street: a LiDAR cloud along a road, a camera driving");
   field(Option{"output"}, c.output, Any{}, "folder to write the scene to");
   field(Option{"format"}, c.format, OneOf{{"binary", "text"}}, "form of the COLMAP model");
+  field(Option{"image_format"}, c.image_format, OneOf{{"png", "jpg"}},
+        "of the images: png is exact, jpg is what cameras write and decodes faster");
   field(Option{"seed"}, c.seed, AtLeast{0}, "of everything random");
   field(Option{"points"}, c.points, AtLeast{0},
         "Gaussians of orbit, LiDAR points of street; 0: 12000 for orbit, 200000 for street");

@@ -36,13 +36,13 @@ void prepare_folder(const fs::path& folder) {
   }
 }
 
-std::string image_name(std::size_t index) {
+std::string image_name(std::size_t index, const SynthConfig& config) {
   char name[32];
-  std::snprintf(name, sizeof name, "%05zu.png", index);
-  return name;
+  std::snprintf(name, sizeof name, "%05zu.", index);
+  return name + config.image_format;
 }
 
-ColmapModel colmap_model(const SynthScene& scene) {
+ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   ColmapModel model;
   const Camera& shared = scene.cameras.front();  // all views have the same intrinsics
   ColmapCamera camera;
@@ -59,7 +59,7 @@ ColmapModel colmap_model(const SynthScene& scene) {
     image.quat = quaternion_from_rotation(scene.cameras[i].cam_from_world.rotation);
     image.translation = scene.cameras[i].cam_from_world.translation;
     image.camera_id = camera.id;
-    image.name = image_name(i);
+    image.name = image_name(i, config);
     model.images.push_back(image);
   }
   for (std::size_t i = 0; i < static_cast<std::size_t>(scene.points.size()); ++i) {
@@ -83,11 +83,11 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
   write_splat_ply(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
-    write_image(folder / "images" / image_name(i), render_truth(scene.truth, scene.cameras[i]));
+    write_image(folder / "images" / image_name(i, config), render_truth(scene.truth, scene.cameras[i]));
     if (on_image) on_image(i + 1, scene.cameras.size());
   }
   const ColmapFormat format = config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;
-  write_colmap_model(folder / "sparse" / "0", colmap_model(scene), format);
+  write_colmap_model(folder / "sparse" / "0", colmap_model(config, scene), format);
 }
 
 }  // namespace b3dgs

@@ -27,15 +27,16 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
   return bytes;
 }
 
-// The file's own channels and depth: decoders reduce neither as documented here.
-cv::Mat decode(const fs::path& path, const Bytes& bytes) {
+// The file's own channels and depth: decoders reduce neither as documented here. The result lies in the memory of
+// `target` if it has that size and type.
+cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target = {}) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
-  cv::Mat image;
+  cv::Mat image = target;
   std::string reason;
   try {
     // Unchanged also means: not turned as EXIF says.
-    image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
+    cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : " (" + error.err + ")";
   }
@@ -57,9 +58,7 @@ cv::Mat reduce_to_8_bits(const fs::path& path, const cv::Mat& image) {
 }
 
 // Straight (not premultiplied) alpha, as PNG has it.
-Image8 composite(const cv::Mat& bgra, bool white_background) {
-  Image8 result(bgra.cols, bgra.rows, 3);
-  std::uint8_t* to = result.pixels.data();
+void composite(const cv::Mat& bgra, bool white_background, std::uint8_t* to) {
   const int background = white_background ? 255 : 0;
   for (int row = 0; row < bgra.rows; ++row) {
     const std::uint8_t* from = bgra.ptr<std::uint8_t>(row);
@@ -70,22 +69,42 @@ Image8 composite(const cv::Mat& bgra, bool white_background) {
       }
     }
   }
-  return result;
+}
+
+// Any decoded image as 8-bit RGB.
+void convert(const fs::path& path, const cv::Mat& decoded, bool white_background, std::uint8_t* rgb) {
+  const cv::Mat image = reduce_to_8_bits(path, decoded);
+  if (image.channels() == 4) {
+    composite(image, white_background, rgb);
+    return;
+  }
+  if (image.channels() != 1 && image.channels() != 3) {
+    input_error(path.string(), ": expected 1, 3 or 4 channels, found ", image.channels(), "; convert it to PNG");
+  }
+  // May be the memory of `decoded`: a pixel is read before it is written.
+  cv::Mat to(image.rows, image.cols, CV_8UC3, rgb);
+  cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
 
 }  // namespace
 
 Image8 read_image(const fs::path& path, bool white_background) {
   FileReader file(path);
-  const cv::Mat image = reduce_to_8_bits(path, decode(path, read_bytes(file, file.remaining())));
-  if (image.channels() == 4) return composite(image, white_background);
-  if (image.channels() != 1 && image.channels() != 3) {
-    input_error(path.string(), ": expected 1, 3 or 4 channels, found ", image.channels(), "; convert it to PNG");
-  }
-  Image8 result(image.cols, image.rows, 3);
-  cv::Mat to(image.rows, image.cols, CV_8UC3, result.pixels.data());
-  cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
+  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()));
+  Image8 result(decoded.cols, decoded.rows, 3);
+  convert(path, decoded, white_background, result.pixels.data());
   return result;
+}
+
+void read_image_into(const fs::path& path, bool white_background, ImageSize size, std::uint8_t* rgb) {
+  FileReader file(path);
+  const cv::Mat target(size.height, size.width, CV_8UC3, rgb);  // what most files decode to
+  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()), target);
+  if (decoded.cols != size.width || decoded.rows != size.height) {
+    input_error(path.string(), ": its header said ", size.width, " x ", size.height, " px when the scene was loaded, ",
+                "decoded it has ", decoded.cols, " x ", decoded.rows, "; the file is damaged or was replaced");
+  }
+  convert(path, decoded, white_background, rgb);
 }
 
 ImageSize read_image_size(const fs::path& path) {
@@ -100,14 +119,22 @@ ImageSize read_image_size(const fs::path& path) {
 }
 
 Image8 resize_image(const Image8& image, int width, int height) {
-  B3DGS_CHECK(width > 0 && height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
-  if (width == image.width && height == image.height) return image;
-  const bool is_smaller = width <= image.width && height <= image.height;
   Image8 result(width, height, image.channels);
-  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
-  cv::Mat to(height, width, CV_8UC(image.channels), result.pixels.data());
-  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  resize_image_into(image, {width, height}, result.pixels.data());
   return result;
+}
+
+void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels) {
+  const auto [width, height] = size;
+  B3DGS_CHECK(width > 0 && height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
+  if (width == image.width && height == image.height) {
+    std::copy(image.pixels.begin(), image.pixels.end(), pixels);
+    return;
+  }
+  const bool is_smaller = width <= image.width && height <= image.height;
+  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
+  cv::Mat to(height, width, CV_8UC(image.channels), pixels);
+  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
 }
 
 void write_image(const fs::path& path, const Image8& image) {

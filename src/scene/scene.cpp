@@ -6,13 +6,15 @@
 #include <filesystem>
 #include <map>
 #include <set>
+#include <tuple>
 
 #include "check.h"
+#include "scene/host_memory.h"
 #include "scene/image_folder.h"
 #include "scene/model_search.h"
 #include "scene/resolution.h"
 #include "scene/scene_summary.h"
-#include "scene/view_loader.h"
+#include "scene/view_image.h"
 
 namespace b3dgs {
 namespace {
@@ -95,6 +97,58 @@ PointCloud points_of(const ColmapModel& model) {
   return points;
 }
 
+// Gives distorted sources their lens groups. Returns each view's mask, reduced to its size and shared by its group;
+// null: all valid.
+std::vector<std::shared_ptr<const Image8>> add_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
+  using Key = std::tuple<std::uint32_t, int, int>;  // camera, width and height of the file
+  struct Group {
+    int number;
+    std::shared_ptr<const Image8> valid;
+  };
+  std::map<Key, Group> groups;
+  std::vector<std::shared_ptr<const Image8>> masks(sources.size());
+  for (std::size_t i = 0; i < sources.size(); ++i) {
+    ViewSource& source = sources[i];
+    if (source.lens.is_pinhole()) continue;
+    const Key key{source.camera_id, source.file_size.width, source.file_size.height};
+    auto found = groups.find(key);
+    if (found == groups.end()) {
+      const int number = cache.add_group(source.lens, source.file_size, source.camera_place);
+      std::shared_ptr<const Image8> valid = cache.get(number)->valid();
+      if (valid) valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
+      found = groups.emplace(key, Group{number, std::move(valid)}).first;
+    }
+    source.lens_group = found->second.number;
+    masks[i] = found->second.valid;
+  }
+  return masks;
+}
+
+// Gives the views their images and masks. No image is decoded.
+void add_images(std::vector<View>& views, std::vector<ViewSource>& sources, const SceneOptions& options) {
+  constexpr std::int64_t kMapShare = 8;  // one part in so many is for the maps of undistorters
+  ImageMemory::Plan plan;
+  plan.limit = image_memory_limit(options.host_memory_gb, available_host_memory());
+  plan.n_readers = options.n_readers;
+  const auto undistorters = std::make_shared<UndistorterCache>(plan.limit / kMapShare);
+  const std::vector<std::shared_ptr<const Image8>> masks = add_lens_groups(sources, *undistorters);
+  plan.fixed = undistorters->most_kept_bytes();
+  std::set<const Image8*> different_masks;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const std::int64_t bytes = std::int64_t{3} * sources[i].size.width * sources[i].size.height;
+    plan.photographs += bytes;
+    plan.largest = std::max(plan.largest, bytes);
+    if (masks[i] && different_masks.insert(masks[i].get()).second) {
+      plan.fixed += static_cast<std::int64_t>(masks[i]->pixels.size());
+    }
+  }
+  const auto shared = std::make_shared<SceneImages>(plan, undistorters, options.white_background);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    views[i].image = std::make_shared<ViewImage>(sources[i], shared);
+    views[i].valid = masks[i];
+  }
+}
+
 }  // namespace
 
 double scene_extent(const std::vector<View>& views) {
@@ -131,6 +185,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     sources.push_back(view_source(*image, model.cameras.at(image->camera_id), model_folder.folder, file->second,
                                   folder.divisor(), options.resolution));
     views.push_back(view_of(*image, sources.back()));
+    if (progress) progress("reading image headers", views.size(), files.size());
   }
   if (views.empty()) {
     input_error((source_path / options.images).string(), ": ",
@@ -138,13 +193,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images is there (first: ",
                                                  missing.front(), "); put them there or name their folder with -i"));
   }
-  if (options.load_images) {
-    std::vector<LoadedImage> images = load_view_images(sources, options.white_background, progress);
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      views[i].image = std::move(images[i].image);
-      views[i].valid = std::move(images[i].valid);
-    }
-  }
+  if (options.load_images) add_images(views, sources, options);
 
   Scene scene;
   scene.source_path = options.source_path;

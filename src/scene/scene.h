@@ -12,11 +12,13 @@
 
 namespace b3dgs {
 
+class ViewImage;
+
 /// One registered photograph. The camera is a pinhole of exactly the image's size: distortion and scaling are undone.
 struct View {
   std::string name;  // as in COLMAP's images file, sub-folders included
   Camera camera;
-  std::shared_ptr<const Image8> image;  // RGB; null if images were not asked for
+  std::shared_ptr<ViewImage> image;     // null if images were not asked for
   std::shared_ptr<const Image8> valid;  // one channel, 255 where the image is valid, 0 elsewhere; null: all valid
 };
 
@@ -29,6 +31,8 @@ struct SceneOptions {
   bool eval = false;              // hold out every 8th view by sorted name
   bool white_background = false;  // what RGBA images are composited on
   bool load_images = true;        // false: cameras and points only
+  double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of what is available
+  int n_readers = 2;              // trainings and evaluations that read images ahead at the same time
 };
 
 struct Scene {
@@ -44,8 +48,8 @@ struct Scene {
 /// What load_scene is doing now: stage, items done, items in all. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a COLMAP scene. Notices that are no errors (several models, a missing images folder replaced by downscaling,
-/// images missing on disk) are in `summary`.
+/// Reads a COLMAP scene. Of the images only the headers are read: ViewImage decodes. Notices that are no errors
+/// (several models, a missing images folder replaced by downscaling, images missing on disk) are in `summary`.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used.
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <set>
 
@@ -95,15 +96,14 @@ std::string describe_sizes(const SceneOrigin& origin) {
   return join({sizes.begin(), sizes.end()}) + " px";
 }
 
-std::string describe_memory(const Scene& scene) {
-  std::set<const Image8*> images;  // masks are shared
-  for_each_view(scene, [&](const View& view) {
-    images.insert(view.image.get());
-    images.insert(view.valid.get());
-  });
-  std::size_t bytes = 0;
-  for (const Image8* image : images) bytes += image ? image->pixels.size() : 0;
-  return bytes > 0 ? rounded(static_cast<double>(bytes) / 1e6, "%.1f MB of images") : "images not loaded";
+std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
+  if (!origin.options.load_images) return "images not loaded";
+  std::int64_t bytes = 0;
+  for_each_view(scene, [&](const View& view) { bytes += view.image->n_bytes(); });
+  const std::int64_t limit = scene.train.front().image->memory()->limit();
+  const std::string images = rounded(1e-6 * static_cast<double>(bytes), "%.1f MB of images");
+  if (limit == std::numeric_limits<std::int64_t>::max()) return images;
+  return images + rounded(1e-6 * static_cast<double>(limit), ", at most %.1f MB in memory (--host_memory_gb)");
 }
 
 // Choices that were made for the user, and signs that something is wrong with the scene.
@@ -149,7 +149,7 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   lines.add("cameras", describe_cameras(origin.model));
   lines.add("distortion", describe_distortion(scene, origin));
   lines.add("size", describe_sizes(origin));
-  lines.add("memory", describe_memory(scene));
+  lines.add("memory", describe_memory(scene, origin));
   lines.add("points", std::to_string(scene.points.size()));
   lines.add("extent", rounded(scene.extent, "%.4g"));
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };

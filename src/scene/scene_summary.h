@@ -8,7 +8,7 @@
 #include "scene/image_folder.h"
 #include "scene/model_search.h"
 #include "scene/scene.h"
-#include "scene/view_loader.h"
+#include "scene/view_image.h"
 
 namespace b3dgs {
 

@@ -49,22 +49,25 @@ Undistorter::Undistorter(const Lens& lens, int width, int height, const std::str
 }
 
 Image8 Undistorter::apply(const Image8& image) const {
+  Image8 result(width_, height_, 3);
+  apply_into(image, result.pixels.data());
+  return result;
+}
+
+void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
   B3DGS_CHECK(image.width == width_ && image.height == height_ && image.channels == 3, "an image of ", image.width,
               " x ", image.height, " x ", image.channels, " for a map of ", width_, " x ", height_);
-  Image8 result(width_, height_, 3);
   // OpenCV only reads these two; its Mat has no const form.
   const cv::Mat from(height_, width_, CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
   const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
-  cv::Mat to(height_, width_, CV_8UC3, result.pixels.data());
+  cv::Mat to(height_, width_, CV_8UC3, rgb);
   // Replicated: a source within half a pixel of the edge is still inside the photograph.
   cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   if (valid_) {
     for (std::size_t i = 0; i < valid_->pixels.size(); ++i) {
-      if (valid_->pixels[i] == 0)
-        std::fill_n(result.pixels.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, std::uint8_t{0});
+      if (valid_->pixels[i] == 0) std::fill_n(rgb + 3 * i, 3, std::uint8_t{0});
     }
   }
-  return result;
 }
 
 Image8 shrink_mask(const Image8& mask, int width, int height) {

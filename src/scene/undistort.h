@@ -1,6 +1,7 @@
 // Photographs of a distorted camera turned into those of a pinhole, which is what the rasterizer knows.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -18,6 +19,8 @@ class Undistorter {
 
   /// Bilinear, as COLMAP's own undistorter: sharper filters ring at edges.
   Image8 apply(const Image8& image) const;
+  /// The same, written to as many bytes as the image has.
+  void apply_into(const Image8& image, std::uint8_t* rgb) const;
 
   /// One channel, 255 where an output pixel comes from inside the image; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }

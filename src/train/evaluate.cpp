@@ -1,6 +1,7 @@
 #include "train/evaluate.h"
 
 #include "check.h"
+#include "train/image_reader.h"
 
 namespace b3dgs {
 
@@ -42,16 +43,24 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const View& view = views[i];
+  std::vector<std::shared_ptr<const ViewImage>> images;
+  for (const View& view : views) {
     B3DGS_CHECK(view.image, "view ", view.name, " has no image to compare with");
+    images.push_back(view.image);
+  }
+  Image8 truth;
+  read_in_order(images, reading_threads(gaussians.means.is_cpu()), [&](std::size_t i, const std::uint8_t* rgb) {
+    const View& view = views[i];
+    truth.width = view.camera.width;
+    truth.height = view.camera.height;
+    truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
-    const ImageQuality quality = image_quality(rendered.color, *view.image, view.valid.get());
+    const ImageQuality quality = image_quality(rendered.color, truth, view.valid.get());
     evaluation.views.push_back({view.name, quality});
     evaluation.mean.psnr += quality.psnr / static_cast<double>(views.size());
     evaluation.mean.ssim += quality.ssim / static_cast<double>(views.size());
     if (on_rendered) on_rendered(i, view, rendered, quality);
-  }
+  });
   return evaluation;
 }
 

@@ -30,6 +30,7 @@ struct TrainConfig {
   // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
   double image_cache_gb = -1;
   double gpu_memory_gb = 0;  // 0: all that is free
+  double host_memory_gb = -1;
 
   // Model and picture
   int sh_degree = 3;
@@ -110,11 +111,14 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to train; auto takes a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
-        "photographs that stay on the GPU, 10^9 bytes; the others wait in pinned memory and are uploaded ahead; -1: as "
-        "many as fit in half of the memory that is free");
+        "photographs that stay on the GPU, 10^9 bytes; the others are uploaded ahead; -1: as many as fit in half of "
+        "the memory that is free");
   field(Option{"gpu_memory_gb"}, c.gpu_memory_gb, AtLeast{0},
         "GPU memory that training may take besides the CUDA context, 10^9 bytes; the number of Gaussians is held where "
         "more would not fit; 0: all that is free");
+  field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
+        "host memory for decoded photographs, 10^9 bytes; those beyond it are read ahead from disk, with the same "
+        "result; -1: 80 % of the memory that is available");
 
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");

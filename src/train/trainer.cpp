@@ -57,6 +57,10 @@ void Trainer::wait() {
   impl_->collect_times(impl_->timer.wait());
 }
 
+std::string Trainer::describe_images() const {
+  return "for training " + describe(impl_->images.places()) + "; for testing " + describe(places_of(impl_->scene.test));
+}
+
 std::int64_t Trainer::n_gaussians() const {
   return impl_->state.gaussians.size();
 }

@@ -41,6 +41,7 @@ struct TrainHooks {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   std::function<void(const std::string&)> on_warning;     // likewise: something is wrong, and training goes on
+  ProgressFn on_loading;                                  // while photographs are read before the first step
   const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
   // If set, every step is timed stage by stage, and told some time after the device has got through it.
   std::function<void(const StageTimes&)> on_stage_times;
@@ -96,6 +97,9 @@ class Trainer {
 
   /// Waits until the device is done with all steps, and tells the times that have not been told.
   void wait();
+
+  /// Where the photographs are, on one line: "for training 80 in memory (0.10 GB); for testing none".
+  std::string describe_images() const;
 
   std::int64_t n_gaussians() const;
   int sh_degree() const;  // in use

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "check.h"
+#include "scene/view_image.h"
 #include "train/device.h"
 #include "train/gaussian_step.h"
 #include "train/image_store.h"
@@ -48,7 +49,8 @@ struct Trainer::Impl {
         stepper(rasterizer),
         loss(device),
         kernels(config, device, kernel_check_tools(this->hooks)),
-        images(scene.train, device, image_budget(config.image_cache_gb, device, config.gpu_memory_gb)),
+        images(scene.train, device, image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
+               this->hooks.on_loading),
         timer(make_stage_clock(device)),
         time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {
     if (device.is_cuda() && config.deterministic &&
@@ -56,6 +58,7 @@ struct Trainer::Impl {
       input_error("--deterministic: the backward kernel ", config.backward_kernel,
                   " adds up in an order that changes from run to run; use --backward_kernel per-splat");
     }
+    hold_images(scene.test, this->hooks.on_loading);  // the room that the training views have left
     if (images.size() == 0) input_error(scene.source_path, ": has no view to train on");
   }
 

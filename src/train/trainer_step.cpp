@@ -115,14 +115,16 @@ void Trainer::Impl::step() {
   // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
   // with it new memory, comes after those.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
-  const int iteration = ++state.iteration;
+  const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
-  if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   timer.begin(Stage::kUpload);
-  const std::int32_t index = state.view_order.next(config.seed, images.size());
-  const TrainView view =
-      images.take(index, state.view_order.upcoming(config.seed, images.size(), ImageStore::kLookAhead));
+  const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + images.look_ahead());
+  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
   timer.end();
+  // Only now: a photograph that cannot be read leaves the state as it was after the last step.
+  state.iteration = iteration;
+  state.view_order.next(config.seed, images.size());
+  if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   learn(view);
   timer.finish();
 }

@@ -1,4 +1,4 @@
-// Which photograph lies in which of a few slots on the device. Pure: it moves no bytes.
+// Which photograph lies in which of a few slots, on the device or in host memory. Pure: it moves no bytes.
 #pragma once
 
 #include <algorithm>

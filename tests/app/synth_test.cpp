@@ -10,6 +10,7 @@
 #include "scene/atomic_file.h"
 #include "scene/ply.h"
 #include "scene/scene.h"
+#include "scene/view_image.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 
@@ -98,7 +99,7 @@ TEST_P(Synth, LoadsAsAScene) {
       EXPECT_EQ(loaded.width, known.width);
       EXPECT_NEAR(loaded.fx, known.fx, 1e-9);
       for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(loaded.center()[k], known.center()[k], 1e-9);
-      EXPECT_EQ(scene.train[i].image->pixels, render_truth(made.truth, known).pixels);
+      EXPECT_EQ(scene.train[i].image->read()->pixels, render_truth(made.truth, known).pixels);
     }
   }
 }

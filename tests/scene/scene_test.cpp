@@ -9,6 +9,7 @@
 #include "check.h"
 #include "scene/colmap.h"
 #include "scene/image_io.h"
+#include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -90,7 +91,7 @@ TEST_F(LoadScene, GivesViewsSortedByNameWithTheirImages) {
     EXPECT_EQ(view.name, numbered_name(i));
     EXPECT_EQ(view.camera.cam_from_world.translation[0], -i);
     ASSERT_NE(view.image, nullptr);
-    EXPECT_EQ(view.image->pixels[0], 100 + i);
+    EXPECT_EQ(view.image->read()->pixels[0], 100 + i);
     EXPECT_EQ(view.valid, nullptr);
     EXPECT_EQ(view.camera.width, kWidth);
     EXPECT_EQ(view.camera.fx, 50);
@@ -143,8 +144,8 @@ TEST_F(LoadScene, ReducesImagesAndCamerasForTraining) {
   const View view = load().train[0];
   EXPECT_EQ(view.camera.width, 10);
   EXPECT_EQ(view.camera.height, 8);  // 7.5
-  EXPECT_EQ(view.image->width, 10);
-  EXPECT_EQ(view.image->height, 8);
+  EXPECT_EQ(view.image->size().width, 10);
+  EXPECT_EQ(view.image->size().height, 8);
   EXPECT_DOUBLE_EQ(view.camera.fx, 12.5);
   EXPECT_DOUBLE_EQ(view.camera.fy, 16);
   options_.resolution = 0;
@@ -155,8 +156,8 @@ TEST_F(LoadScene, ReplacesAMissingReducedFolder) {
   write_scene(1);
   options_.images = "images_2";
   const Scene scene = load();
-  EXPECT_EQ(scene.train[0].image->width, 20);
-  EXPECT_EQ(scene.train[0].image->height, 15);
+  EXPECT_EQ(scene.train[0].image->size().width, 20);
+  EXPECT_EQ(scene.train[0].image->size().height, 15);
   EXPECT_DOUBLE_EQ(scene.train[0].camera.fx, 25);
   EXPECT_TRUE(says(scene, "images_2/ does not exist"));
 }
@@ -166,7 +167,7 @@ TEST_F(LoadScene, TakesAReducedFolderThatExistsAsItIs) {
   write_images(line_model(1), "images_2", 21, 15);
   options_.images = "images_2";
   const Scene scene = load();
-  EXPECT_EQ(scene.train[0].image->width, 21);
+  EXPECT_EQ(scene.train[0].image->size().width, 21);
   EXPECT_DOUBLE_EQ(scene.train[0].camera.fx, 50 * 21.0 / 40);
 }
 
@@ -274,7 +275,11 @@ TEST_F(LoadScene, RefusesACorruptImageByName) {
   write_scene(6);
   const std::string whole = test::read_bytes(folder_ / "images/04.png");
   write_bytes(folder_ / "images/04.png", whole.substr(0, whole.size() - 15));
-  EXPECT_TRUE(refuses({"04.png", "ends before"}));
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[3].image->read()->pixels[0], 103);
+  EXPECT_TRUE(fails_with<InputError>({"04.png", "ends before"}, [&] { scene.train[4].image->read(); }));
+  EXPECT_TRUE(fails_with<InputError>({"04.png", "ends before"}, [&] { hold_images(scene.train, {}); }));
+  EXPECT_EQ(scene.train[4].image->held(), nullptr);
 }
 
 TEST_F(LoadScene, ReportsProgressUpToTheLastImage) {
@@ -315,11 +320,12 @@ TEST_F(LoadScene, UndistortsAndSharesTheMask) {
   EXPECT_EQ(view.valid, scene.train[2].valid);
   EXPECT_EQ(view.valid->width, 200);
   EXPECT_EQ(view.valid->height, 150);
+  const auto image = view.image->read();
   std::size_t n_valid = 0;
   for (std::size_t i = 0; i < view.valid->pixels.size(); ++i) {
     if (view.valid->pixels[i] == 0) continue;
     ++n_valid;
-    ASSERT_EQ(view.image->pixels[3 * i], 200) << "a valid pixel has black of the outside in it";
+    ASSERT_EQ(image->pixels[3 * i], 200) << "a valid pixel has black of the outside in it";
   }
   EXPECT_GT(n_valid, view.valid->pixels.size() / 2);
   EXPECT_LT(n_valid, view.valid->pixels.size());
@@ -347,7 +353,7 @@ TEST_F(LoadScene, MixesSizesAndOrientations) {
   const Scene scene = load();
   EXPECT_EQ(scene.train[0].camera.width, kWidth);
   EXPECT_EQ(scene.train[1].camera.width, kHeight);
-  EXPECT_EQ(scene.train[1].image->height, kWidth);
+  EXPECT_EQ(scene.train[1].image->size().height, kWidth);
 }
 
 TEST_F(LoadScene, SaysThatAModelWithoutPointsNeedsThem) {

@@ -4,6 +4,7 @@
 
 #include "check.h"
 #include "support/expect_error.h"
+#include "train/disk_scene.h"
 #include "train/tiny_scene.h"
 #include "train/upload_slots.h"
 #include "train/view_order.h"
@@ -84,12 +85,53 @@ TEST(ImageStore, OnTheCpuIsTheScenesOwnImagesWhateverTheBudget) {
     const TrainView view = store.take(i, {1, 2});
     const View& expected = scene.train[static_cast<std::size_t>(i)];
     EXPECT_EQ(view.name, expected.name);
-    EXPECT_EQ(view.truth.data_ptr<std::uint8_t>(), expected.image->pixels.data()) << "copied";
+    EXPECT_EQ(view.truth.data_ptr<std::uint8_t>(), expected.image->held()->pixels.data()) << "copied";
     EXPECT_EQ(view.valid.data_ptr<std::uint8_t>(), expected.valid->pixels.data()) << "copied";
     EXPECT_EQ(view.truth.sizes(), (std::vector<std::int64_t>{44, 60, 3}));
     EXPECT_EQ(view.n_valid, 44 * 48);
     EXPECT_EQ(store.describe(i).n_valid, view.n_valid);
   }
+}
+
+TEST(ImageStore, OnTheCpuHoldsWhatHasRoomAndReadsTheRestAhead) {
+  const test::DiskScene disk(/*distorted=*/true);
+  const Scene whole = disk.load();
+  for (const double photographs : {0.0, 1.0, 4.5, 100.0}) {
+    SCOPED_TRACE(std::to_string(photographs) + " photographs");
+    const Scene scene = disk.load(photographs);
+    ImageStore store(scene.train, torch::kCPU, 0);
+    const ImageMemory& memory = *scene.train.front().image->memory();
+    EXPECT_EQ(store.n_resident() == store.size(), photographs == 100);
+    EXPECT_EQ(store.look_ahead() > 0, store.n_resident() < store.size());
+    EXPECT_EQ(store.places().in_memory.count, store.n_resident());
+    EXPECT_EQ(store.places().on_disk.count, store.size() - store.n_resident());
+    EXPECT_EQ(store.release_resident(1), 0);
+    ViewOrder order;
+    for (int step = 0; step < 3 * store.size(); ++step) {
+      const std::vector<std::int32_t> upcoming = order.upcoming(1, store.size(), 1 + store.look_ahead());
+      const auto index = static_cast<std::size_t>(order.next(1, store.size()));
+      ASSERT_EQ(upcoming.front(), static_cast<std::int32_t>(index));
+      const TrainView view = store.take(upcoming.front(), {upcoming.begin() + 1, upcoming.end()});
+      const auto expected = whole.train[index].image->read();
+      ASSERT_EQ(view.truth.numel(), static_cast<std::int64_t>(expected->pixels.size()));
+      ASSERT_TRUE(std::equal(expected->pixels.begin(), expected->pixels.end(), view.truth.data_ptr<std::uint8_t>()))
+          << "step " << step;
+      EXPECT_EQ(view.valid.data_ptr<std::uint8_t>(), scene.train[index].valid->pixels.data()) << "copied";
+      EXPECT_EQ(view.n_valid, store.describe(upcoming.front()).n_valid);
+    }
+    EXPECT_LE(memory.used(), std::max(memory.limit(), scene.train.front().image->n_bytes() + memory.fixed()));
+  }
+}
+
+TEST(ImageStore, SaysWhereThePhotographsAre) {
+  ImagePlaces places;
+  EXPECT_EQ(describe(places), "none");
+  places.on_device = {1200, 6150000000};
+  places.on_disk = {1, 5120000};
+  EXPECT_EQ(describe(places), "1200 on the GPU (6.15 GB), 1 read ahead from disk (0.01 GB)");
+  places = {};
+  places.in_memory = {2, 2004000000};
+  EXPECT_EQ(describe(places), "2 in memory (2.00 GB)");
 }
 
 TEST(ImageStore, CountsItsBudgetInDecimalGigabytes) {

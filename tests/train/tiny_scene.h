@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "scene/scene.h"
+#include "scene/view_image.h"
 #include "train/evaluate.h"
 #include "train/gaussian_model.h"
 #include "train/metrics.h"
@@ -79,7 +80,7 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {
       }
       view.valid = valid;
     }
-    view.image = std::make_shared<Image8>(std::move(image));
+    view.image = std::make_shared<ViewImage>(std::move(image));
     (i % 4 == 0 ? scene.test : scene.train).push_back(view);
   }
   scene.extent = scene_extent(scene.train);

@@ -14,6 +14,7 @@
 #include "support/temp_dir.h"
 #include "train/checkpoint.h"
 #include "train/densifier.h"
+#include "train/disk_scene.h"
 #include "train/image_store.h"
 #include "train/row_edit.h"
 #include "train/short_memory.h"
@@ -146,6 +147,63 @@ TEST(TrainerOnGpu, LearnsTheSameFromPhotographsThatAreUploadedAhead) {
   }
 }
 
+TEST(TrainerOnGpu, LearnsTheSameFromPhotographsThatAreReadFromDisk) {
+  B3DGS_NEEDS_GPU();
+  const test::DiskScene disk(/*distorted=*/true);
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  const std::vector<double> resident = losses(config, disk.load(), temp / "resident");
+  ASSERT_FALSE(resident.empty());
+  for (const double photographs : {0.0, 1.0, 5.0, 100.0}) {
+    for (const double gb : {0.0, 30e-6}) {
+      SCOPED_TRACE(std::to_string(photographs) + " in memory, GB on the GPU: " + std::to_string(gb));
+      const Scene scene = disk.load(photographs);
+      config.image_cache_gb = gb;
+      EXPECT_EQ(losses(config, scene, temp / "streamed"), resident);
+      const ImageMemory& memory = *scene.train.front().image->memory();
+      EXPECT_LE(memory.peak(), std::max(memory.limit(), memory.fixed() + 2 * disk.image_bytes()));
+    }
+  }
+}
+
+TEST(TrainerOnGpu, KeepsNoHostCopyOfAPhotographThatIsOnTheGpu) {
+  B3DGS_NEEDS_GPU();
+  const test::DiskScene disk;
+  const Scene scene = disk.load();
+  const ImageStore store(scene.train, torch::Device(torch::kCUDA, 0), 3 * disk.image_bytes());
+  EXPECT_EQ(store.places().on_device.count, 3);
+  EXPECT_EQ(store.places().in_memory.count, 4);
+  for (std::size_t i = 0; i < scene.train.size(); ++i) EXPECT_EQ(scene.train[i].image->held() == nullptr, i < 3) << i;
+}
+
+TEST(TrainerOnGpu, GivesPhotographsBackWhenItsMemoryIsWanted) {
+  B3DGS_NEEDS_GPU();
+  const test::DiskScene disk;
+  const torch::Device device(torch::kCUDA, 0);
+  for (const double photographs : {0.0, 100.0}) {
+    SCOPED_TRACE(std::to_string(photographs) + " in memory");
+    const Scene whole = disk.load(), scene = disk.load(photographs);
+    ImageStore store(scene.train, device, 1 << 30);
+    ASSERT_EQ(store.n_resident(), 7);
+    const auto expect_view = [&](const TrainView& view, std::int32_t i) {
+      const auto expected = whole.train[static_cast<std::size_t>(i)].image->read();
+      const torch::Tensor host = view.truth.to(torch::kCPU);
+      EXPECT_TRUE(std::equal(expected->pixels.begin(), expected->pixels.end(), host.data_ptr<std::uint8_t>())) << i;
+    };
+    EXPECT_EQ(store.release_resident(0), 0);
+    EXPECT_EQ(store.release_resident(2 * disk.image_bytes() - 1), 2 * disk.image_bytes());
+    EXPECT_EQ(store.n_resident(), 5);
+    EXPECT_EQ(store.places().in_memory.count, photographs > 0 ? 2 : 0);
+    for (const std::int32_t i : {6, 0, 5, 6, 4}) expect_view(store.take(i, {5, 1}), i);
+    const TrainView last = store.take(6, {});
+    EXPECT_EQ(store.release_resident(1 << 30), 5 * disk.image_bytes());
+    expect_view(last, 6);  // still there
+    EXPECT_EQ(store.n_resident(), 0);
+    for (const std::int32_t i : {3, 2, 6, 0, 0, 1}) expect_view(store.take(i, {2, 6, 0}), i);
+    EXPECT_EQ(store.release_resident(1), 0);
+  }
+}
+
 TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();  // 6 views of 60 x 44 x 3 bytes
@@ -158,7 +216,7 @@ TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
   ImageStore store(scene.train, device, 2 * 7920);
   for (const std::int32_t i : {5, 0, 3, 3, 2, 4, 1, 5}) {
     const TrainView view = store.take(i, {4, 2});
-    const Image8& expected = *scene.train[static_cast<std::size_t>(i)].image;
+    const Image8& expected = *scene.train[static_cast<std::size_t>(i)].image->held();
     const torch::Tensor host = view.truth.to(torch::kCPU);
     EXPECT_TRUE(std::equal(expected.pixels.begin(), expected.pixels.end(), host.data_ptr<std::uint8_t>())) << i;
     EXPECT_FALSE(view.valid.defined());

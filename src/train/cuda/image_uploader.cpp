@@ -1,10 +1,15 @@
 #include "train/cuda/image_uploader.h"
 
-#include <cstring>
-
 #include "raster/cuda/cuda_check.h"
 
 namespace b3dgs::cuda {
+namespace {
+
+void make_event(cudaEvent_t& event) {
+  B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&event, cudaEventDisableTiming));
+}
+
+}  // namespace
 
 std::int64_t free_device_bytes() {
   std::size_t free = 0, total = 0;
@@ -12,15 +17,22 @@ std::int64_t free_device_bytes() {
   return static_cast<std::int64_t>(free);
 }
 
-ImageUploader::ImageUploader(int n_slots, std::int64_t slot_bytes) : slot_bytes_(slot_bytes) {
+ImageUploader::ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes) : image_bytes_(image_bytes) {
+  const auto n_bytes = static_cast<std::size_t>(image_bytes);
   try {
+    B3DGS_CUDA_CHECK(cudaGetDevice(&device_));
     // Not bound to the default stream's order: LibTorch computes there.
     B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
     for (int i = 0; i < n_slots; ++i) {
       Slot& slot = slots_.emplace_back();
-      B3DGS_CUDA_CHECK(cudaMalloc(reinterpret_cast<void**>(&slot.bytes), static_cast<std::size_t>(slot_bytes)));
-      B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&slot.uploaded, cudaEventDisableTiming));
-      B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&slot.released, cudaEventDisableTiming));
+      B3DGS_CUDA_CHECK(cudaMalloc(reinterpret_cast<void**>(&slot.bytes), n_bytes));
+      make_event(slot.uploaded);
+      make_event(slot.released);
+    }
+    for (int i = 0; i < n_staging; ++i) {
+      Staging& staging = staging_.emplace_back();
+      B3DGS_CUDA_CHECK(cudaMallocHost(reinterpret_cast<void**>(&staging.bytes), n_bytes));
+      make_event(staging.uploaded);
     }
   } catch (...) {
     free_all();
@@ -39,32 +51,33 @@ void ImageUploader::free_all() noexcept {
     if (slot.released != nullptr) cudaEventDestroy(slot.released);
     cudaFree(slot.bytes);  // waits for kernels that read it
   }
-  for (const Image& image : images_) cudaFreeHost(image.bytes);
+  for (const Staging& staging : staging_) {
+    if (staging.uploaded != nullptr) cudaEventDestroy(staging.uploaded);
+    cudaFreeHost(staging.bytes);
+  }
   if (stream_ != nullptr) cudaStreamDestroy(stream_);
 }
 
-int ImageUploader::add(std::initializer_list<const std::vector<std::uint8_t>*> arrays) {
-  std::size_t n_bytes = 0;
-  for (const auto* array : arrays) n_bytes += array->size();
-  B3DGS_CHECK(static_cast<std::int64_t>(n_bytes) <= slot_bytes_, "an image has ", n_bytes, " bytes, a slot ",
-              slot_bytes_);
-  Image& image = images_.emplace_back();
-  image.n_bytes = n_bytes;
-  B3DGS_CUDA_CHECK(cudaMallocHost(reinterpret_cast<void**>(&image.bytes), n_bytes));
-  std::uint8_t* out = image.bytes;
-  for (const auto* array : arrays) {
-    std::memcpy(out, array->data(), array->size());
-    out += array->size();
-  }
-  return static_cast<int>(images_.size()) - 1;
+std::vector<std::uint8_t*> ImageUploader::staging() const {
+  std::vector<std::uint8_t*> buffers;
+  for (const Staging& staging : staging_) buffers.push_back(staging.bytes);
+  return buffers;
 }
 
-void ImageUploader::upload(int image, int slot) {
-  const Image& from = images_[static_cast<std::size_t>(image)];
+void ImageUploader::upload(int buffer, std::int64_t n_bytes, int slot) {
+  B3DGS_CHECK(n_bytes <= image_bytes_, "an image has ", n_bytes, " bytes, a slot ", image_bytes_);
+  const Staging& from = staging_[static_cast<std::size_t>(buffer)];
   const Slot& to = slot_at(slot);
   B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_, to.released, 0));  // nothing to wait for at first use
-  B3DGS_CUDA_CHECK(cudaMemcpyAsync(to.bytes, from.bytes, from.n_bytes, cudaMemcpyHostToDevice, stream_));
+  B3DGS_CUDA_CHECK(
+      cudaMemcpyAsync(to.bytes, from.bytes, static_cast<std::size_t>(n_bytes), cudaMemcpyHostToDevice, stream_));
   B3DGS_CUDA_CHECK(cudaEventRecord(to.uploaded, stream_));
+  B3DGS_CUDA_CHECK(cudaEventRecord(from.uploaded, stream_));
+}
+
+void ImageUploader::wait_for_upload_of(int buffer) const {
+  B3DGS_CUDA_CHECK(cudaSetDevice(device_));  // of this thread
+  B3DGS_CUDA_CHECK(cudaEventSynchronize(staging_[static_cast<std::size_t>(buffer)].uploaded));
 }
 
 const std::uint8_t* ImageUploader::acquire(int slot, cudaStream_t reader) {

@@ -1,0 +1,97 @@
+#include "scene/view_image.h"
+
+#include <algorithm>
+#include <atomic>
+
+#include "check.h"
+#include "parallel.h"
+
+namespace b3dgs {
+
+ViewImage::ViewImage(Image8 image) : size_{image.width, image.height} {
+  B3DGS_CHECK(image.channels == 3, "an image of ", image.channels, " channels");
+  held_ = std::make_shared<const Image8>(std::move(image));
+}
+
+ViewImage::ViewImage(ViewSource source, std::shared_ptr<SceneImages> shared)
+    : size_(source.size), source_(std::move(source)), shared_(std::move(shared)) {}
+
+std::shared_ptr<const Image8> ViewImage::held() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return held_;
+}
+
+void ViewImage::hold(std::shared_ptr<const Image8> image) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  held_ = std::move(image);
+}
+
+std::shared_ptr<const Image8> ViewImage::read() const {
+  if (auto image = held()) return image;
+  auto image = std::make_shared<Image8>(size_.width, size_.height, 3);
+  decode_into(image->pixels.data());
+  return image;
+}
+
+void ViewImage::read_into(std::uint8_t* rgb) const {
+  if (const auto image = held()) {
+    std::copy(image->pixels.begin(), image->pixels.end(), rgb);
+  } else {
+    decode_into(rgb);
+  }
+}
+
+void ViewImage::decode_into(std::uint8_t* rgb) const {
+  const bool is_reduced = size_.width != source_.file_size.width || size_.height != source_.file_size.height;
+  const bool is_pinhole = source_.lens_group < 0;
+  if (is_pinhole && !is_reduced) {
+    read_image_into(source_.file, shared_->white_background, source_.file_size, rgb);
+    return;
+  }
+  Image8 image(source_.file_size.width, source_.file_size.height, 3);
+  read_image_into(source_.file, shared_->white_background, source_.file_size, image.pixels.data());
+  if (!is_pinhole) {
+    const std::shared_ptr<const Undistorter> undistorter = shared_->undistorters->get(source_.lens_group);
+    if (!is_reduced) {
+      undistorter->apply_into(image, rgb);
+      return;
+    }
+    image = undistorter->apply(image);
+  }
+  resize_image_into(image, size_, rgb);
+}
+
+void hold_images(const std::vector<View>& views, const ProgressFn& progress) {
+  std::vector<ViewImage*> chosen;
+  for (const View& view : views) {
+    if (view.image->held()) continue;
+    if (view.image->memory()->try_hold(view.image->n_bytes())) chosen.push_back(view.image.get());
+  }
+  std::stable_sort(chosen.begin(), chosen.end(),
+                   [](const ViewImage* a, const ViewImage* b) { return a->lens_group() < b->lens_group(); });
+  std::mutex progress_mutex;
+  std::size_t done = 0;
+  std::atomic<bool> has_failed{false};  // the other threads stop too, instead of decoding the rest
+  try {
+    parallel_pool(static_cast<std::int64_t>(chosen.size()), [&](std::int64_t task, int) {
+      if (has_failed) return;
+      ViewImage& image = *chosen[static_cast<std::size_t>(task)];
+      try {
+        image.hold(image.read());
+      } catch (...) {
+        has_failed = true;
+        throw;
+      }
+      const std::lock_guard<std::mutex> lock(progress_mutex);
+      ++done;
+      if (progress) progress("loading images", done, chosen.size());
+    });
+  } catch (...) {
+    for (const ViewImage* image : chosen) {
+      if (!image->held()) image->memory()->release_held(image->n_bytes());
+    }
+    throw;
+  }
+}
+
+}  // namespace b3dgs

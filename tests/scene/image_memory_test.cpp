@@ -1,0 +1,105 @@
+#include "scene/image_memory.h"
+
+#include <gtest/gtest.h>
+
+#include "scene/host_memory.h"
+#include "scene/undistorter_cache.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TempDir;
+using test::write_bytes;
+
+constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
+
+TEST(ImageMemory, HoldsAllIfAllFitInTheLimit) {
+  ImageMemory memory({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/100, /*n_readers=*/2});
+  for (int i = 0; i < 9; ++i) EXPECT_TRUE(memory.try_hold(100)) << i;
+  EXPECT_EQ(memory.used(), 1000);
+  EXPECT_FALSE(memory.try_hold(1));
+  memory.release_held(100);
+  EXPECT_TRUE(memory.try_hold(100));
+  EXPECT_EQ(memory.peak(), 1000);
+}
+
+TEST(ImageMemory, LeavesRoomForBuffersWhereNotAllFit) {
+  ImageMemory memory({/*limit=*/4100, /*photographs=*/9000, /*largest=*/100, /*fixed=*/100, /*n_readers=*/2});
+  EXPECT_EQ(memory.n_buffers(), 5);  // a quarter of 4000 for both
+  int n_held = 0;
+  while (memory.try_hold(100)) ++n_held;
+  EXPECT_EQ(n_held, 30);
+  {
+    const ImageBufferCount training(memory, 5 * 100), evaluation(memory, 5 * 100);
+    EXPECT_EQ(memory.used(), memory.limit());
+  }
+  EXPECT_EQ(memory.used(), 3100);
+  EXPECT_EQ(memory.peak(), 4100);
+}
+
+TEST(ImageMemory, HasABufferForEachReaderHoweverSmallTheLimit) {
+  ImageMemory memory({/*limit=*/100, /*photographs=*/9000, /*largest=*/100, /*fixed=*/0, /*n_readers=*/2});
+  EXPECT_EQ(memory.n_buffers(), 1);
+  EXPECT_FALSE(memory.try_hold(100));
+  EXPECT_EQ(ImageMemory({kUnknown, 900000, 100, 0, 1}).n_buffers(), ImageMemory::kMaxBuffers);
+}
+
+TEST(ImageMemory, TakesGigabytesOrFourFifthsOfWhatIsAvailable) {
+  EXPECT_EQ(image_memory_limit(1.5, 1000), 1500000000);
+  EXPECT_EQ(image_memory_limit(0, 1000), 0);
+  EXPECT_EQ(image_memory_limit(-1, 1000), 800);
+  EXPECT_GT(image_memory_limit(-1, kUnknown), std::int64_t{1} << 60);
+  EXPECT_GT(image_memory_limit(1e30, 1000), std::int64_t{1} << 60);
+}
+
+TEST(HostMemory, IsTheLeastOfSystemAndControlGroups) {
+  const TempDir root;
+  EXPECT_EQ(available_host_memory(root.path()), kUnknown);
+  write_bytes(root / "proc/meminfo", "MemTotal:  9000 kB\nMemFree:  10 kB\nMemAvailable:   5000 kB\nCached: 1 kB\n");
+  EXPECT_EQ(available_host_memory(root.path()), 5000 * 1024);
+
+  write_bytes(root / "proc/self/cgroup", "0::/a/b\n");
+  EXPECT_EQ(available_host_memory(root.path()), 5000 * 1024);
+  const fs::path group = root / "sys/fs/cgroup";
+  write_bytes(group / "a/b/memory.max", "max\n");
+  write_bytes(group / "a/b/memory.current", "1000\n");
+  EXPECT_EQ(available_host_memory(root.path()), 5000 * 1024);
+  write_bytes(group / "a/memory.max", "1000000\n");  // the parent's limit counts too
+  write_bytes(group / "a/memory.current", "900000\n");
+  write_bytes(group / "a/memory.stat", "anon 700000\ninactive_file 200000\nactive_file 50\n");
+  EXPECT_EQ(available_host_memory(root.path()), 300000);
+  write_bytes(group / "a/b/memory.max", "1500\n");
+  EXPECT_EQ(available_host_memory(root.path()), 500);
+  write_bytes(group / "a/b/memory.current", "1600\n");
+  EXPECT_EQ(available_host_memory(root.path()), 0);
+
+  // Version 1, in a container that sees its own group at the mount.
+  write_bytes(root / "proc/self/cgroup", "12:cpu,cpuacct:/x\n9:memory:/docker/1234\n");
+  write_bytes(group / "memory/memory.limit_in_bytes", "3000\n");
+  write_bytes(group / "memory/memory.usage_in_bytes", "2000\n");
+  write_bytes(group / "memory/memory.stat", "total_inactive_file 400\n");
+  EXPECT_EQ(available_host_memory(root.path()), 1400);
+}
+
+TEST(UndistorterCache, KeepsTheMapsUsedLastWithinItsLimit) {
+  const Lens lens = lens_of({1, CameraModel::kSimpleRadial, 40, 30, {50, 20, 15, 0.1}}, "camera 1");
+  constexpr std::int64_t kMap = 9 * 40 * 30;
+  UndistorterCache cache(2 * kMap);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(cache.add_group(lens, {40, 30}, "camera"), i);
+  EXPECT_EQ(cache.most_kept_bytes(), 2 * kMap);
+  const std::weak_ptr<const Undistorter> first = cache.get(0), second = cache.get(1);
+  EXPECT_EQ(cache.get(0), first.lock());
+  const std::weak_ptr<const Undistorter> third = cache.get(2);
+  EXPECT_FALSE(first.expired());
+  EXPECT_TRUE(second.expired()) << "not used for the longest time";
+  EXPECT_FALSE(third.expired());
+  UndistorterCache none(kMap - 1);
+  none.add_group(lens, {40, 30}, "camera");
+  EXPECT_NE(none.get(0), nullptr);
+}
+
+}  // namespace
+}  // namespace b3dgs
