@@ -72,7 +72,15 @@ std::string percent(double share) {
 }
 
 const char* policy_name(KernelPolicy policy) {
-  return policy == KernelPolicy::kPaper ? "paper" : "tracking";
+  switch (policy) {
+    case KernelPolicy::kPaper:
+      return "paper";
+    case KernelPolicy::kTracking:
+      return "tracking";
+    case KernelPolicy::kPublished:
+      return "published";
+  }
+  return "";
 }
 
 KernelDecision decision_from_json(const Json& json) {
@@ -145,7 +153,7 @@ std::vector<std::string> KernelSelector::candidates() const {
 
 bool KernelSelector::is_finished() const {
   if (candidates().size() < 2) return true;
-  return options_.policy == KernelPolicy::kPaper && kernel_ != options_.candidates.front();
+  return options_.policy != KernelPolicy::kTracking && kernel_ != options_.candidates.front();
 }
 
 bool KernelSelector::is_affordable(double cost_ms, int n_steps, double step_ms) const {
@@ -159,7 +167,7 @@ double KernelSelector::cost_with_next_ms() const {
 }
 
 double KernelSelector::budget_ms(double step_ms) const {
-  if (step_ms <= 0) return std::numeric_limits<double>::infinity();
+  if (step_ms <= 0 || options_.policy == KernelPolicy::kPublished) return std::numeric_limits<double>::infinity();
   return options_.cost_share * options_.interval * step_ms;
 }
 
@@ -171,6 +179,8 @@ int KernelSelector::next_multiple() const {
 
 bool KernelSelector::is_due(const CheckMoment& now) const {
   if (is_finished()) return false;
+  if (options_.policy == KernelPolicy::kPublished) return now.iteration >= next_multiple();
+  if (now.is_after_reset) return false;
   if (history_.empty()) return true;
   if (!is_affordable(history_.back().cost_ms, now.n_steps_left, now.step_ms)) return false;
   if (last_check_ == 0) return true;
@@ -180,7 +190,7 @@ bool KernelSelector::is_due(const CheckMoment& now) const {
 /// When the next check comes if steps go on taking that long; 0 if none does.
 int KernelSelector::earliest_check(double step_ms) const {
   if (is_finished()) return 0;
-  if (step_ms <= 0) return next_multiple();
+  if (step_ms <= 0 || options_.policy == KernelPolicy::kPublished) return next_multiple();
   const double n_steps = std::ceil(cost_with_next_ms() / (options_.cost_share * step_ms));
   constexpr double kNever = std::numeric_limits<int>::max();
   return std::max(next_multiple(), static_cast<int>(std::min(kNever, 1 + n_steps)));
@@ -194,12 +204,15 @@ KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& 
     ratios.push_back(std::log(current.ms[view] / other.ms[view]));
   }
   if (ratios.empty()) return {};
-  return {median(ratios), std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios)), ratios.size()};
+  const double margin = options_.policy == KernelPolicy::kPublished
+                            ? 0
+                            : std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios));
+  return {median(ratios), margin, ratios.size()};
 }
 
 bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
   const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  return current != nullptr &&
+  return current != nullptr && options_.policy != KernelPolicy::kPublished &&
          std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
            if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
            const Lead lead = lead_over_current(other, *current);

@@ -17,6 +17,9 @@ namespace b3dgs {
 enum class KernelPolicy {
   kPaper,     // the first candidate until a check finds it slower; then the fastest other one, for good
   kTracking,  // keeps checking and may go back, with hysteresis; checks thin out while nothing changes
+  // As the paper says it, for comparisons with it: as kPaper, but with no check before the first step, at every
+  // multiple of the interval whatever it costs, on all views, and without a margin.
+  kPublished,
 };
 
 struct KernelSelectorOptions {
@@ -32,6 +35,8 @@ struct CheckMoment {
   int iteration = 0;     // of that step
   int n_steps_left = 0;  // with that step
   double step_ms = 0;    // what a step takes; 0: not known yet
+  // Opacities were reset so recently that what a kernel takes now says little about the steps to come.
+  bool is_after_reset = false;
 };
 
 /// One candidate as a check found it.
@@ -75,13 +80,15 @@ class KernelSelector {
 
   /// Whether to measure now. The first check comes before the very first step. The others come at multiples of the
   /// interval, or as soon after them as all checks so far and this one, if it costs what the last one did, are within
-  /// their share of the training time so far; and none whose cost is more than that share of the time that is left.
+  /// their share of the training time so far; none whose cost is more than that share of the time that is left; and
+  /// none just after an opacity reset. KernelPolicy::kPublished heeds the multiples alone.
   bool is_due(const CheckMoment& now) const;
 
-  /// What a check may cost to be repeated after one interval; unlimited where no step's time is known.
+  /// What a check may cost to be repeated after one interval; unlimited where no step's time is known or its cost does
+  /// not matter.
   double budget_ms(double step_ms) const;
 
-  /// No more checks: one candidate is left, or the paper's policy has gone over.
+  /// No more checks: one candidate is left, or a policy that switches once has done so.
   bool is_finished() const;
 
   /// Whether the times so far leave no doubt: every candidate is ahead of the kernel in use, or behind it, by twice the

@@ -1,5 +1,6 @@
 #include "train/densifier.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "check.h"
@@ -77,6 +78,14 @@ DensityPlan density_plan(const TrainConfig& config, int iteration) {
   plan.reset_opacities = iteration % config.opacity_reset_interval == 0 ||
                          (config.white_background && iteration == config.densify_from_iter);
   return plan;
+}
+
+bool is_after_opacity_reset(const TrainConfig& config, int iteration) {
+  constexpr int kRecovery = 500;  // a step of Adam moves a logit by --opacity_lr at most, and a reset takes it to -4.6
+  for (int i = std::max(1, iteration - std::min(kRecovery, config.opacity_reset_interval / 2)); i < iteration; ++i) {
+    if (density_plan(config, i).reset_opacities) return true;
+  }
+  return false;
 }
 
 DensityRule density_rule(const TrainConfig& config, double extent, int iteration) {

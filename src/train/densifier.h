@@ -22,6 +22,10 @@ struct DensityPlan {
 /// The original's schedule; iterations count from 1.
 DensityPlan density_plan(const TrainConfig& config, int iteration);
 
+/// Whether opacities were reset within the last 500 iterations before this one (or half the interval between two
+/// resets, if that is less): until then most have not found back to what they will be.
+bool is_after_opacity_reset(const TrainConfig& config, int iteration);
+
 /// Thresholds of one round.
 struct DensityRule {
   double grad_threshold = 0;       // mean gradient from which a Gaussian grows, units of half the image

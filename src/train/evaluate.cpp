@@ -17,7 +17,7 @@ TileShape tile_shape(const TrainConfig& config) {
 }
 
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
-  const bool forward_is_open = config.kernel == kAdaptive, backward_is_open = config.backward_kernel == kAdaptive;
+  const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kUnmeasuredKernel : config.kernel;
   const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
   B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);

@@ -19,10 +19,10 @@ using Json = nlohmann::ordered_json;
 // The plainest schedules judge the others.
 constexpr const char *kForwardReference = "naive", *kBackwardReference = "per-pixel";
 
-std::vector<std::string> forward_candidates(const TrainConfig& config) {
-  if (config.kernel != kAdaptive) return {config.kernel};
+std::vector<std::string> measured_candidates(const TrainConfig& config) {
   // A choice by times would differ from run to run, and kernels differ in the last digits.
-  return config.deterministic ? std::vector<std::string>{kUnmeasuredKernel} : config.kernel_candidates;
+  if (config.deterministic && chooses_forward_kernel(config)) return {kUnmeasuredKernel};
+  return forward_candidates(config);
 }
 
 std::vector<std::string> backward_candidates(const TrainConfig& config, torch::Device device) {
@@ -32,7 +32,7 @@ std::vector<std::string> backward_candidates(const TrainConfig& config, torch::D
 }
 
 KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device device) {
-  const int n_choices = (forward_candidates(config).size() > 1) + (backward_candidates(config, device).size() > 1);
+  const int n_choices = (measured_candidates(config).size() > 1) + (backward_candidates(config, device).size() > 1);
   KernelSelectorOptions options;
   options.policy = config.kernel_policy == "tracking" ? KernelPolicy::kTracking : KernelPolicy::kPaper;
   options.interval = config.kernel_check_interval;
@@ -43,7 +43,8 @@ KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device 
 KernelSelectorOptions forward_options(const TrainConfig& config, torch::Device device) {
   KernelSelectorOptions options = selector_options(config, device);
   options.reference = kForwardReference;
-  options.candidates = forward_candidates(config);
+  options.candidates = measured_candidates(config);
+  if (config.kernel == kPaperKernel) options.policy = KernelPolicy::kPublished;
   return options;
 }
 
@@ -82,7 +83,7 @@ KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, Ke
       tools_(std::move(tools)),
       forward_(forward_options(config, device)),
       backward_(backward_options(config, device)),
-      timed_forward_(config.kernel_candidates) {
+      timed_forward_(chooses_forward_kernel(config) ? forward_candidates(config) : config.kernel_candidates) {
   const std::vector<std::string> backward = backward_candidates(config, device);
   if (backward.size() > 1) timed_backward_ = backward;
 }

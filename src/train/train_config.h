@@ -14,6 +14,8 @@ namespace b3dgs {
 
 /// In place of a kernel's name: choose by measuring.
 inline constexpr const char* kAdaptive = "adaptive";
+/// The same for the forward kernel, exactly as the paper does it: see KernelPolicy::kPublished.
+inline constexpr const char* kPaperKernel = "paper";
 /// What stands for that where nothing is measured: in evaluation, and where a run has to give the same bytes twice.
 inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
 
@@ -96,6 +98,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   SomeOf candidates{{}, 2};
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
   OneOf kernels{candidates.values}, backward_kernels;
+  kernels.values.emplace_back(kPaperKernel);
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
@@ -169,14 +172,18 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0},
         "the count never grows beyond this; 0: no limit");
 
-  field(Option{"kernel"}, c.kernel, kernels, "forward blending kernel; adaptive measures and chooses");
+  field(Option{"kernel"}, c.kernel, kernels,
+        "forward blending kernel; adaptive measures and chooses; paper does so exactly as the paper: starts with "
+        "combined, times it against shared-memory every --kernel_check_interval iterations, and switches once");
   field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
         "how adaptive chooses: leaves the first candidate once and for good, or keeps checking");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "what adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
-        "iterations between two measurements of the candidates, or more where all of them would cost over 0.5 % of "
-        "the training time so far, or the next one of what is still to come; one more comes before the first step");
+        "iterations between two measurements of the candidates; adaptive measures once more before the first step, "
+        "and later where all of them would cost over 0.5 % of the training time so far (without loading the kernels' "
+        "code, once in a process), where the next one would cost more than that of what is left, and for 500 "
+        "iterations after an opacity reset");
   field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
         "coming views on which the candidates are measured; fewer, but three at least, where those leave no doubt "
         "or more would delay the next measurement");
@@ -196,6 +203,20 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
       Option{"kernel_times_interval"}, c.kernel_times_interval, AtLeast{0},
       "write how long each of --kernel_candidates takes every so many iterations, whatever kernel is used; not counted "
       "as training; 0: not, or as often as --stats_interval in b3dgs compare");
+}
+
+/// Whether the forward kernel is chosen by measuring.
+inline bool chooses_forward_kernel(const TrainConfig& config) {
+  return config.kernel == kAdaptive || config.kernel == kPaperKernel;
+}
+
+/// The forward kernels that a training may use, the one that it starts with first.
+inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
+  if (config.kernel == kPaperKernel) {
+    return {std::string(forward_kernel_name(ForwardKernel::kCombined)),
+            std::string(forward_kernel_name(ForwardKernel::kSharedMemory))};
+  }
+  return config.kernel == kAdaptive ? config.kernel_candidates : std::vector<std::string>{config.kernel};
 }
 
 }  // namespace b3dgs

@@ -100,7 +100,9 @@ BlendInput Trainer::Impl::kernel_check_input() {
 
 /// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
 void Trainer::Impl::check_kernels(int iteration) {
-  const CheckMoment now{iteration, config.iterations - state.iteration, step_ms()};
+  CheckMoment now{iteration, config.iterations - state.iteration, step_ms()};
+  if (!kernels.is_due(now)) return;
+  now.is_after_reset = is_after_opacity_reset(config, iteration);
   if (!kernels.is_due(now)) return;
   report("checking kernels");
   for (const KernelCheck& check : kernels.check(now, kernel_check_input())) {

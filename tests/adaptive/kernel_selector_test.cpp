@@ -95,6 +95,45 @@ TEST(PaperPolicy, IsNotMovedByALeadWithinAHundredth) {
   EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
 }
 
+TEST(PaperPolicy, DecidesNothingJustAfterAnOpacityReset) {
+  CheckMoment after_reset = at(3001);
+  after_reset.is_after_reset = true;
+  for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
+    KernelSelector selector(options_of(policy));
+    selector.decide(at(1), {steady("balanced", 1), steady("usual", 1.5)}, 1);
+    EXPECT_TRUE(selector.is_due(at(3001)));
+    EXPECT_FALSE(selector.is_due(after_reset));
+  }
+}
+
+TEST(PublishedPolicy, ChecksAtEveryMultipleWhateverItCostsAndSwitchesOnce) {
+  KernelSelector selector(options_of(KernelPolicy::kPublished));
+  std::vector<int> checked;
+  for (int iteration = 1; iteration <= 9000; ++iteration) {
+    const CheckMoment now{iteration, 9000 - iteration, 1.0, iteration == 3000};
+    if (!selector.is_due(now)) continue;
+    selector.decide(now, inflection_at(2300)(iteration), 1e9);
+    checked.push_back(iteration);
+  }
+  EXPECT_EQ(checked, (std::vector<int>{1000, 2000, 3000})) << "none before the first step, none put off, none after";
+  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(selector.history()[0].next_check, 2000);
+  EXPECT_EQ(selector.history()[2].next_check, 0);
+  KernelSelector read(options_of(KernelPolicy::kPublished));
+  read.restore(nlohmann::ordered_json::parse(selector.to_json().dump()));
+  EXPECT_TRUE(read.is_finished());
+}
+
+TEST(PublishedPolicy, TakesAllViewsAndHasNoMargin) {
+  KernelSelector selector(options_of(KernelPolicy::kPublished));
+  EXPECT_FALSE(selector.is_clear({steady("balanced", 1), steady("usual", 9)}));
+  EXPECT_TRUE(std::isinf(selector.budget_ms(1)));
+  selector.decide(at(1000), {steady("balanced", 1), steady("usual", 1)}, 1);
+  EXPECT_EQ(selector.kernel(), "balanced") << "not slower";
+  selector.decide(at(2000), {steady("balanced", 1.001), steady("usual", 1)}, 1);
+  EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
+}
+
 TEST(Margin, GrowsWithTheScatterOfTheRatios) {
   // The median leads by 5 %, but views disagree by far more.
   KernelSelector selector(options_of(KernelPolicy::kPaper));

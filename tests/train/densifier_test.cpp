@@ -280,6 +280,19 @@ TEST(DensityPlan, OnWhiteResetsOnceMoreAtTheBeginning) {
   EXPECT_TRUE(density_plan(config, 500).reset_opacities);
 }
 
+TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
+  TrainConfig config;  // resets at 3000, 6000, 9000 and 12,000
+  EXPECT_FALSE(is_after_opacity_reset(config, 1));
+  EXPECT_FALSE(is_after_opacity_reset(config, 3000)) << "the reset comes after that iteration";
+  EXPECT_TRUE(is_after_opacity_reset(config, 3001));
+  EXPECT_TRUE(is_after_opacity_reset(config, 3500));
+  EXPECT_FALSE(is_after_opacity_reset(config, 3501));
+  EXPECT_FALSE(is_after_opacity_reset(config, 15001)) << "density control has ended before";
+  config.opacity_reset_interval = 100;
+  EXPECT_TRUE(is_after_opacity_reset(config, 150));
+  EXPECT_FALSE(is_after_opacity_reset(config, 151)) << "or there would never be a check";
+}
+
 TEST(DensityRule, PrunesForSizeAfterTheFirstReset) {
   TrainConfig config;
   config.prune_screen_size = 20;

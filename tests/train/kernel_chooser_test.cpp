@@ -163,8 +163,31 @@ TEST_F(KernelChooserTest, FixesTheKernelThatIsNamed) {
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kGaussianWise);
 }
 
+TEST_F(KernelChooserTest, DoesAsThePaperIfToldSo) {
+  config.kernel = kPaperKernel;
+  KernelChooser own = chooser(2.0, 1.0);
+  EXPECT_EQ(own.forward_name(), "combined");
+  EXPECT_FALSE(own.is_due(at(1)));
+  EXPECT_FALSE(own.is_due(at(999)));
+  ASSERT_TRUE(own.is_due(at(1000, 1e-9))) << "whatever it costs";
+  const KernelDecision decision = own.check(at(1000, 1e-9), input()).front().decision;
+  EXPECT_EQ(decision.views, 5) << "all of them";
+  EXPECT_EQ(decision.times_ms.at("combined"), 2.0);
+  EXPECT_EQ(own.forward_name(), "shared-memory");
+  EXPECT_FALSE(own.is_due(at(2000, 1e6)));
+}
+
 TEST_F(KernelChooserTest, ChoosesNothingByTimesIfTheBytesHaveToBeTheSame) {
   config.deterministic = true;
+  KernelChooser paper(
+      [&] {
+        TrainConfig of_paper = config;
+        of_paper.kernel = kPaperKernel;
+        return of_paper;
+      }(),
+      torch::kCPU);
+  EXPECT_FALSE(paper.is_due(at(1000)));
+  EXPECT_EQ(paper.apply({}).kernel, ForwardKernel::kSharedMemory);
   KernelChooser own(config, torch::kCPU);
   EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
