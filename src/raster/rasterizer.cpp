@@ -199,8 +199,7 @@ torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const Rendered
 #if B3DGS_TORCH_CUDA
   if (impl_->cuda != nullptr) {
     cuda::Rasterizer& own = *impl_->cuda;
-    own.reblend_backward(kernel, {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
-                         torch_launch_context());
+    own.reblend_backward(kernel, impl_->image_grad(grad), torch_launch_context());
     constexpr std::int64_t kFloats = 12, kThatCount = 10;
     return torch::from_blob(const_cast<float*>(own.splat_grads()), {own.n_splats(), kFloats},
                             impl_->rendered.color.options())

@@ -3,6 +3,7 @@
 
 #include <fstream>
 
+#include "check.h"
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
 #include "train/kernel_chooser.h"
@@ -47,6 +48,22 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
     EXPECT_GE(check.decision.views, KernelSelector::kMinViews);
     for (const auto& [kernel, ms] : check.decision.times_ms) EXPECT_GT(ms, 0) << kernel;
   }
+}
+
+TEST(RasterizerOnGpu, ReblendBackwardRefusesAGradientOfAnotherShapeAsBackwardDoes) {
+  B3DGS_NEEDS_GPU();
+  const torch::Device device(torch::kCUDA, 0);
+  const Scene scene = test::make_tiny_scene();
+  const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, device);
+  Rasterizer rasterizer(device);
+  const torch::Tensor color = rasterizer.forward(gaussians, to_pinhole_view(scene.train[0].camera), {}).color;
+  RenderedViewGrad grad;
+  grad.color = torch::zeros_like(color).narrow(0, 0, 1);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  grad.color = torch::zeros_like(color).cpu();
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  grad.color = torch::zeros_like(color);
+  EXPECT_NO_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad));
 }
 
 TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingGoesOn) {
