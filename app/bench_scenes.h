@@ -81,7 +81,8 @@ struct BenchConfig : BenchRun {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"scene"}, c.scene, Any{},
-        "street (a road in its first iteration), balanced (Gaussians spread over the image, evenly or by --skew), a "
+        "street (LiDAR-like points along a road as training starts from them, a load that is uneven on purpose), "
+        "balanced (Gaussians spread over the image, evenly or by --skew), a "
         "COLMAP folder (its points as training starts from them), or a model folder (its last PLY)");
   field(Option{"ply"}, c.ply, Any{}, "Gaussians of this PLY instead of the folder's");
   field(Option{"cameras"}, c.cameras, Any{}, "camera from this cameras.json instead of the folder's");

@@ -19,6 +19,7 @@ struct SynthConfig {
   int width = 0, height = 0;  // px
   int sh_degree = 3;
   double skew = 1;
+  std::string truth = "surfaces";
 };
 
 template <class Config, class Visitor>
@@ -39,6 +40,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthConfig>> visit
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "of orbit's Gaussians; from 1 on, some of the solids shine");
   field(Option{"skew"}, c.skew, Above{0},
         "of street: 1 draws depths log-uniformly; above 1 crowds them towards the horizon, below 1 towards the camera");
+  field(Option{"truth"}, c.truth, OneOf{{"surfaces", "points"}},
+        "of street, what the images show: surfaces made of other Gaussians than training starts from, or the points "
+        "themselves, so that their places, sizes and colours are right from the start");
 }
 
 /// The config with the scene's own numbers in place of zeros.

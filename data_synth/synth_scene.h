@@ -22,7 +22,8 @@ struct SynthScene {
 /// Textured solids on a ground, cameras around them. Points are noisy samples of the Gaussians.
 SynthScene make_orbit(const SynthConfig& config);
 
-/// A road between facades as a LiDAR sees it, the camera driving along +z. Points are the Gaussians' centres.
+/// A road between facades as a LiDAR sees it, the camera driving along +z. The truth is made of other Gaussians than
+/// the points give, half as many; with config.truth "points" the points are the Gaussians' centres.
 SynthScene make_street(const SynthConfig& config);
 
 /// The scene that config.scene names.
