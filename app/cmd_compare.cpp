@@ -21,8 +21,9 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompareOptions {
-  std::string configs = std::string(forward_kernel_name(ForwardKernel::kNaive)) + "," + kAdaptive;
+  std::string configs = "naive,shared-memory,adaptive";  // all unbalanced kernels, or balancing cannot be told apart
   std::vector<std::int64_t> seeds;
+  bool noise = false;
   int chunk = 100;
   std::string config;
   bool resume = false;
@@ -35,8 +36,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> vi
   field(
       Option{"configs"}, c.configs, Any{},
       "what to compare, the first being the baseline: entries between commas, each [NAME:]PART+PART..., a part being a "
-      "--kernel or option=value of any training option below, as in naive,adaptive,shared-memory+culling=square");
+      "--kernel, original (naive, per-pixel backward pass, square culling, 16x16 tiles: what comes nearest to the "
+      "original trainer) or option=value of any training option below, as in "
+      "naive,adaptive,shared-memory+culling=square");
   field(Option{"seeds"}, c.seeds, AtLeast{0}, "train with each of these, one after the other, instead of --seed");
+  field(Option{"noise"}, c.noise, Any{},
+        "train the first configuration twice, and show beside every difference how much it differs from itself");
   field(Option{"chunk"}, c.chunk, AtLeast{1},
         "iterations of a turn: the configurations take turns, so that drift of the "
         "machine hits all alike");
@@ -96,7 +101,12 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     input_error("command line: --resume continues the seeds ", listed(plan.seeds), ", and --seed would change none; ",
                 "add seeds with --seeds, or compare in another folder (-m)");
   }
+  if (options.resume && line.was_given("noise") && options.noise != plan.has_repetition) {
+    input_error("command line: --resume continues ", plan.has_repetition ? "with" : "without",
+                " --noise; compare otherwise in another folder (-m)");
+  }
   if (!options.resume) plan.configs = options.configs;
+  if (!options.resume) plan.has_repetition = options.noise;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
   if (plan.seeds.empty()) plan.seeds = {plan.base.seed};
@@ -162,7 +172,9 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   for (const ComparisonPlan& old : replaced) remove_runs(old);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
-  warm_up(plan, scene);
+  const double loading_ms = warm_up(plan, scene);
+  if (plan.loading_ms == 0) plan.loading_ms = loading_ms;  // of one fresh process, however often it was resumed
+  write_plan(plan);
   catch_stop_signals();
   for (const std::int64_t seed : plan.seeds) {
     if (!is_open(seed)) continue;

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cctype>
+#include <map>
 #include <type_traits>
+#include <utility>
 
 #include "app/cli.h"
 #include "check.h"
@@ -13,6 +15,18 @@ namespace {
 /// What has to be the same for all, or the times would not compare.
 constexpr const char* kShared[] = {"source_path", "model_path", "images",     "resolution", "eval",
                                    "seed",        "device",     "iterations", "threads",    "white_background"};
+
+/// What sets the original trainer apart and has an option here. Its loss, its Adam and its projection have none.
+constexpr const char* kOriginal = "original";
+constexpr std::pair<const char*, const char*> kOriginalOptions[] = {
+    {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
+
+constexpr const char* kForwardKernelOptions[] = {"kernel",
+                                                 "kernel_policy",
+                                                 "kernel_candidates",
+                                                 "kernel_check_interval",
+                                                 "kernel_check_views",
+                                                 "kernel_times_interval"};
 
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;
@@ -59,12 +73,21 @@ bool is_list(const std::string& name) {
   return found;
 }
 
-/// "tile=16x8" or "combined" as a word of a command line. Commas separate configurations, so lists have slashes.
-std::string to_word(const std::string& entry, const std::string& part) {
+using OptionValues = std::map<std::string, std::string>;
+
+/// Reads "tile=16x8", "combined" or "original" into `values`. Commas separate configurations, so lists have slashes.
+void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
   if (part.empty())
-    input_error("command line: --configs ", entry, ": an empty part; expected a kernel or option=value");
+    input_error("command line: --configs ", entry, ": an empty part; expected a kernel, original or option=value");
+  if (part == kOriginal) {
+    for (const auto& [name, value] : kOriginalOptions) values[name] = value;
+    return;
+  }
   const std::size_t equals = part.find('=');
-  if (equals == std::string::npos) return "--kernel=" + part;
+  if (equals == std::string::npos) {
+    values["kernel"] = part;
+    return;
+  }
   const std::string key = part.substr(0, equals), name = canonical_name(key);
   if (name.empty()) {
     input_error("command line: --configs ", entry, ": no training option is called ", key, "; ", unknown_option(key));
@@ -73,9 +96,9 @@ std::string to_word(const std::string& entry, const std::string& part) {
     input_error("command line: --configs ", entry, ": ", name,
                 " has to be the same for all configurations; give it as --", name);
   }
-  std::string value = part.substr(equals);
+  std::string value = part.substr(equals + 1);
   if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
-  return "--" + name + value;
+  values[name] = value;
 }
 
 /// `configuration` is the entry without its name.
@@ -94,9 +117,11 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
   const std::size_t colon = entry.find(':');
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
   const std::string name = is_named ? entry.substr(0, colon) : entry;
-  std::vector<std::string> words;
   const std::string parts = is_named ? entry.substr(colon + 1) : entry;
-  for (const std::string& part : split(parts, '+')) words.push_back(to_word(entry, part));
+  OptionValues values;
+  for (const std::string& part : split(parts, '+')) add_part(entry, part, values);
+  std::vector<std::string> words;
+  for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
   check_name(entry, name, parts);
   CommandLine line("compare --configs " + name, "");
   line.add(TrainConfig{}, "Training");
@@ -126,6 +151,34 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
     input_error("command line: --configs ", text, ": a comparison takes at least two; b3dgs train trains a single one");
   }
   return configurations;
+}
+
+Configuration repeat_baseline(const std::vector<Configuration>& configurations) {
+  const Configuration& baseline = configurations.front();
+  const std::string name = baseline.name + "_again";
+  for (const Configuration& other : configurations) {
+    if (other.name == name) {
+      input_error("command line: --configs: ", name, " is the name that --noise gives to ", baseline.name,
+                  " trained once more; name yours differently");
+    }
+  }
+  return {name, baseline.config};
+}
+
+bool measures_kernels(const TrainConfig& config) {
+  return !config.deterministic && (forward_candidates(config).size() > 1 || config.backward_kernel == kAdaptive);
+}
+
+DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
+  const nlohmann::ordered_json before = config_to_json(a), after = config_to_json(b);
+  DifferingOptions options;
+  for (const auto& [name, value] : before.items()) {
+    if (after.at(name) == value) continue;
+    const bool is_kernel = std::find(std::begin(kForwardKernelOptions), std::end(kForwardKernelOptions), name) !=
+                           std::end(kForwardKernelOptions);
+    (is_kernel ? options.forward_kernel : options.others).push_back(name);
+  }
+  return options;
 }
 
 }  // namespace b3dgs

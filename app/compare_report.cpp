@@ -1,6 +1,7 @@
 #include "app/compare_report.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 
 #include "app/compare_verdict.h"
@@ -71,6 +72,12 @@ std::string kernels(const Comparison& comparison) {
   return body.empty() ? of_one(comparison, has_times, kernel_section) : body;
 }
 
+/// With a capital letter and a full stop.
+std::string sentence(std::string text) {
+  text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
+  return text + ".";
+}
+
 std::string what_was_measured(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   const int n_seeds = static_cast<int>(plan.seeds.size()), n_begun = comparison.summary.seeds_begun();
@@ -85,15 +92,23 @@ std::string what_was_measured(const Comparison& comparison) {
                             "densification, uploads and kernel checks. Not in them are reading the scene (",
                             format_seconds(plan.reading_s, 0), ", once for all) and evaluation, saving and ",
                             "checkpoints (", format_seconds(comparison.output_s(), 0), " in all)."),
-             "soft");
+             "soft") +
+         (plan.loading_ms > 0 ? html::paragraph(sentence(describe_loading(comparison)), "soft") : "") +
+         html::paragraph(comparison.summary.repetition.empty()
+                             ? "How much the machine makes one and the same training differ was not measured (--noise)."
+                             : sentence(describe_repetition(comparison.summary)) +
+                                   " The figures after ± say so of the same iterations, the largest of all seeds.",
+                         "soft");
 }
 
-/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)"; of fewer than `n_seeds`, that is said.
-std::string share_cell(const std::optional<Spread>& share, int n_seeds) {
+/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)", with the machine's spread "18.3 % ± 0.4 %"; of fewer than
+/// `n_seeds`, that is said.
+std::string share_cell(const std::optional<Spread>& share, const std::optional<double>& noise, int n_seeds) {
   if (!share) return "-";
   const std::string range =
       share->n > 1 ? print_to_string(" (%.1f to %.1f)", 100 * share->min, 100 * share->max) : std::string();
-  return format_percent(share->mean) + range + in_seeds(share->n, n_seeds);
+  return format_percent(share->mean) + (noise ? " ± " + format_percent(*noise) : "") + range +
+         in_seeds(share->n, n_seeds);
 }
 
 std::string inflection_cell(const std::optional<Spread>& inflection, int n_seeds) {
@@ -103,29 +118,94 @@ std::string inflection_cell(const std::optional<Spread>& inflection, int n_seeds
   return text + in_seeds(inflection->n, n_seeds);
 }
 
-std::string saved_section(const Comparison& comparison) {
+/// Name, before and after its inflection, overall, inflection.
+html::Row saved_row(const std::string& name, const ComparedConfiguration& compared) {
+  const int n_seeds = static_cast<int>(compared.by_seed.size());
+  return {name, share_cell(compared.before, compared.noise.before, n_seeds),
+          share_cell(compared.after, compared.noise.after, n_seeds),
+          share_cell(compared.overall, compared.noise.overall, n_seeds), inflection_cell(compared.inflection, n_seeds)};
+}
+
+/// What balancing brings by itself.
+std::string balancing_part(const Comparison& comparison) {
   const ComparisonSummary& summary = comparison.summary;
+  if (summary.balancing.empty()) {
+    if (summary.missing_kernels.empty()) return "";
+    std::string names;
+    for (const std::string& name : summary.missing_kernels) names += (names.empty() ? "" : ", ") + name;
+    return html::paragraph(
+        "What balancing brings by itself cannot be told here: these kernels, which are not balanced "
+        "either, were not trained with the options of " +
+        summary.ours + ": " + names + ".");
+  }
+  std::vector<html::Row> rows;
+  int marked = -1;
+  for (const BalancingSteps& steps : summary.balancing) {
+    if (steps.name == summary.ours) marked = static_cast<int>(rows.size());
+    const auto cell = [&](const Spread& saved) { return share_cell(saved, summary.noise(), saved.n); };
+    rows.push_back({steps.name, steps.naive, cell(steps.to_unbalanced), steps.unbalanced, cell(steps.balancing),
+                    cell(steps.whole)});
+  }
+  return html::table({"balanced", "from", "saved up to the best unbalanced", "which is", "saved from there: balancing",
+                      "saved in all"},
+                     rows, html::Columns::kFigures, marked) +
+         html::paragraph(
+             "Each row is of configurations that differ in nothing but forward kernels. What balancing brings is the "
+             "share of the best unbalanced kernel's time; the two others are shares of naive's.",
+             "soft");
+}
+
+/// Every configuration as a whole against the baseline.
+std::string configurations_part(const ComparisonSummary& summary) {
   std::vector<html::Row> rows;
   int marked = -1;
   for (const ComparedConfiguration& compared : summary.compared) {
     if (compared.name == summary.ours) marked = static_cast<int>(rows.size());
-    const int n_seeds = static_cast<int>(compared.by_seed.size());
-    rows.push_back({compared.name, share_cell(compared.before, n_seeds), share_cell(compared.after, n_seeds),
-                    share_cell(compared.overall, n_seeds), inflection_cell(compared.inflection, n_seeds)});
+    rows.push_back(saved_row(compared.name, compared));
+    std::string options = compared.has_own_kernel ? "forward kernel" : "";
+    for (const std::string& name : compared.differs_in) options += (options.empty() ? "" : ", ") + name;
+    rows.back().push_back(options.empty() ? "nothing" : options);
   }
-  rows.push_back({"the paper, against its naive kernel", "19.6 %", "7.9 %", "8.5 %", "about 2,000"});
   const ComparedConfiguration* ours = summary.find(summary.ours);
   std::string note =
       "Before and after are of the seeds that have both. The inflection point is the first check after which another "
-      "forward kernel was in use. The paper "
-      "measured on an A100 with its own scene, 960 x 540 px.";
+      "forward kernel was in use.";
   if (ours != nullptr && !ours->inflection) {
     note = ours->name + " has no inflection point here, so that there is no before and after it. " + note;
   }
   return html::table({"share of " + summary.baseline + "'s time saved by", "before inflection", "after it", "overall",
-                      "inflection, iteration"},
+                      "inflection, iteration", "differs in"},
                      rows, html::Columns::kFigures, marked) +
          html::paragraph(note, "soft");
+}
+
+/// The paper's figures beside what is measured as they are.
+std::string paper_part(const ComparisonSummary& summary) {
+  const std::string measured =
+      "The paper compares naive with the choice between combined and shared-memory, both with the original's backward "
+      "pass and optimizer, on an A100 with its own scene, 960 x 540 px: 19.6 % saved before the inflection at about "
+      "iteration 2,000, 7.9 % after it, 8.5 % overall.";
+  if (summary.beside_paper.empty()) {
+    return html::paragraph(measured +
+                               " Nothing here compares with that; --configs original,paper:original+kernel=paper "
+                               "comes nearest.",
+                           "soft");
+  }
+  std::vector<html::Row> rows;
+  for (const PaperComparison& own : summary.beside_paper) {
+    rows.push_back(saved_row(own.compared.name + " against " + own.baseline, own.compared));
+  }
+  rows.push_back({"the paper", "19.6 %", "7.9 %", "8.5 %", "about 2,000"});
+  return html::table({"as the paper compares", "before inflection", "after it", "overall", "inflection, iteration"},
+                     rows) +
+         html::paragraph(measured +
+                             " Loss, optimizer and projection are this program's own on both sides here, and faster "
+                             "than the original's, so the forward pass is a larger share of a step.",
+                         "soft");
+}
+
+std::string saved_section(const Comparison& comparison) {
+  return balancing_part(comparison) + configurations_part(comparison.summary) + paper_part(comparison.summary);
 }
 
 ChartSeries elapsed_curve(const ReportedRun& run) {
@@ -184,9 +264,15 @@ std::string quality_section(const Comparison& comparison) {
     for (const QualityDifference& own : compared.quality) {
       rows.push_back({own.measure + in_seeds(own.baseline.n, summary.seeds_begun()), format_count(own.iteration),
                       quality_cell(own.baseline, own.measure), quality_cell(own.ours, own.measure),
-                      own.is_equal() ? "equal" : "differs"});
+                      format_quality_difference(own.measure, own.difference()) +
+                          (own.noise ? " ± " + format_quality_difference(own.measure, *own.noise, true) : ""),
+                      own.is_equal()          ? "equal"
+                      : own.is_within_noise() ? "within the machine's spread"
+                                              : "differs"});
     }
-    if (!rows.empty()) body += html::table({"quality", "at iteration", summary.baseline, compared.name, ""}, rows);
+    if (!rows.empty()) {
+      body += html::table({"quality", "at iteration", summary.baseline, compared.name, "difference", ""}, rows);
+    }
   }
   if (body.empty()) return html::paragraph("Quality was not measured yet.", "soft");
   body += html::paragraph(quality_criterion(summary), "soft");

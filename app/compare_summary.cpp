@@ -4,10 +4,10 @@
 #include <cmath>
 #include <map>
 
+#include "app/compare_config.h"
 #include "app/compare_verdict.h"
 #include "app/print.h"
 #include "check.h"
-#include "train/train_config.h"
 
 namespace b3dgs {
 namespace {
@@ -31,10 +31,6 @@ constexpr Measure kMeasures[] = {
        return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
      }},
 };
-
-double saved_share(double baseline_s, double ours_s) {
-  return (baseline_s - ours_s) / baseline_s;
-}
 
 /// Values of one run by iteration.
 std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
@@ -69,24 +65,40 @@ CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& co
   return common;
 }
 
-Spread values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration, const Measure& measure) {
+/// By seed.
+std::vector<double> values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration,
+                              const Measure& measure) {
   std::vector<double> values;
   for (const std::size_t seed : common.seeds) {
     values.push_back(measured(configuration.by_seed[seed], measure).at(common.iteration));
   }
-  return *spread_of(values);
+  return values;
 }
 
-/// Of ours = configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures
-/// of different iterations do not compare.
+double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::fabs(a[i] - b[i]));
+  return largest;
+}
+
+/// Of configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures of
+/// different iterations do not compare. `repetition` of the baseline may be null.
 std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
-                                               std::size_t index, std::size_t n_seeds) {
+                                               std::size_t index, const ConfigurationHistory* repetition,
+                                               std::size_t n_seeds) {
   std::vector<QualityDifference> differences;
   for (const Measure& measure : kMeasures) {
     const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
     if (common.seeds.empty()) continue;
-    QualityDifference difference{measure.name, common.iteration, values_at(common, configurations[0], measure),
-                                 values_at(common, configurations[index], measure)};
+    QualityDifference difference;
+    difference.measure = measure.name;
+    difference.iteration = common.iteration;
+    difference.baseline = *spread_of(values_at(common, configurations[0], measure));
+    difference.ours = *spread_of(values_at(common, configurations[index], measure));
+    if (repetition != nullptr) {
+      difference.noise =
+          largest_distance(values_at(common, configurations[0], measure), values_at(common, *repetition, measure));
+    }
     const Spread &baseline = difference.baseline, &ours = difference.ours;
     difference.tolerance = difference.has_ranges()
                                ? std::max(baseline.range(), ours.range())
@@ -120,21 +132,40 @@ bool was_balanced_slower_from_start(const TrainHistory& history) {
   });
 }
 
+void keep_larger(const std::optional<double>& value, std::optional<double>& largest) {
+  if (value && (!largest || *value > *largest)) largest = value;
+}
+
+/// Two configurations that are one and the same; null without such.
+struct RepeatedConfiguration {
+  const ConfigurationHistory *first = nullptr, *second = nullptr;
+  std::optional<RepeatedRun> run(std::size_t seed) const {
+    if (first == nullptr || second == nullptr) return std::nullopt;
+    return RepeatedRun{first->by_seed[seed], second->by_seed[seed]};
+  }
+};
+
 /// Over the seeds that have begun.
 ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
-                                    const std::vector<int>& done_by_seed) {
+                                    const RepeatedConfiguration& repeated, const std::vector<int>& done_by_seed) {
   ComparedConfiguration compared;
   compared.name = ours.name;
+  const DifferingOptions differing = differing_options(baseline.config, ours.config);
+  compared.differs_in = differing.others;
+  compared.has_own_kernel = !differing.forward_kernel.empty();
   std::vector<double> overall, before, after, inflection;
   compared.was_slower_from_start = true;
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
     if (done_by_seed[seed] == 0) continue;
-    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed]);
+    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
     compared.was_slower_from_start =
         compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
     overall.push_back(saved->overall);
+    keep_larger(saved->noise.overall, compared.noise.overall);
+    keep_larger(saved->noise.before, compared.noise.before);
+    keep_larger(saved->noise.after, compared.noise.after);
     if (saved->inflection) inflection.push_back(*saved->inflection);
     if (!saved->before || !saved->after) continue;
     before.push_back(*saved->before);
@@ -162,97 +193,63 @@ std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& conf
   return done;
 }
 
+/// What the comparison is for: the first adaptive one after the baseline, else the first that may balance, else the
+/// second.
+const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>& configurations) {
+  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.config.kernel == kAdaptive; };
+  const auto balances = [](const ConfigurationHistory& own) { return may_balance(own.config); };
+  auto ours = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
+  if (ours == configurations.end()) ours = std::find_if(configurations.begin() + 1, configurations.end(), balances);
+  return ours == configurations.end() ? configurations[1] : *ours;
+}
+
 Json to_json(const std::optional<Spread>& spread) {
   if (!spread) return nullptr;
   return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
 }
 
 Json to_json(const KernelPartSummary& part) {
-  return {{"names", part.kernels}, {"iterations", to_json(part.iterations)}, {"saved", to_json(part.saved)}};
+  return {{"names", part.kernels},
+          {"iterations", to_json(part.iterations)},
+          {"saved_against_baseline", to_json(part.saved)}};
+}
+
+Json to_json(const std::optional<double>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+Json to_json(const MachineSpread& noise) {
+  return {{"overall", to_json(noise.overall)}, {"before", to_json(noise.before)}, {"after", to_json(noise.after)}};
+}
+
+Json to_json(const BalancingSteps& steps, const std::optional<double>& noise) {
+  return {{"name", steps.name},
+          {"naive", steps.naive},
+          {"unbalanced", steps.unbalanced},
+          {"saved_naive_to_unbalanced", to_json(std::optional(steps.to_unbalanced))},
+          {"saved_by_balancing", to_json(std::optional(steps.balancing))},
+          {"saved_whole", to_json(std::optional(steps.whole))},
+          {"machine_spread", to_json(noise)}};
+}
+
+Json times_json(const ComparedConfiguration& own) {
+  return {{"name", own.name},
+          {"differs_in", own.differs_in},
+          {"saved_overall", to_json(own.overall)},
+          {"saved_before_inflection", to_json(own.before)},
+          {"saved_after_inflection", to_json(own.after)},
+          {"machine_spread", to_json(own.noise)},
+          {"inflection", to_json(own.inflection)}};
 }
 
 }  // namespace
 
-std::optional<Spread> spread_of(const std::vector<double>& values) {
-  if (values.empty()) return std::nullopt;
-  Spread spread{0, values[0], values[0], static_cast<int>(values.size())};
-  for (const double value : values) {
-    spread.mean += value / spread.n;
-    spread.min = std::min(spread.min, value);
-    spread.max = std::max(spread.max, value);
-  }
-  return spread;
-}
-
-double elapsed_at(const TrainHistory& history, double iteration) {
-  double from_iteration = 0, from_s = 0;
-  for (const LogPoint& point : history.points) {
-    if (point.iteration >= iteration) {
-      const double share = (iteration - from_iteration) / (point.iteration - from_iteration);
-      return from_s + share * (point.elapsed_s - from_s);
-    }
-    from_iteration = point.iteration;
-    from_s = point.elapsed_s;
-  }
-  return from_s;
-}
-
-std::optional<int> inflection_point(const TrainHistory& history) {
-  for (const KernelCheckEvent& check : history.checks) {
-    if (check.pass == kForwardPass && check.has_changed()) return check.iteration;
-  }
-  return std::nullopt;
-}
-
-std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
-  std::map<int, std::string> kernel_of;  // iteration; where it is known
-  for (const LogPoint& point : history.points) {
-    if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
-  }
-  for (const KernelCheckEvent& check : history.checks) {  // each comes before the step of its iteration
-    if (check.pass != kForwardPass || check.before.empty() || check.after.empty()) continue;
-    if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
-    kernel_of[check.iteration] = check.after;
-  }
-  std::vector<KernelPeriod> periods;
-  for (const auto& [iteration, kernel] : kernel_of) {
-    if (periods.empty() || periods.back().kernel != kernel) {
-      periods.push_back({kernel, periods.empty() ? 0 : periods.back().until, iteration});
-    }
-    periods.back().until = iteration;
-  }
-  if (!periods.empty()) periods.back().until = std::max(periods.back().until, history.last_iteration());
-  return periods;
-}
-
-std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours) {
-  SavedTime saved;
-  saved.until = std::min(baseline.last_iteration(), ours.last_iteration());
-  saved.baseline_s = elapsed_at(baseline, saved.until);
-  saved.ours_s = elapsed_at(ours, saved.until);
-  if (saved.until == 0 || saved.baseline_s <= 0) return std::nullopt;
-  saved.overall = saved_share(saved.baseline_s, saved.ours_s);
-  saved.inflection = inflection_point(ours);
-  if (saved.inflection && *saved.inflection < saved.until) {
-    const int last_before = *saved.inflection - 1;
-    const double baseline_s = elapsed_at(baseline, last_before), ours_s = elapsed_at(ours, last_before);
-    if (baseline_s > 0) saved.before = saved_share(baseline_s, ours_s);
-    if (saved.baseline_s > baseline_s) saved.after = saved_share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
-  }
-  for (const KernelPeriod& period : kernel_periods(ours)) {
-    const int until = std::min(period.until, saved.until);
-    if (until <= period.from) continue;
-    KernelPart& part = is_balanced_kernel(period.kernel) ? saved.balanced : saved.others;
-    part.kernels.insert(period.kernel);
-    part.iterations += until - period.from;
-    part.baseline_s += elapsed_at(baseline, until) - elapsed_at(baseline, period.from);
-    part.ours_s += elapsed_at(ours, until) - elapsed_at(ours, period.from);
-  }
-  return saved;
-}
-
 bool QualityDifference::is_equal() const {
-  return std::fabs(ours.mean - baseline.mean) <= tolerance;
+  return std::fabs(difference()) <= tolerance;
+}
+
+bool QualityDifference::is_within_noise() const {
+  return noise && std::fabs(difference()) <= *noise;
 }
 
 int ComparisonSummary::seeds_begun() const {
@@ -264,26 +261,49 @@ const ComparedConfiguration* ComparisonSummary::find(const std::string& name) co
   return it == compared.end() ? nullptr : &*it;
 }
 
+const BalancingSteps* ComparisonSummary::find_balancing(const std::string& name) const {
+  const auto it = std::find_if(balancing.begin(), balancing.end(), [&](const auto& own) { return own.name == name; });
+  return it == balancing.end() ? nullptr : &*it;
+}
+
+std::optional<double> ComparisonSummary::noise() const {
+  const ComparedConfiguration* const own = find(repetition);
+  return own == nullptr ? std::nullopt : own->noise.overall;
+}
+
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations) {
   B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
   const ConfigurationHistory& baseline = configurations[0];
-  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.kernel == kAdaptive; };
-  const auto adaptive = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
-  const ConfigurationHistory& ours = adaptive != configurations.end() ? *adaptive : configurations[1];
+  const ConfigurationHistory& ours = choose_ours(configurations);
+  const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
+    return differing_options(baseline.config, own.config).empty();
+  });
+  const RepeatedConfiguration repeated{&baseline, again == configurations.end() ? nullptr : &*again};
 
   ComparisonSummary summary;
   summary.baseline = baseline.name;
   summary.ours = ours.name;
-  summary.is_balancing = baseline.kernel == forward_kernel_name(ForwardKernel::kNaive) &&
-                         (ours.kernel == kAdaptive || is_balanced_kernel(ours.kernel));
+  if (repeated.second != nullptr) summary.repetition = repeated.second->name;
   summary.iterations = iterations;
   summary.done_by_seed = common_iterations(configurations, iterations);
   for (const int done : summary.done_by_seed) {
     if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
   }
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    summary.compared.push_back(compare_times(baseline, configurations[i], summary.done_by_seed));
-    summary.compared.back().quality = compare_quality(configurations, i, summary.done_by_seed.size());
+    summary.compared.push_back(compare_times(baseline, configurations[i], repeated, summary.done_by_seed));
+    summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
+  }
+  for (std::size_t i = 0; i < configurations.size(); ++i) {
+    if (const auto steps = balancing_steps(configurations, i, summary.done_by_seed)) {
+      summary.balancing.push_back(*steps);
+    }
+  }
+  if (may_balance(ours.config)) summary.missing_kernels = missing_unbalanced_kernels(configurations, ours.config);
+  for (const ConfigurationHistory& own : configurations) {
+    for (const ConfigurationHistory& other : configurations) {
+      if (!is_paper_pair(own.config, other.config)) continue;
+      summary.beside_paper.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
+    }
   }
   return summary;
 }
@@ -324,22 +344,33 @@ Json to_json(const ComparisonSummary& summary) {
                          {"iteration", difference.iteration},
                          {"baseline", to_json(std::optional(difference.baseline))},
                          {"ours", to_json(std::optional(difference.ours))},
+                         {"difference", difference.difference()},
+                         {"machine_spread", to_json(difference.noise)},
                          {"tolerance", difference.tolerance},
                          {"equal", difference.is_equal()}});
     }
-    compared.push_back({{"name", own.name},
-                        {"saved_overall", to_json(own.overall)},
-                        {"saved_before_inflection", to_json(own.before)},
-                        {"saved_after_inflection", to_json(own.after)},
-                        {"inflection", to_json(own.inflection)},
-                        {"balanced_kernels", to_json(own.balanced)},
-                        {"other_kernels", to_json(own.others)},
-                        {"by_seed", by_seed},
-                        {"quality", quality}});
+    compared.push_back(times_json(own));
+    compared.back().update({{"balanced_kernels", to_json(own.balanced)},
+                            {"other_kernels", to_json(own.others)},
+                            {"by_seed", by_seed},
+                            {"quality", quality}});
   }
-  return {{"verdict", verdict(summary)}, {"baseline", summary.baseline},
-          {"ours", summary.ours},        {"iterations", summary.iterations},
-          {"done", summary.done},        {"done_by_seed", summary.done_by_seed},
+  Json balancing = Json::array(), beside_paper = Json::array();
+  for (const BalancingSteps& steps : summary.balancing) balancing.push_back(to_json(steps, summary.noise()));
+  for (const PaperComparison& own : summary.beside_paper) {
+    beside_paper.push_back(times_json(own.compared));
+    beside_paper.back()["baseline"] = own.baseline;
+  }
+  return {{"verdict", verdict(summary)},
+          {"baseline", summary.baseline},
+          {"ours", summary.ours},
+          {"repetition", summary.repetition},
+          {"machine_spread", to_json(summary.noise())},
+          {"iterations", summary.iterations},
+          {"done", summary.done},
+          {"done_by_seed", summary.done_by_seed},
+          {"balancing", balancing},
+          {"beside_paper", beside_paper},
           {"compared", compared}};
 }
 

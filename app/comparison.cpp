@@ -8,6 +8,7 @@
 #include "app/compare_verdict.h"
 #include "app/print.h"
 #include "app/report_sections.h"
+#include "app/svg_axis.h"
 #include "check.h"
 #include "scene/atomic_file.h"
 
@@ -28,8 +29,10 @@ void write_json(const fs::path& path, const Json& json) {
 Json to_json(const ComparisonPlan& plan) {
   return {{"configs", plan.configs},
           {"seeds", plan.seeds},
+          {"noise", plan.has_repetition},
           {"chunk", plan.chunk},
           {"reading_s", plan.reading_s},
+          {"loading_ms", plan.loading_ms},
           {"config", config_to_json(plan.base)}};
 }
 
@@ -135,6 +138,12 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
 
 }  // namespace
 
+std::vector<Configuration> ComparisonPlan::configurations() const {
+  std::vector<Configuration> all = parse_configurations(configs, base);
+  if (has_repetition) all.push_back(repeat_baseline(all));
+  return all;
+}
+
 ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
   return ModelFolder(root() / configuration.name / ("seed_" + std::to_string(seed)));
 }
@@ -145,6 +154,15 @@ double Comparison::output_s() const {
     for (const ComparedRun& run : of_configuration) sum += run.record.output_s;
   }
   return sum;
+}
+
+std::string describe_loading(const Comparison& comparison) {
+  std::string names;
+  for (const Configuration& own : comparison.configurations) {
+    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
+  }
+  return detail::concat("in the times of ", names, ": ", format_figure(comparison.plan.loading_ms),
+                        " ms for loading the candidates' code, which a fresh process pays before its first check");
 }
 
 void write_plan(const ComparisonPlan& plan) {
@@ -166,6 +184,8 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
+    plan.has_repetition = own.value("noise", false);  // these two are not in the first comparisons
+    plan.loading_ms = own.value("loading_ms", 0.0);
     config_from_json(plan.base, own.at("config"), path.string());
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": is no comparison of b3dgs compare: ", error.what());
@@ -179,11 +199,14 @@ Comparison load_comparison(const ComparisonPlan& plan) {
   Comparison comparison{plan, plan.configurations(), {}, {}};
   std::vector<ConfigurationHistory> histories;
   for (const Configuration& configuration : comparison.configurations) {
-    histories.push_back({configuration.name, configuration.config.kernel, {}});
+    histories.push_back({configuration.name, configuration.config, {}});
     comparison.runs.emplace_back();
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
       comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
+      if (measures_kernels(configuration.config)) {
+        for (LogPoint& point : comparison.runs.back().back().history.points) point.elapsed_s += 1e-3 * plan.loading_ms;
+      }
       histories.back().by_seed.push_back(comparison.runs.back().back().history);
     }
   }
@@ -202,22 +225,25 @@ void print_comparison(const Comparison& comparison) {
   for (const Configuration& configuration : comparison.configurations) {
     columns = std::max(columns, configuration.name.size());
   }
-  const int width = static_cast<int>(columns);
-  std::printf("%-*s %11s %9s %10s %10s %9s %8s %12s\n", width, "configuration", "training s", "saved", "before infl",
-              "after infl", "PSNR dB", "SSIM", "Gaussians");
+  const int width = static_cast<int>(columns), share_width = summary.noise() ? 15 : 11;
+  std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "saved",
+              share_width, "before infl", share_width, "after infl", "PSNR dB", "SSIM", "Gaussians");
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     double elapsed_s = 0;
     for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // the mean over those that have begun
       elapsed_s +=
           elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
     }
-    const auto share = [&](std::optional<Spread> ComparedConfiguration::*field) {
+    const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
+                           std::optional<double> MachineSpread::*noise) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
-      return format_percent((summary.compared[i - 1].*field)->mean);
+      return format_percent((summary.compared[i - 1].*field)->mean) + format_noise(summary.compared[i - 1].noise.*noise);
     };
-    std::printf("%-*s %11.2f %9s %10s %10s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
-                share(&ComparedConfiguration::overall).c_str(), share(&ComparedConfiguration::before).c_str(),
-                share(&ComparedConfiguration::after).c_str(), quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(),
+    std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
+                share_width, share(&ComparedConfiguration::overall, &MachineSpread::overall).c_str(), share_width,
+                share(&ComparedConfiguration::before, &MachineSpread::before).c_str(), share_width,
+                share(&ComparedConfiguration::after, &MachineSpread::after).c_str(),
+                quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(),
                 quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
@@ -227,6 +253,11 @@ void print_comparison(const Comparison& comparison) {
     std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
                 in_seeds(compared.before->n, n_seeds).c_str());
   }
+  for (const BalancingSteps& steps : summary.balancing) {
+    std::printf("%s: %s\n", steps.name.c_str(), describe(steps, summary.noise()).c_str());
+  }
+  if (!summary.repetition.empty()) std::printf("%s\n", describe_repetition(summary).c_str());
+  if (comparison.plan.loading_ms > 0) std::printf("%s\n", describe_loading(comparison).c_str());
   std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
               format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());

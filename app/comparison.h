@@ -18,11 +18,15 @@ struct ComparisonPlan {
   TrainConfig base;  // model_path is the comparison's folder
   std::string configs;
   std::vector<std::int64_t> seeds;
-  int chunk = 0;         // iterations of a turn
-  double reading_s = 0;  // of the scene, all sessions so far
+  bool has_repetition = false;  // trains the baseline twice (--noise)
+  int chunk = 0;                // iterations of a turn
+  double reading_s = 0;         // of the scene, all sessions so far
+  // What loading the candidates' code takes in a fresh process, as measured before the first turn. Every configuration
+  // that chooses its kernel has it in its times: `train` pays it too, while here all trainings share one process.
+  double loading_ms = 0;
 
   std::filesystem::path root() const { return base.model_path; }
-  std::vector<Configuration> configurations() const { return parse_configurations(configs, base); }
+  std::vector<Configuration> configurations() const;
   ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };
 
@@ -36,7 +40,7 @@ bool holds_comparison(const std::filesystem::path& root);
 
 struct ComparedRun {
   std::int64_t seed = 0;
-  TrainHistory history;
+  TrainHistory history;  // with the plan's loading_ms in its times, if the configuration chooses
   RunRecord record;
 };
 
@@ -56,5 +60,8 @@ Comparison load_comparison(const ComparisonPlan& plan);
 void write_comparison(const Comparison& comparison);
 
 void print_comparison(const Comparison& comparison);
+
+/// A line about the plan's loading_ms.
+std::string describe_loading(const Comparison& comparison);
 
 }  // namespace b3dgs

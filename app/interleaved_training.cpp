@@ -1,7 +1,9 @@
 #include "app/interleaved_training.h"
 
 #include <algorithm>
+#include <iterator>
 
+#include "app/train_log_reader.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
 #include "scene/remove_tree.h"
@@ -40,19 +42,21 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
       status_(status),
       iterations_(plan.base.iterations),
       chunk_(plan.chunk),
+      seed_index_(static_cast<std::size_t>(
+          std::distance(plan.seeds.begin(), std::find(plan.seeds.begin(), plan.seeds.end(), seed)))),
       label_("seed " + std::to_string(seed)) {
-  std::vector<Configuration> configurations = plan.configurations();
+  const std::vector<Configuration> configurations = plan.configurations();
   // What each would take by itself is half of what is free, the second one less than the first: all get the same here.
-  const auto budget = static_cast<double>(image_budget(-1, choose_device(plan.base.device)));
-  for (Configuration& configuration : configurations) {
-    double& image_cache_gb = configuration.config.image_cache_gb;
-    if (image_cache_gb < 0) image_cache_gb = 1e-9 * budget / static_cast<double>(configurations.size());
-    add(plan, configuration, seed, scene);
+  const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
+                             static_cast<std::int64_t>(configurations.size());
+  for (const Configuration& configuration : configurations) {
+    const bool is_open = configuration.config.image_cache_gb < 0;
+    add(plan, configuration, seed, scene, is_open ? std::optional(share) : std::nullopt);
   }
 }
 
 void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
-                              const Scene& scene) {
+                              const Scene& scene, std::optional<std::int64_t> image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
   const TrainConfig config = run_config(configuration, folder, seed);
   folder.create();
@@ -68,6 +72,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
     status_.warn(turn.configuration.name + ", " + label_ + ": " + message);
   };
   hooks.stop_signal = &stop_signal();
+  hooks.image_budget = image_budget;
   hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
   hooks.on_loading = show_loading(status_);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
@@ -81,9 +86,10 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
 bool InterleavedTraining::take_turns() {
   int start = iterations_;
   for (const auto& turn : turns_) start = std::min(start, turn->trainer->iteration());
-  std::size_t first = static_cast<std::size_t>(start / chunk_);  // a resumed comparison keeps the order
-  for (int until = start - start % chunk_; until < iterations_; ++first) {
+  int n_turns = start / chunk_;  // a resumed comparison keeps the order
+  for (int until = start - start % chunk_; until < iterations_; ++n_turns) {
     until = std::min(until + chunk_, iterations_);
+    const std::size_t first = first_in_turn(seed_index_, n_turns, turns_.size());
     for (std::size_t i = 0; i < turns_.size(); ++i) {
       Turn& turn = *turns_[(first + i) % turns_.size()];
       turn.result = turn.trainer->run_until(until);
@@ -130,7 +136,11 @@ void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
                format_train_progress(progress, turn.eta.iterations_per_second(), all));
 }
 
-void warm_up(const ComparisonPlan& plan, const Scene& scene) {
+std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations) {
+  return (seed_index + 1 + static_cast<std::size_t>(turn)) % n_configurations;
+}
+
+double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   constexpr std::int64_t kPoints = 10000;
   Scene part = scene;
   const auto n = static_cast<std::size_t>(std::min(kPoints, part.points.size()));
@@ -139,14 +149,34 @@ void warm_up(const ComparisonPlan& plan, const Scene& scene) {
   part.train.resize(std::min<std::size_t>(1, part.train.size()));
   part.test.clear();
   const TemporaryFolder folder(plan.root() / ".warm_up");
-  for (const Configuration& configuration : plan.configurations()) {
+  const auto train = [&](const Configuration& configuration) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part is smaller; without points the PLY is all there is
     config.iterations = 5;
     config.densify_from_iter = 0;
     config.densification_interval = 2;
+    config.kernel_check_interval = 2;  // `paper` has no earlier check
     Trainer(config, part, ModelFolder(folder.path()), {}).run();
+    double loading_ms = 0;
+    for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {
+      loading_ms += check.warm_up_ms.value_or(0);
+    }
+    return loading_ms;
+  };
+  // All that every training needs is loaded first. Then come those that choose: what fixed kernels load as well is
+  // counted as theirs, which is rather too much than too little.
+  Configuration common{"", plan.base};
+  common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
+  common.config.backward_kernel = kUnmeasuredBackwardKernel;
+  common.config.kernel_times_interval = 0;
+  train(common);
+  double loading_ms = 0;
+  for (const bool chooses : {true, false}) {
+    for (const Configuration& configuration : plan.configurations()) {
+      if (measures_kernels(configuration.config) == chooses) loading_ms = std::max(loading_ms, train(configuration));
+    }
   }
+  return loading_ms;
 }
 
 }  // namespace b3dgs

@@ -108,19 +108,17 @@ std::string times_and_spreads(const KernelCheckEvent& check) {
 std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
   double cost_ms = 0, warm_up_ms = 0;
-  bool has_cost = false, has_changed = false;
+  bool has_cost = false;
   for (const KernelCheckEvent& check : history.checks) {
     has_cost = has_cost || check.cost_ms;
-    has_changed = has_changed || check.has_changed();
     cost_ms += check.cost_ms.value_or(0);
     warm_up_ms += check.warm_up_ms.value_or(0);
     rows.push_back({format_tick(check.iteration, 1), check.pass, times_and_spreads(check),
                     check.views ? std::to_string(*check.views) : "-",
                     check.has_changed() ? "from " + check.before + " to " + check.after : check.after, check.reason});
   }
-  std::string body = has_changed ? "" : html::paragraph("The kernel was never changed.");
-  body += html::table({"iteration", "pass", "ms, median over views (spread)", "views", "kernel", "reason"}, rows,
-                      html::Columns::kWords);
+  std::string body = html::table({"iteration", "pass", "ms, median over views (spread)", "views", "kernel", "reason"},
+                                 rows, html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   if (has_cost && elapsed_s > 0) {
     const bool is_one = history.checks.size() == 1;
@@ -128,12 +126,34 @@ std::string decisions(const TrainHistory& history) {
         detail::concat(is_one ? "The check took " : "The checks took ", format_figure(cost_ms), " ms, ",
                        format_figure(0.1 * cost_ms / elapsed_s), " % of the training time, which ",
                        is_one ? "it is part of." : "they are part of.",
-                       warm_up_ms > 0 ? " Before the first, loading the kernels' code and making room took " +
-                                            format_figure(warm_up_ms) + " ms of it."
-                                      : ""),
+                       warm_up_ms > 0
+                           ? " Loading the candidates' code before their first check, once in a process, took " +
+                                 format_figure(warm_up_ms) + " ms more (" +
+                                 format_figure(0.1 * warm_up_ms / elapsed_s) + " %), which is training time too."
+                           : ""),
         "soft");
   }
   return body;
+}
+
+/// Which forward kernel did which iterations: by checks, or by a resume with another --kernel.
+std::string kernels_in_use(const TrainHistory& history) {
+  const std::vector<KernelPeriod> periods = kernel_periods(history);
+  if (periods.empty()) return "";
+  if (periods.size() == 1) return html::paragraph("The forward kernel was " + periods[0].kernel + " all the time.");
+  std::vector<html::Row> rows;
+  for (std::size_t i = 0; i < periods.size(); ++i) {
+    const KernelPeriod& period = periods[i];
+    const bool is_by_check =
+        std::any_of(history.checks.begin(), history.checks.end(), [&](const KernelCheckEvent& check) {
+          return check.pass == "forward" && check.iteration == period.from + 1 && check.after == period.kernel;
+        });
+    rows.push_back({period.kernel, format_tick(period.from + 1, 1) + " to " + format_tick(period.until, 1),
+                    is_by_check ? "by a check"
+                    : i == 0    ? "from the start"
+                                : "by a resume with another --kernel"});
+  }
+  return html::table({"forward kernel", "iterations", "in use"}, rows, html::Columns::kWords);
 }
 
 using LoadField = std::optional<LoadFigures> LoadEvent::*;
@@ -258,10 +278,10 @@ std::string stage_section(const std::vector<ReportedRun>& runs) {
 
 std::string kernel_section(const TrainHistory& history) {
   if (history.checks.empty() && history.candidate_times.empty()) {
-    return html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
+    return kernels_in_use(history) + html::paragraph("No kernels were timed: what is fixed needs no choice.", "soft");
   }
-  return refusals(history) + candidate_figure(history, "forward") + candidate_figure(history, "backward") +
-         (history.checks.empty() ? "" : decisions(history));
+  return refusals(history) + kernels_in_use(history) + candidate_figure(history, "forward") +
+         candidate_figure(history, "backward") + (history.checks.empty() ? "" : decisions(history));
 }
 
 std::string load_section(const TrainHistory& history) {

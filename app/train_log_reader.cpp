@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <type_traits>
 #include <utility>
@@ -101,6 +102,27 @@ std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
 }
 
 }  // namespace
+
+std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
+  std::map<int, std::string> kernel_of;  // iteration; where it is known
+  for (const LogPoint& point : history.points) {
+    if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
+  }
+  for (const KernelCheckEvent& check : history.checks) {  // each comes before the step of its iteration
+    if (check.pass != "forward" || check.before.empty() || check.after.empty()) continue;
+    if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
+    kernel_of[check.iteration] = check.after;
+  }
+  std::vector<KernelPeriod> periods;
+  for (const auto& [iteration, kernel] : kernel_of) {
+    if (periods.empty() || periods.back().kernel != kernel) {
+      periods.push_back({kernel, periods.empty() ? 0 : periods.back().until, iteration});
+    }
+    periods.back().until = iteration;
+  }
+  if (!periods.empty()) periods.back().until = std::max(periods.back().until, history.last_iteration());
+  return periods;
+}
 
 TrainHistory parse_train_log(std::istream& lines) {
   TrainHistory history;

@@ -75,6 +75,15 @@ struct TrainHistory {
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };
 
+/// Iterations that one forward kernel did: after `from`, up to and with `until`.
+struct KernelPeriod {
+  std::string kernel;
+  int from = 0, until = 0;
+};
+
+/// All iterations, by the kernel that each line of the log and each check names; empty if none does.
+std::vector<KernelPeriod> kernel_periods(const TrainHistory& history);
+
 TrainHistory parse_train_log(std::istream& lines);
 
 /// Empty if there is no such file.

@@ -51,6 +51,8 @@ struct TrainHooks {
   // What the candidates for a kernel are timed by; the device's own if not set.
   std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;
   std::shared_ptr<MemorySource> memory;  // the device's own if not set
+  // Bytes of photographs that stay on the device in place of what --image_cache_gb says, for trainers that share one.
+  std::optional<std::int64_t> image_budget;
 };
 
 struct TrainResult {

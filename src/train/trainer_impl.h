@@ -49,7 +49,9 @@ struct Trainer::Impl {
         stepper(rasterizer),
         loss(device),
         kernels(config, device, kernel_check_tools(this->hooks)),
-        images(scene.train, device, image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
+        images(scene.train, device,
+               this->hooks.image_budget ? *this->hooks.image_budget
+                                        : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
                this->hooks.on_loading),
         timer(make_stage_clock(device)),
         time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {

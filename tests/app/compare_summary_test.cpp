@@ -1,62 +1,15 @@
-// What a comparison says, over invented curves.
+// What a comparison finds, over invented curves.
 #include "app/compare_summary.h"
-#include "app/compare_verdict.h"
 
 #include <gtest/gtest.h>
 
-#include "app/compare_config.h"
-#include "support/expect_error.h"
+#include "app/compare_verdict.h"
+#include "app/invented_histories.h"
 
 namespace b3dgs {
 namespace {
 
-/// Lines every 10 iterations: `early_ms` a step up to iteration 2000, `late_ms` after it. No kernel is named.
-TrainHistory history(double early_ms, double late_ms, int until = 4000) {
-  TrainHistory history;
-  double elapsed_s = 0;
-  for (int iteration = 10; iteration <= until; iteration += 10) {
-    elapsed_s += 0.01 * (iteration <= 2000 ? early_ms : late_ms);
-    LogPoint point;
-    point.iteration = iteration;
-    point.elapsed_s = elapsed_s;
-    history.points.push_back(point);
-  }
-  return history;
-}
-
-/// As a training that never changed its kernel writes it.
-TrainHistory with_kernel(TrainHistory history, const std::string& kernel) {
-  for (LogPoint& point : history.points) point.kernel = kernel;
-  return history;
-}
-
-/// As a training writes it that went over from combined to shared-memory before the step of `iteration`.
-TrainHistory with_inflection(TrainHistory history, int iteration) {
-  for (LogPoint& point : history.points) {
-    point.kernel = point.iteration < iteration ? "combined" : "shared-memory";
-  }
-  KernelCheckEvent kept, changed;
-  kept.iteration = iteration - 1000;
-  kept.pass = changed.pass = "forward";
-  kept.before = kept.after = changed.before = "combined";
-  changed.iteration = iteration;
-  changed.after = "shared-memory";
-  history.checks = {changed};
-  if (kept.iteration > 0) history.checks.insert(history.checks.begin(), kept);
-  return history;
-}
-
-TrainHistory with_quality(TrainHistory history, double psnr, std::int64_t count) {
-  history.points.back().test_psnr = psnr;
-  history.points.back().test_ssim = 0.9;
-  history.points.back().count = count;
-  return history;
-}
-
-ComparisonSummary summarize_pair(std::vector<TrainHistory> naive, std::vector<TrainHistory> adaptive,
-                                 const std::string& kernel = "adaptive") {
-  return summarize_comparison({{"naive", "naive", std::move(naive)}, {"ours", kernel, std::move(adaptive)}}, 4000);
-}
+using namespace test;
 
 TEST(CompareSummary, InterpolatesElapsedTime) {
   const TrainHistory curve = history(10, 20);
@@ -99,70 +52,6 @@ TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
   EXPECT_FALSE(inflection_point(TrainHistory{}));
 }
 
-TEST(CompareSummary, UnequalLengthsAreComparedAsFarAsBothGo) {
-  const auto saved = saved_time(history(10, 10, 3000), history(8, 8, 1000));
-  ASSERT_TRUE(saved);
-  EXPECT_EQ(saved->until, 1000);
-  EXPECT_NEAR(saved->baseline_s, 10, 1e-9);
-  const ComparisonSummary summary =
-      summarize_pair({history(10, 10, 3000)}, {with_kernel(history(8, 8, 1000), "combined")});
-  EXPECT_EQ(summary.done, 1000);
-  EXPECT_EQ(verdict(summary),
-            "Not finished: 1000 of 4000 iterations. So far: Balancing saved 20.0 % of the training time on this scene "
-            "(ours 8.00 s, naive 10.00 s).");
-}
-
-TEST(CompareSummary, TheVerdictSaysWhetherItPaid) {
-  const auto balanced = [](TrainHistory history) { return with_kernel(std::move(history), "combined"); };
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(8, 9.5))})),
-            "Balancing saved 12.5 % of the training time on this scene (ours 35.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(11, 11))})),
-            "Balancing did not pay on this scene: it took 10.0 % longer (ours 44.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {balanced(history(9.95, 9.95))})),
-            "Balancing did not pay on this scene: it made no difference beyond 1 % (ours 39.8 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(8, 8)}, "shared-memory")),
-            "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s).");
-  EXPECT_NE(verdict(summarize_pair({history(10, 10), history(10, 10)}, {history(7, 7), history(11, 11)}))
-                .find("the seeds disagree, from -10.0 % to 30.0 %"),
-            std::string::npos);
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {TrainHistory{}})),
-            "Nothing can be said yet: not every configuration has been trained.");
-}
-
-TEST(CompareSummary, BalancingIsNotCreditedWithWhatAnotherKernelSaved) {
-  const auto from_the_start = [](double ms) { return with_inflection(history(ms, ms), 1); };
-  EXPECT_EQ(
-      verdict(summarize_pair({history(10, 10)}, {from_the_start(9)})),
-      "Balancing did not pay on this scene: shared-memory was faster from the start; with it ours saved 10.0 % of "
-      "the training time (ours 36.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {from_the_start(11)})),
-            "Balancing did not pay on this scene: shared-memory was faster from the start; with it ours took 10.0 % "
-            "longer (ours 44.0 s, naive 40.0 s).");
-  TrainHistory refused = from_the_start(9);
-  for (KernelCheckEvent& check : refused.checks) check.refused = {"combined"};
-  EXPECT_EQ(
-      verdict(summarize_pair({history(10, 10)}, {refused})),
-      "Balancing did not pay on this scene: no balanced kernel was in use; with shared-memory ours saved 10.0 % of "
-      "the training time (ours 36.0 s, naive 40.0 s).");
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {history(9, 9)})),
-            "ours saved 10.0 % of the training time of naive (ours 36.0 s, naive 40.0 s).")
-      << "which kernel ran is not known";
-}
-
-TEST(CompareSummary, WhereABalancedKernelRanForAPartTheVerdictTellsTheParts) {
-  EXPECT_EQ(verdict(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2001)})),
-            "Balancing saved 20.0 % in the 2000 of 4000 iterations that combined did; shared-memory saved 5.0 % in the "
-            "others; overall ours saved 12.5 % of the training time (ours 35.0 s, naive 40.0 s).");
-  EXPECT_EQ(
-      verdict(summarize_pair({history(10, 10)}, {with_inflection(history(10.5, 8), 2001)})),
-      "Balancing did not pay on this scene: it took 5.0 % longer in the 2000 of 4000 iterations that combined did; "
-      "shared-memory saved 20.0 % in the others; overall ours saved 7.5 % of the training time (ours 37.0 s, "
-      "naive 40.0 s).");
-  const std::string one_seed = verdict(summarize_pair(
-      {history(10, 10), history(10, 10)}, {with_inflection(history(8, 9.5), 2001), with_inflection(history(9, 9), 1)}));
-  EXPECT_NE(one_seed.find("that combined did in 1 of 2 seeds; shared-memory saved"), std::string::npos) << one_seed;
-}
-
 TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
   EXPECT_TRUE(kernel_periods(history(10, 10)).empty());
   const std::vector<KernelPeriod> late = kernel_periods(with_inflection(history(10, 10), 2000));
@@ -182,15 +71,113 @@ TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
 }
 
 TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
-  const ComparisonSummary summary = summarize_comparison({{"naive", "naive", {history(10, 10)}},
-                                                          {"shared-memory", "shared-memory", {history(9, 9)}},
-                                                          {"adaptive", "adaptive", {history(8, 8)}}},
-                                                         4000);
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
+                            trained("adaptive", {history(8, 8)})},
+                           4000);
   EXPECT_EQ(summary.baseline, "naive");
   EXPECT_EQ(summary.ours, "adaptive");
   EXPECT_EQ(summary.compared.size(), 2u);
   EXPECT_NEAR(summary.find("shared-memory")->overall->mean, 0.1, 1e-9);
   EXPECT_EQ(summary.find("nobody"), nullptr);
+}
+
+TEST(CompareSummary, BalancingIsOneOfThreeSteps) {
+  const ComparisonSummary summary = summarize_comparison(
+      {trained("naive", {history(10, 10), history(10, 10)}), trained("shared-memory", {history(5, 5), history(5, 5)}),
+       trained("segmented", {history(4, 4), history(3, 3)})},
+      4000);
+  ASSERT_EQ(summary.balancing.size(), 1u) << "of the balanced one alone";
+  const BalancingSteps& steps = summary.balancing[0];
+  EXPECT_EQ(steps.name, "segmented");
+  EXPECT_EQ(steps.naive, "naive");
+  EXPECT_EQ(steps.unbalanced, "shared-memory");
+  EXPECT_NEAR(steps.to_unbalanced.mean, 0.5, 1e-9);
+  EXPECT_NEAR(steps.balancing.min, 0.2, 1e-9);
+  EXPECT_NEAR(steps.balancing.max, 0.4, 1e-9);
+  EXPECT_NEAR(steps.whole.mean, 0.65, 1e-9);
+  const auto json = to_json(summary)["balancing"][0];
+  EXPECT_NEAR(json["saved_by_balancing"]["mean"].get<double>(), 0.3, 1e-9);
+  EXPECT_NEAR(json["saved_naive_to_unbalanced"]["mean"].get<double>(), 0.5, 1e-9);
+  EXPECT_NEAR(json["saved_whole"]["mean"].get<double>(), 0.65, 1e-9);
+}
+
+TEST(CompareSummary, StepsNeedEveryUnbalancedKernelWithTheSameOptions) {
+  ConfigurationHistory other = trained("shared-memory", {history(5, 5)});
+  const std::vector<ConfigurationHistory> same{trained("naive", {history(10, 10)}), other,
+                                               trained("adaptive", {history(4, 4)})};
+  EXPECT_EQ(summarize_comparison(same, 4000).balancing.size(), 1u);
+  other.config.culling = "square";
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})}, 4000);
+  EXPECT_TRUE(summary.balancing.empty());
+  EXPECT_EQ(summary.missing_kernels, (std::vector<std::string>{"shared-memory"}));
+  EXPECT_EQ(summary.compared[0].differs_in, (std::vector<std::string>{"culling"}));
+  EXPECT_TRUE(summary.compared[1].differs_in.empty()) << "it differs in the forward kernel alone";
+  EXPECT_TRUE(summary.compared[1].has_own_kernel);
+}
+
+TEST(CompareSummary, TheKernelTableSaysWhichOnesBalance) {
+  EXPECT_FALSE(is_balanced_kernel("naive") || is_balanced_kernel("shared-memory") || is_balanced_kernel("no kernel"));
+  for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
+    EXPECT_TRUE(is_balanced_kernel(name)) << name;
+  }
+  EXPECT_TRUE(may_balance(config_with("adaptive")) && may_balance(config_with("paper")));
+  EXPECT_FALSE(may_balance(config_with("shared-memory")));
+}
+
+TEST(CompareSummary, ARepetitionOfTheBaselineSaysWhatTheMachineMakesOfIt) {
+  const ComparisonSummary summary = summarize_comparison(
+      {trained("naive", {with_quality(history(10, 10), 25, 1000), with_quality(history(10, 10), 26, 1000)}),
+       trained("ours", {with_quality(with_inflection(history(8, 9.5), 2001), 25.3, 1000),
+                        with_quality(with_inflection(history(8, 9.5), 2001), 26, 1000)}),
+       {"again",
+        config_with("naive"),
+        {with_quality(history(10.1, 10), 25.2, 1000), with_quality(history(10, 9.6), 25.9, 1010)}}},
+      4000);
+  EXPECT_EQ(summary.repetition, "again");
+  EXPECT_NEAR(summary.noise().value(), 0.02, 1e-9) << "the larger of 0.5 and 2 %";
+  const ComparedConfiguration& ours = summary.compared[0];
+  EXPECT_NEAR(ours.noise.overall.value(), 0.02, 1e-9);
+  EXPECT_NEAR(ours.noise.before.value(), 0.01, 1e-9);
+  EXPECT_NEAR(ours.noise.after.value(), 0.04, 1e-9);
+  EXPECT_NEAR(ours.quality[0].noise.value(), 0.2, 1e-9);
+  const auto json = to_json(summary);
+  EXPECT_EQ(json["repetition"], "again");
+  EXPECT_NEAR(json["machine_spread"].get<double>(), 0.02, 1e-9);
+  EXPECT_NEAR(json["compared"][0]["machine_spread"]["after"].get<double>(), 0.04, 1e-9);
+  EXPECT_NEAR(json["compared"][0]["quality"][0]["machine_spread"].get<double>(), 0.2, 1e-9);
+  EXPECT_EQ(describe_repetition(summary),
+            "naive against itself (again): time 2.0 %, PSNR 0.20, SSIM 0.0000, Gaussians 10");
+  EXPECT_EQ(summarize_pair({history(10, 10)}, {history(8, 8)}).noise(), std::nullopt);
+}
+
+TEST(CompareSummary, ADifferenceWithinTheMachinesSpreadIsToldFromAnEqualOne) {
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
+                            trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
+                            {"again", config_with("naive"), {with_quality(history(10, 10), 24.5, 1000)}}},
+                           4000);
+  EXPECT_FALSE(summary.compared[0].quality[0].is_equal());
+  EXPECT_TRUE(summary.compared[0].quality[0].is_within_noise());
+}
+
+TEST(CompareSummary, OnlyWhatIsMeasuredAsThePaperDidStandsBesideIt) {
+  const auto original = [](const std::string& kernel) {
+    ConfigurationHistory own = trained(kernel, {with_inflection(history(8, 9.5), 2001)});
+    own.name = "original_" + kernel;
+    own.config.backward_kernel = "per-pixel";
+    return own;
+  };
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("paper", {history(9, 9)}), original("naive"),
+                            original("adaptive"), original("paper"), original("combined")},
+                           4000);
+  ASSERT_EQ(summary.beside_paper.size(), 1u) << "not with our backward pass, nor another pair, nor a fixed kernel";
+  EXPECT_EQ(summary.beside_paper[0].baseline, "original_naive");
+  EXPECT_EQ(summary.beside_paper[0].compared.name, "original_paper");
+  EXPECT_TRUE(summary.beside_paper[0].compared.before);
+  EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }
 
 TEST(CompareSummary, QualityIsEqualWithinTheSpreadOfTheSeeds) {
@@ -241,21 +228,6 @@ TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
       << quality_criterion(two);
 }
 
-TEST(CompareSummary, SeedsThatHaveNotBegunDoNotCount) {
-  const auto combined = [](int until) { return with_kernel(history(8, 8, until), "combined"); };
-  const ComparisonSummary summary = summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
-                                                   {combined(4000), TrainHistory{}, TrainHistory{}});
-  EXPECT_EQ(summary.done, 4000);
-  EXPECT_EQ(summary.done_by_seed, (std::vector<int>{4000, 0, 0}));
-  EXPECT_EQ(summary.seeds_begun(), 1);
-  EXPECT_EQ(summary.compared[0].overall->n, 1);
-  EXPECT_EQ(
-      verdict(summary),
-      "Not finished: 4000 of 4000 iterations in 1 of 3 seeds. So far: Balancing saved 20.0 % of the training time "
-      "on this scene (ours 32.0 s, naive 40.0 s).");
-  EXPECT_EQ(summarize_pair({TrainHistory{}}, {TrainHistory{}}).done, 0);
-}
-
 TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
   const TrainHistory naive = history(10, 10);
   const ComparedConfiguration compared =
@@ -277,54 +249,11 @@ TEST(CompareSummary, IsWrittenAsJson) {
   EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2001);
   EXPECT_EQ(json["compared"][0]["balanced_kernels"]["names"], nlohmann::ordered_json::array({"combined"}));
   EXPECT_EQ(json["compared"][0]["balanced_kernels"]["iterations"]["mean"], 2000);
-  EXPECT_NEAR(json["compared"][0]["other_kernels"]["saved"]["mean"].get<double>(), 0.05, 1e-9);
+  EXPECT_NEAR(json["compared"][0]["other_kernels"]["saved_against_baseline"]["mean"].get<double>(), 0.05, 1e-9);
+  EXPECT_TRUE(json["machine_spread"].is_null());
   EXPECT_NEAR(json["compared"][0]["saved_before_inflection"]["mean"].get<double>(), 0.2, 1e-9);
   EXPECT_EQ(json["compared"][0]["saved_overall"]["n"], 1);
   EXPECT_TRUE(to_json(summarize_pair({history(10, 10)}, {history(8, 8)}))["compared"][0]["inflection"].is_null());
-}
-
-TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
-  TrainConfig base;
-  base.iterations = 123;
-  const auto entries =
-      parse_configurations("naive,shared-memory+culling=square,mine:opacity-lr=0.5+random_background=true", base);
-  ASSERT_EQ(entries.size(), 3u);
-  EXPECT_EQ(entries[0].name, "naive");
-  EXPECT_EQ(entries[0].config.kernel, "naive");
-  EXPECT_EQ(entries[0].config.iterations, 123);
-  EXPECT_EQ(entries[1].name, "shared-memory+culling=square");
-  EXPECT_EQ(entries[1].config.kernel, "shared-memory");
-  EXPECT_EQ(entries[1].config.culling, "square");
-  EXPECT_EQ(entries[2].name, "mine");
-  EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
-  EXPECT_TRUE(entries[2].config.random_background);
-  EXPECT_EQ(entries[2].config.kernel, base.kernel);
-  const auto paper = parse_configurations("naive,paper:kernel_candidates=combined/shared-memory", base);
-  EXPECT_EQ(paper[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
-      << "commas separate configurations";
-  EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u) << "one against itself measures the noise";
-}
-
-TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
-  const auto expect_refused = [](const std::string& text, const std::string& reason) {
-    EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
-  };
-  expect_refused("naive,naiv", "kernel must be one of naive");
-  expect_refused("naive", "takes at least two");
-  expect_refused("naive,naive", "occurs twice");
-  expect_refused("naive,", "an empty part");
-  expect_refused("naive,combined+", "an empty part");
-  expect_refused("naive,combined+culing=square", "did you mean culling?");
-  expect_refused("naive,combined+tile_width=8", "did you mean tile?");
-  expect_refused("naive,combined+culling=round", "culling must be one of");
-  expect_refused("naive,combined+seed=3", "has to be the same for all");
-  expect_refused("naive,combined+max_steps=3", "has to be the same for all");
-  expect_refused("naive,init_ply=/tmp/x.ply", "cannot name a folder");
-  expect_refused("naive,../x:combined",
-                 "cannot name a folder; give it a name of letters, digits, _ - . + = instead: "
-                 "NAME:combined");
-  expect_refused("a:naive,a:combined", "a occurs twice; give one another name: NAME:combined");
-  expect_refused("naive,combined+seeed=3", "b3dgs train --help lists them");
 }
 
 }  // namespace

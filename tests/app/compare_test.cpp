@@ -8,7 +8,9 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
+#include "app/interleaved_training.h"
 #include "app/run_program.h"
 #include "app/train_log_reader.h"
 #include "scene/image_io.h"
@@ -105,6 +107,47 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
   EXPECT_EQ(result()["runs"], parts["runs"]);
 }
 
+TEST_F(Compare, ShowsWhatTheMachineMakesOfTheBaselineIfAskedTo) {
+  const Outcome outcome =
+      compare({"--iterations", "20", "--noise", "--quiet", "--configs", "original,shared-memory,paper"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = this->result();
+  ASSERT_EQ(result["runs"].size(), 4u);
+  EXPECT_EQ(result["runs"][3]["configuration"], "original_again");
+  EXPECT_EQ(result["summary"]["repetition"], "original_again");
+  EXPECT_TRUE(result["summary"]["machine_spread"].is_number());
+  EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
+  EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"backward_kernel", "tile", "culling"}));
+  EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"]) << "one and the same";
+  EXPECT_NE(outcome.out.find("original against itself (original_again): time "), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find(" % +-"), std::string::npos) << outcome.out;
+  EXPECT_NE(page().find("±"), std::string::npos);
+  EXPECT_EQ(test::xml_fault(page()), "");
+
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}, "without").exit_code, 0);
+  const Outcome more = run_b3dgs({"compare", "--resume", "-m", output("without").string(), "--noise"});
+  EXPECT_EQ(more.exit_code, 2);
+  EXPECT_NE(more.err.find("--resume continues without --noise"), std::string::npos) << more.err;
+}
+
+TEST_F(Compare, OptionsOfARunAreThoseThatWereAskedFor) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
+  const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
+  EXPECT_EQ(config["image_cache_gb"], -1) << "what is free then is no option that changes when the run goes on";
+}
+
+TEST(FirstInTurn, IsEachInTurnAndAnotherOneForEachSeed) {
+  for (const std::size_t n : {2u, 3u, 5u}) {
+    std::set<std::size_t> of_turns, of_seeds;
+    for (std::size_t i = 0; i < n; ++i) {
+      of_turns.insert(first_in_turn(0, static_cast<int>(i), n));
+      of_seeds.insert(first_in_turn(i, 0, n));
+    }
+    EXPECT_EQ(of_turns.size(), n);
+    EXPECT_EQ(of_seeds.size(), n);
+  }
+}
+
 TEST_F(Compare, SeveralSeedsGiveARange) {
   const Outcome outcome = compare({"--iterations", "20", "--seeds", "3", "5", "--quiet", "--configs", "naive,adaptive",
                                    "--kernel_check_interval", "10", "--stats_interval", "5"});
@@ -120,6 +163,19 @@ TEST_F(Compare, SeveralSeedsGiveARange) {
   EXPECT_EQ(history.candidate_times.back().iteration, 20) << "as often as the load, to the end";
   EXPECT_NE(page().find("Kernel time of the forward candidates"), std::string::npos);
   EXPECT_EQ(test::xml_fault(page()), "");
+
+  // On a GPU a fresh process loads code before its first check: as the comparison measured it, so it counts.
+  json loaded = result;
+  loaded["plan"]["loading_ms"] = 5000;
+  std::ofstream(output() / "compare.json") << loaded;
+  const Outcome again = run_b3dgs({"report", output().string()});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_NE(again.out.find("in the times of adaptive: 5,000 ms"), std::string::npos) << again.out;
+  const auto elapsed_s = [](const json& of, int run) {
+    return of["runs"][run]["curves"]["elapsed_s"][0].get<double>();
+  };
+  EXPECT_NEAR(elapsed_s(this->result(), 2), elapsed_s(result, 2) + 5, 1e-6);
+  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "nothing is chosen there";
 }
 
 TEST_F(Compare, BadRequestsAreRefusedBeforeAnythingIsWritten) {

@@ -39,7 +39,7 @@ TEST(KernelSection, TellsWhatChecksAndTheirWarmUpTook) {
       std::string::npos)
       << kernel_section(history);
   history.checks[0].warm_up_ms = 125;
-  EXPECT_NE(kernel_section(history).find("making room took 125 ms of it."), std::string::npos)
+  EXPECT_NE(kernel_section(history).find("took 125 ms more (1.25 %), which is training time too."), std::string::npos)
       << kernel_section(history);
 }
 
@@ -53,8 +53,27 @@ TEST(KernelSection, ShowsEveryCheckWithSpreadAndViews) {
       << section;
   EXPECT_NE(section.find("<td>from combined to shared-memory</td>"), std::string::npos);
   EXPECT_EQ(section.find("refused"), std::string::npos);
-  EXPECT_EQ(section.find("never changed"), std::string::npos);
   EXPECT_NE(kernel_section(TrainHistory{}).find("No kernels were timed"), std::string::npos);
+}
+
+TEST(KernelSection, ShowsAKernelThatAResumeChanged) {
+  TrainHistory history;
+  for (int iteration = 10; iteration <= 100; iteration += 10) {
+    LogPoint& point = history.points.emplace_back();
+    point.iteration = iteration;
+    point.kernel = iteration <= 40 ? "combined" : "naive";
+  }
+  history.checks = {check_at(1, "combined", "combined")};
+  const std::string section = kernel_section(history);
+  EXPECT_NE(section.find("<td>combined</td><td>1 to 40</td><td>by a check</td>"), std::string::npos) << section;
+  EXPECT_NE(section.find("<td>naive</td><td>41 to 100</td><td>by a resume with another --kernel</td>"),
+            std::string::npos)
+      << section;
+  history.checks.clear();
+  EXPECT_NE(kernel_section(history).find("<td>naive</td><td>41 to 100</td>"), std::string::npos)
+      << "without any check too";
+  for (LogPoint& point : history.points) point.kernel = "segmented";
+  EXPECT_NE(kernel_section(history).find("The forward kernel was segmented all the time."), std::string::npos);
 }
 
 }  // namespace

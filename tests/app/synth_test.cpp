@@ -15,6 +15,7 @@
 #include "scene/view_image.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "train/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
