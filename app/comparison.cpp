@@ -237,14 +237,14 @@ void print_comparison(const Comparison& comparison) {
     const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
                            std::optional<double> MachineSpread::*noise) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
-      return format_percent((summary.compared[i - 1].*field)->mean) + format_noise(summary.compared[i - 1].noise.*noise);
+      return format_percent((summary.compared[i - 1].*field)->mean) +
+             format_noise(summary.compared[i - 1].noise.*noise);
     };
     std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
                 share_width, share(&ComparedConfiguration::overall, &MachineSpread::overall).c_str(), share_width,
                 share(&ComparedConfiguration::before, &MachineSpread::before).c_str(), share_width,
                 share(&ComparedConfiguration::after, &MachineSpread::after).c_str(),
-                quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(),
-                quality_cell(summary, i, "SSIM", "%.4f").c_str(),
+                quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(), quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
   for (const ComparedConfiguration& compared : summary.compared) {
