@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <random>
 #include <string>
@@ -94,6 +95,12 @@ inline TestScene hostile_scene(std::uint32_t seed) {
     }
   }
   return scene;
+}
+
+/// How many scenes to try: 400, or what B3DGS_HOSTILE_SCENES asks for.
+inline std::uint32_t hostile_scene_count() {
+  const char* asked = std::getenv("B3DGS_HOSTILE_SCENES");
+  return asked != nullptr ? static_cast<std::uint32_t>(std::atoll(asked)) : 400;
 }
 
 inline testing::AssertionResult all_finite(const torch::Tensor& tensor, const char* what) {

@@ -9,7 +9,7 @@ namespace {
 TEST(HostileScenesCuda, GiveFiniteResultsOrAreRefusedByEveryKernel) {
   B3DGS_NEEDS_GPU();
   HostileOutcome outcome;
-  for (std::uint32_t seed = 0; seed < 400; ++seed) {
+  for (std::uint32_t seed = 0; seed < hostile_scene_count(); ++seed) {
     const TestScene scene = hostile_scene(seed);
     RenderSettings settings = hostile_settings(scene, seed);
     for (const ForwardKernelName& forward : kForwardKernels) {

@@ -7,7 +7,7 @@ namespace {
 TEST(HostileScenes, GiveFiniteResultsOrAreRefusedByEveryKernel) {
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   HostileOutcome outcome;
-  for (std::uint32_t seed = 0; seed < 400; ++seed) {
+  for (std::uint32_t seed = 0; seed < hostile_scene_count(); ++seed) {
     const TestScene scene = hostile_scene(seed);
     RenderSettings settings = hostile_settings(scene, seed);
     const ScopedSimdTarget simd(targets[seed % targets.size()]);
