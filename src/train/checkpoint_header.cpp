@@ -20,6 +20,12 @@ double finite_number(const Json& json, const char* what, const std::string& plac
   return json.get<double>();
 }
 
+const Json& object_at(const Json& json, const char* key, const std::string& place) {
+  const Json& value = json.at(key);
+  if (!value.is_object()) input_error(place, ": ", key, " must be an object, found ", json_excerpt(value));
+  return value;
+}
+
 ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::string& place) {
   ViewOrder order;
   order.n_refills = json_integer<std::uint32_t>(json.at("n_refills"), "view_order.n_refills", place);
@@ -54,8 +60,8 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     if (const auto it = json.find("held_at"); it != json.end()) {
       header.held_at = json_integer<std::int64_t>(*it, "held_at", place, 0);
     }
-    header.kernel_selection = json.at("kernel_selection").get_ref<const Json::object_t&>();
-    header.scene = json.at("scene").get_ref<const Json::object_t&>();
+    header.kernel_selection = object_at(json, "kernel_selection", place);
+    header.scene = object_at(json, "scene", place);
     finite_number(header.scene.at("extent"), "scene.extent", place);
     const std::size_t n_views = header.scene.at("train_views").get_ref<const Json::array_t&>().size();
     header.view_order = parse_view_order(json.at("view_order"), n_views, place);

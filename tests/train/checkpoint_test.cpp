@@ -208,7 +208,7 @@ TEST_F(ChangedCheckpoints, WithNumbersOutOfTheirRangeAreRefused) {
   EXPECT_TRUE(refuses_value("sh_degree", -1));
   EXPECT_TRUE(refuses_value("adam_steps", -1));
   EXPECT_TRUE(refuses_value("adam_steps", 43)) << "more than iterations";
-  EXPECT_TRUE(refuses_value("n_gaussians", 7));
+  EXPECT_TRUE(refused("gaussians.means", [](CheckpointFile& file) { file.header["n_gaussians"] = 7; }));
   EXPECT_TRUE(refuses_value("n_gaussians", 0));
   EXPECT_TRUE(refuses_value("loss_average", nullptr));
   EXPECT_TRUE(refuses_value("elapsed_s", -1));
