@@ -5,7 +5,10 @@
 #include <charconv>
 #include <fstream>
 #include <iostream>
+#include <iterator>
 #include <sstream>
+
+#include "json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -307,13 +310,17 @@ std::string CommandLine::help() const {
 nlohmann::ordered_json read_json_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) input_error(path, ": cannot be opened; --config needs a JSON file with option names as keys");
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
+  if (!json.is_discarded()) return json;
   try {
-    return nlohmann::ordered_json::parse(file, nullptr, true, /*ignore_comments=*/true);
+    json = nlohmann::ordered_json::parse(text, nullptr, true, /*ignore_comments=*/true);  // for its reason
   } catch (const nlohmann::json::exception& error) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');
     input_error(path, ": no valid JSON: ", reason);
   }
+  input_error(path, ": is nested deeper than ", kMaxJsonDepth, " levels, expected option names and values");
 }
 
 std::string nearest_name(const std::string& name, const std::vector<std::string>& known) {

@@ -4,10 +4,12 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <type_traits>
 #include <utility>
 
 #include "adaptive/load_statistics.h"
+#include "json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -17,6 +19,18 @@ using Json = nlohmann::ordered_json;
 std::optional<double> number(const Json& json, const char* key) {
   const auto it = json.find(key);
   return it != json.end() && it->is_number() ? std::optional(it->get<double>()) : std::nullopt;
+}
+
+/// Nothing for numbers beyond the type's.
+template <class Integer>
+std::optional<Integer> whole_number(const Json& json, const char* key) {
+  const auto it = json.find(key);
+  if (it == json.end()) return std::nullopt;
+  try {
+    return json_integer<Integer>(*it, key, "");
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
 }
 
 std::string text(const Json& json, const char* key) {
@@ -52,8 +66,8 @@ LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   point.ms = number(json, "ms");
   point.test_psnr = number(json, "test_psnr");
   point.test_ssim = number(json, "test_ssim");
-  if (const auto count = number(json, "count")) point.count = static_cast<std::int64_t>(*count);
-  if (const auto bytes = number(json, "gpu_peak_bytes")) point.gpu_peak_bytes = static_cast<std::int64_t>(*bytes);
+  point.count = whole_number<std::int64_t>(json, "count");
+  point.gpu_peak_bytes = whole_number<std::int64_t>(json, "gpu_peak_bytes");
   point.kernel = text(json, "kernel");
   point.backward_kernel = text(json, "backward_kernel");
   point.stages_ms = named_times(json, "stages_ms");
@@ -68,7 +82,7 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   check.pass = text(json, "pass");
   check.times_ms = named_times(json, "times_ms");
   check.spread_ms = named_times(json, "spread_ms");
-  if (const auto views = number(json, "views")) check.views = static_cast<int>(*views);
+  check.views = whole_number<int>(json, "views");
   check.before = text(json, "before");
   check.after = text(json, "after");
   check.reason = text(json, "reason");
@@ -78,13 +92,12 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   return check;
 }
 
+using TimedPasses = std::set<std::pair<int, std::string>>;  // iteration and pass
+
 /// Keeps the first of two timings at the same iteration: a check comes before the step, what is for the record after
 /// it.
-void add_candidate_times(CandidateTimes times, TrainHistory& history) {
-  for (const CandidateTimes& other : history.candidate_times) {
-    if (other.iteration == times.iteration && other.pass == times.pass) return;
-  }
-  history.candidate_times.push_back(std::move(times));
+void add_candidate_times(CandidateTimes times, TimedPasses& known, TrainHistory& history) {
+  if (known.emplace(times.iteration, times.pass).second) history.candidate_times.push_back(std::move(times));
 }
 
 std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
@@ -126,19 +139,21 @@ std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
 
 TrainHistory parse_train_log(std::istream& lines) {
   TrainHistory history;
+  TimedPasses timed;
   for (std::string line; std::getline(lines, line);) {
-    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
-    if (!json.is_object() || !json.contains("iteration") || !json["iteration"].is_number_integer()) continue;
-    const int iteration = json["iteration"].get<int>();
+    const Json json = parse_json(line);
+    if (!json.is_object()) continue;
+    const std::optional<int> found = whole_number<int>(json, "iteration");
+    if (!found || *found < 0) continue;
+    const int iteration = *found;
     const std::string event = text(json, "event");
     if (event == "kernel_check") {
       const KernelCheckEvent& check = history.checks.emplace_back(parse_check(json, iteration));
-      add_candidate_times({iteration, check.pass, check.times_ms}, history);
+      add_candidate_times({iteration, check.pass, check.times_ms}, timed, history);
     } else if (event == "kernel_times") {
-      add_candidate_times({iteration, text(json, "pass"), named_times(json, "times_ms")}, history);
+      add_candidate_times({iteration, text(json, "pass"), named_times(json, "times_ms")}, timed, history);
     } else if (event == "held") {
-      history.holds.push_back(
-          {iteration, static_cast<std::int64_t>(number(json, "count").value_or(0)), text(json, "reason")});
+      history.holds.push_back({iteration, whole_number<std::int64_t>(json, "count").value_or(0), text(json, "reason")});
     } else if (event == "load_statistics") {
       history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
                                parse_load(json, "pixel_contributing")});

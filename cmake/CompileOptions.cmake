@@ -17,6 +17,12 @@ if(B3DGS_PTXAS_REPORTS)
   set_property(GLOBAL PROPERTY RULE_LAUNCH_COMPILE ${PROJECT_SOURCE_DIR}/scripts/keep_ptxas_report.sh)
 endif()
 
+if(B3DGS_FUZZ)
+  set(_sanitizers -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow)
+  target_compile_options(b3dgs_options INTERFACE ${_sanitizers} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_link_options(b3dgs_options INTERFACE ${_sanitizers})
+endif()
+
 if(B3DGS_SANITIZE)
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
     -fno-sanitize-recover=all -fno-omit-frame-pointer>)

@@ -1,5 +1,7 @@
 #!/usr/bin/env bash
-# Installs what building, testing and the demo need on Debian 12 (root or sudo). Does nothing where all is there.
+# Installs what building, testing and the demo need on Debian 12 (root or sudo), and packages that are named.
+# Does nothing where all is there.
+# Usage: scripts/install_packages.sh [PACKAGE...]
 set -euo pipefail
 
 packages=(
@@ -14,6 +16,7 @@ packages=(
 )
 
 missing=()
+packages+=("$@")
 for package in "${packages[@]}"; do
   [[ $(dpkg-query -W -f='${Status}' "$package" 2>/dev/null) == "install ok installed" ]] || missing+=("$package")
 done

@@ -56,6 +56,14 @@ std::string concat(const Parts&... parts) {
   return text.str();
 }
 
+/// Names from files may hold anything; an error stays one line, and nothing in it steers a terminal.
+inline std::string one_line(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
+}
+
 [[noreturn]] inline void fail_check(const char* file, int line, const char* condition, const std::string& message) {
   throw LogicError(concat(file, ":", line, ": check failed: ", condition, message.empty() ? "" : "; ", message));
 }
@@ -65,12 +73,12 @@ std::string concat(const Parts&... parts) {
 /// Throws an InputError whose message is the arguments joined, e.g. input_error(path, ": camera ", id, " ...").
 template <class... Parts>
 [[noreturn]] void input_error(const Parts&... parts) {
-  throw InputError(detail::concat(parts...));
+  throw InputError(detail::one_line(detail::concat(parts...)));
 }
 
 template <class... Parts>
 [[noreturn]] void io_error(const Parts&... parts) {
-  throw IoError(detail::concat(parts...));
+  throw IoError(detail::one_line(detail::concat(parts...)));
 }
 
 }  // namespace b3dgs

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "check.h"
+#include "json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -83,19 +84,21 @@ const char* policy_name(KernelPolicy policy) {
   return "";
 }
 
-KernelDecision decision_from_json(const Json& json) {
+KernelDecision decision_from_json(const Json& json, const std::string& place) {
   KernelDecision decision;
-  json.at("iteration").get_to(decision.iteration);
+  decision.iteration = json_integer<int>(json.at("iteration"), "iteration", place, 0);
   json.at("times_ms").get_to(decision.times_ms);
   json.at("spread_ms").get_to(decision.spread_ms);
-  json.at("views").get_to(decision.views);
+  decision.views = json_integer<int>(json.at("views"), "views", place, 0);
   json.at("before").get_to(decision.before);
   json.at("after").get_to(decision.after);
   json.at("reason").get_to(decision.reason);
   if (json.contains("refused")) json.at("refused").get_to(decision.refused);
   json.at("cost_ms").get_to(decision.cost_ms);
-  decision.step_ms = json.value("step_ms", 0.0);  // these two are not in the first checkpoints
-  decision.next_check = json.value("next_check", 0);
+  if (decision.cost_ms < 0) input_error(place, ": cost_ms must be at least 0, found ", decision.cost_ms);
+  // These two are not in the first checkpoints.
+  decision.step_ms = json.value("step_ms", 0.0);
+  if (json.contains("next_check")) decision.next_check = json_integer<int>(json["next_check"], "next_check", place, 0);
   return decision;
 }
 
@@ -174,7 +177,8 @@ double KernelSelector::budget_ms(double step_ms) const {
 /// Of the interval, where the next check comes if its cost does not matter.
 int KernelSelector::next_multiple() const {
   const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
-  return (last_check_ / options_.interval + back_off) * options_.interval;
+  const std::int64_t next = (std::int64_t{last_check_} / options_.interval + back_off) * options_.interval;
+  return static_cast<int>(std::min<std::int64_t>(next, std::numeric_limits<int>::max()));
 }
 
 bool KernelSelector::is_due(const CheckMoment& now) const {
@@ -323,18 +327,26 @@ nlohmann::ordered_json KernelSelector::to_json() const {
           {"history", std::move(history)}};
 }
 
-void KernelSelector::restore(const nlohmann::ordered_json& json) {
+void KernelSelector::restore(const nlohmann::ordered_json& json, const std::string& place) {
+  try {
+    restore_checked(json, place);
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": the record of kernel checks is not what this program writes: ", error.what());
+  }
+}
+
+void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const std::string& place) {
   KernelSelector read(options_);
-  for (const Json& decision : json.at("history")) read.history_.push_back(decision_from_json(decision));
+  for (const Json& decision : json.at("history")) read.history_.push_back(decision_from_json(decision, place));
   if (options_.candidates.size() > 1) json.at("refused").get_to(read.refused_);
   read.kernel_ = read.first_trusted();
   const auto kernel = json.at("kernel").get<std::string>();
   const bool same_candidates = json.at("candidates").get<std::vector<std::string>>() == options_.candidates;
   if (same_candidates && (read.is_candidate(kernel) || kernel == options_.reference)) {
     read.kernel_ = kernel;
-    json.at("last_check").get_to(read.last_check_);
+    read.last_check_ = json_integer<int>(json.at("last_check"), "last_check", place, 0);
     json.at("challenger").get_to(read.challenger_);
-    read.back_off_ = std::clamp(json.at("back_off").get<int>(), 1, kMaxBackOff);
+    read.back_off_ = json_integer<int>(json.at("back_off"), "back_off", place, 1, kMaxBackOff);
   }
   *this = std::move(read);
 }

@@ -105,14 +105,16 @@ class KernelSelector {
   /// The whole state, and back. Options that have changed in between count: with another policy or interval the choice
   /// goes on from the kernel in use; with other candidates it starts anew, and only history and refusals stay. A single
   /// candidate is used whatever was found before.
-  /// @throws nlohmann::json::exception if it is not what to_json() gives
+  /// @throws InputError that begins with `place` if it is not what to_json() gives
   nlohmann::ordered_json to_json() const;
-  void restore(const nlohmann::ordered_json& json);
+  void restore(const nlohmann::ordered_json& json, const std::string& place);
 
   static constexpr int kMinViews = 3;  // fewer say nothing about their spread
 
  private:
   struct Lead;
+  /// @throws nlohmann::json::exception too
+  void restore_checked(const nlohmann::ordered_json& json, const std::string& place);
   Lead lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
   void refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);

@@ -18,8 +18,12 @@ inline constexpr float kCovarianceBlur =
 // The projection is linearised no further outside the image than this share of half its width (or height): beyond, the
 // affine approximation of EWA splatting grows without bound.
 inline constexpr float kFrustumMargin = 0.3f;
-inline constexpr float kNearPlane = 0.2f;     // world units; the original rasterizer's, and the default
-inline constexpr float kRadiusMax = 1e9f;     // px; nothing that is being learned is that large: a fault, as NaN is
+inline constexpr float kNearPlane = 0.2f;  // world units; the original rasterizer's, and the default
+inline constexpr float kRadiusMax = 1e9f;  // px; nothing that is being learned is that large: a fault, as NaN is
+// As kRadiusMax. With these, sums over a list of splats and their gradients stay finite in single precision.
+inline constexpr float kDepthMax = 1e12f;             // world units
+inline constexpr float kColorMax = 1e9f;              // 1 is white
+inline constexpr float kInverseQuatLengthMax = 1e9f;  // of a stored quaternion
 inline constexpr float kSquareSigmas = 3.0f;  // half side of the original's culling square, in standard deviations
 inline constexpr int kShDegreeMax = 3;
 

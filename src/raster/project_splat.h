@@ -38,8 +38,12 @@ B3DGS_HD bool is_finite(float value) {
 enum class Outcome {
   kSeen,       // the splat touches a tile
   kCulled,     // before the near plane, too faint, or beside the image
-  kNotFinite,  // a parameter or the projection is not finite, or the splat is larger than kRadiusMax
+  kNotFinite,  // a parameter or the projection is not finite, or beyond what constants.h allows
 };
+
+/// What an error says of such a Gaussian.
+inline constexpr const char* kNotFiniteText =
+    " has no finite projection and colour, or is larger than 1e9 px, farther than 1e12 units or brighter than 1e9";
 
 struct ProjectedGaussian {
   Outcome outcome = Outcome::kCulled;
@@ -57,7 +61,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
                                          const TileGrid& grid) {
   ProjectedGaussian result;
   const Vec3f point = to_camera(view, load3(gaussians.means, i));
-  if (!detail::is_finite(point.x + point.y + point.z)) {
+  if (!detail::is_finite(point.x + point.y + point.z) || point.z > kDepthMax) {
     result.outcome = Outcome::kNotFinite;
     return result;
   }
@@ -77,7 +81,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   const Projection<float> p = project_gaussian(view, point, shape.factor);
   const float radius = std::ceil(kSquareSigmas * largest_sigma(p.cov));
   if (!detail::is_finite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
-      !(radius <= kRadiusMax)) {
+      !(radius <= kRadiusMax) || !(shape.inverse_length <= kInverseQuatLengthMax)) {
     result.outcome = Outcome::kNotFinite;
     return result;
   }

@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "raster/constants.h"
 #include "raster/vec.h"
 
 namespace b3dgs {
@@ -148,6 +149,11 @@ B3DGS_HD Vec3<Real> sh_color_backward(int degree, Vec3<Real> offset, const float
   grad_sh0[2] = float(Real(kSh0) * grad_color.z);
   sh_rest_grad(degree, grad.dir, grad_color, grad_shN);
   return grad.offset;
+}
+
+/// Whether a splat's colour, which is at least 0, can be blended.
+B3DGS_HD bool is_usable_color(float red, float green, float blue) {
+  return red <= kColorMax && green <= kColorMax && blue <= kColorMax;  // NaN is not
 }
 
 }  // namespace b3dgs

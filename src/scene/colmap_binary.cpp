@@ -1,7 +1,6 @@
 // COLMAP's binary files: little-endian records without padding, each file led by a 64-bit count.
 #include "check.h"
 #include "scene/colmap_format.h"
-#include "scene/file_reader.h"
 
 namespace b3dgs::colmap {
 namespace {
@@ -25,8 +24,7 @@ void read_into(FileReader& file, std::array<double, N>& values) {
 
 }  // namespace
 
-std::map<std::uint32_t, ColmapCamera> read_cameras_binary(const std::filesystem::path& path) {
-  FileReader file(path);
+std::map<std::uint32_t, ColmapCamera> read_cameras_binary(FileReader& file) {
   const std::uint64_t count = read_count(file, "cameras", kMinCameraBytes);
   std::map<std::uint32_t, ColmapCamera> cameras;
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -45,8 +43,7 @@ std::map<std::uint32_t, ColmapCamera> read_cameras_binary(const std::filesystem:
   return cameras;
 }
 
-std::vector<ColmapImage> read_images_binary(const std::filesystem::path& path) {
-  FileReader file(path);
+std::vector<ColmapImage> read_images_binary(FileReader& file) {
   const std::uint64_t count = read_count(file, "images", kMinImageBytes);
   std::vector<ColmapImage> images(count);
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -65,8 +62,7 @@ std::vector<ColmapImage> read_images_binary(const std::filesystem::path& path) {
   return images;
 }
 
-std::vector<ColmapPoint> read_points_binary(const std::filesystem::path& path) {
-  FileReader file(path);
+std::vector<ColmapPoint> read_points_binary(FileReader& file) {
   const std::uint64_t count = read_count(file, "points", kMinPointBytes);
   std::vector<ColmapPoint> points(count);
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -84,8 +80,7 @@ std::vector<ColmapPoint> read_points_binary(const std::filesystem::path& path) {
   return points;
 }
 
-std::uint64_t count_images_binary(const std::filesystem::path& path) {
-  FileReader file(path);
+std::uint64_t count_images_binary(FileReader& file) {
   return read_count(file, "images", kMinImageBytes);
 }
 

@@ -14,6 +14,7 @@ namespace fs = std::filesystem;
 
 constexpr std::array<const char*, 3> kFiles{"cameras", "images", "points3D"};
 constexpr std::uint64_t kMaxImageSide = 1u << 20;  // px; more is a damaged file
+constexpr double kMaxCoordinate = 1e12;  // world units; beyond any scene, and its square is finite in single precision
 
 const char* extension_of(ColmapFormat format) {
   return format == ColmapFormat::kBinary ? ".bin" : ".txt";
@@ -30,8 +31,8 @@ int files_there(const fs::path& folder, ColmapFormat format) {
   }));
 }
 
-void check_camera(const fs::path& file, const ColmapCamera& camera) {
-  const std::string place = detail::concat(file.string(), ": camera ", camera.id);
+void check_camera(const std::string& file, const ColmapCamera& camera) {
+  const std::string place = detail::concat(file, ": camera ", camera.id);
   if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
     input_error(place, " has the size ", camera.width, " x ", camera.height, ", expected 1 to ", kMaxImageSide,
                 " px a side; the file is damaged");
@@ -44,19 +45,38 @@ void check_camera(const fs::path& file, const ColmapCamera& camera) {
   }
 }
 
-void check_image(const fs::path& file, const ColmapImage& image, const ColmapModel& model) {
-  const std::string place = detail::concat(file.string(), ": image ", image.id, " (", image.name, ")");
+// Outputs are named after images too, so a name must not lead out of a folder.
+bool leads_outside(const std::string& name) {
+  std::string path = name;
+  std::replace(path.begin(), path.end(), '\\', '/');
+  const fs::path relative(path);
+  return relative.is_absolute() ||
+         std::any_of(relative.begin(), relative.end(), [](const fs::path& part) { return part == ".."; });
+}
+
+void check_image(const std::string& file, const ColmapImage& image, const ColmapModel& model) {
+  const std::string place = detail::concat(file, ": image ", image.id, " (", image.name, ")");
   const auto is_finite = [](double value) { return std::isfinite(value); };
   if (!std::all_of(image.quat.begin(), image.quat.end(), is_finite) ||
       !std::all_of(image.translation.begin(), image.translation.end(), is_finite)) {
     input_error(place, ": its pose is not finite; remove the image from the model or reconstruct the scene again");
   }
-  double squared_norm = 0;
-  for (const double value : image.quat) squared_norm += value * value;
-  if (!(squared_norm > 1e-12)) {
-    input_error(place, ": its rotation is a quaternion of length 0; remove the image from the model");
+  double squared_length = 0;
+  for (const double value : image.quat) squared_length += value * value;
+  if (!(squared_length > 1e-12 && squared_length < 1e12)) {
+    input_error(place, ": its rotation is a quaternion of length ", std::sqrt(squared_length),
+                ", expected 1; remove the image from the model or reconstruct the scene again");
+  }
+  for (const double value : image.translation) {
+    if (std::abs(value) > kMaxCoordinate) {
+      input_error(place, ": its translation has the component ", value, ", expected at most ", kMaxCoordinate,
+                  "; scale the model down or reconstruct the scene again");
+    }
   }
   if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
+  if (image.name.find('\0') != std::string::npos || leads_outside(image.name)) {
+    input_error(place, ": expected a name below the image folder, without \"..\"; rename the image in the model");
+  }
   if (model.cameras.count(image.camera_id) == 0) {
     std::string known;
     std::size_t listed = 0;
@@ -72,23 +92,23 @@ void check_image(const fs::path& file, const ColmapImage& image, const ColmapMod
   }
 }
 
-void check_images(const fs::path& file, const ColmapModel& model) {
+void check_images(const std::string& file, const ColmapModel& model) {
   std::set<std::uint32_t> ids;
   std::set<std::string> names;
   for (const ColmapImage& image : model.images) {
     check_image(file, image, model);
-    if (!ids.insert(image.id).second) input_error(file.string(), ": two images have the id ", image.id);
-    if (!names.insert(image.name).second) input_error(file.string(), ": two images have the name ", image.name);
+    if (!ids.insert(image.id).second) input_error(file, ": two images have the id ", image.id);
+    if (!names.insert(image.name).second) input_error(file, ": two images have the name ", image.name);
   }
 }
 
-void check_points(const fs::path& file, const std::vector<ColmapPoint>& points) {
+void check_points(const std::string& file, const std::vector<ColmapPoint>& points) {
   std::vector<std::uint64_t> ids;
   ids.reserve(points.size());
   for (const ColmapPoint& point : points) {
     for (const double value : point.position) {
-      if (!std::isfinite(static_cast<float>(value))) {
-        input_error(file.string(), ": point ", point.id, ": expected a finite position, found ", value,
+      if (!(std::abs(value) <= kMaxCoordinate)) {
+        input_error(file, ": point ", point.id, ": expected coordinates of at most ", kMaxCoordinate, ", found ", value,
                     "; remove the point or reconstruct the scene again");
       }
     }
@@ -96,7 +116,7 @@ void check_points(const fs::path& file, const std::vector<ColmapPoint>& points) 
   }
   std::sort(ids.begin(), ids.end());
   const auto twice = std::adjacent_find(ids.begin(), ids.end());
-  if (twice != ids.end()) input_error(file.string(), ": two points have the id ", *twice, "; the file is damaged");
+  if (twice != ids.end()) input_error(file, ": two points have the id ", *twice, "; the file is damaged");
 }
 
 }  // namespace
@@ -104,6 +124,18 @@ void check_points(const fs::path& file, const std::vector<ColmapPoint>& points) 
 void colmap::add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCamera camera, const std::string& place) {
   const std::uint32_t id = camera.id;
   if (!cameras.emplace(id, std::move(camera)).second) input_error(place, ": two cameras have the id ", id);
+}
+
+ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format) {
+  const bool binary = format == ColmapFormat::kBinary;
+  ColmapModel model;
+  model.cameras = binary ? read_cameras_binary(files.cameras) : read_cameras_text(files.cameras);
+  for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
+  model.images = binary ? read_images_binary(files.images) : read_images_text(files.images);
+  check_images(files.images.name(), model);
+  model.points = binary ? read_points_binary(files.points) : read_points_text(files.points);
+  check_points(files.points.name(), model.points);
+  return model;
 }
 
 std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
@@ -114,7 +146,7 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
 
 std::uint64_t count_colmap_images(const fs::path& folder) {
   const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
-  const fs::path file = file_of(folder, "images", format);
+  FileReader file(file_of(folder, "images", format));
   return format == ColmapFormat::kBinary ? colmap::count_images_binary(file) : colmap::read_images_text(file).size();
 }
 
@@ -130,17 +162,9 @@ ColmapModel read_colmap_model(const fs::path& folder) {
                   extension_of(*format));
     }
   }
-  const fs::path cameras = file_of(folder, "cameras", *format), images = file_of(folder, "images", *format),
-                 points = file_of(folder, "points3D", *format);
-  const bool binary = *format == ColmapFormat::kBinary;
-  ColmapModel model;
-  model.cameras = binary ? colmap::read_cameras_binary(cameras) : colmap::read_cameras_text(cameras);
-  for (const auto& [id, camera] : model.cameras) check_camera(cameras, camera);
-  model.images = binary ? colmap::read_images_binary(images) : colmap::read_images_text(images);
-  check_images(images, model);
-  model.points = binary ? colmap::read_points_binary(points) : colmap::read_points_text(points);
-  check_points(points, model.points);
-  return model;
+  FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
+      points(file_of(folder, "points3D", *format));
+  return colmap::read_model({cameras, images, points}, *format);
 }
 
 }  // namespace b3dgs

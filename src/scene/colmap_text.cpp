@@ -2,7 +2,6 @@
 // are not read: other programs write them wrongly.
 #include "check.h"
 #include "scene/colmap_format.h"
-#include "scene/file_reader.h"
 #include "scene/text_fields.h"
 
 namespace b3dgs::colmap {
@@ -47,8 +46,7 @@ void check_points2d_line(const FileReader& file, std::string_view line, const Co
 
 }  // namespace
 
-std::map<std::uint32_t, ColmapCamera> read_cameras_text(const std::filesystem::path& path) {
-  FileReader file(path);
+std::map<std::uint32_t, ColmapCamera> read_cameras_text(FileReader& file) {
   std::map<std::uint32_t, ColmapCamera> cameras;
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
@@ -70,8 +68,7 @@ std::map<std::uint32_t, ColmapCamera> read_cameras_text(const std::filesystem::p
   return cameras;
 }
 
-std::vector<ColmapImage> read_images_text(const std::filesystem::path& path) {
-  FileReader file(path);
+std::vector<ColmapImage> read_images_text(FileReader& file) {
   std::vector<ColmapImage> images;
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
@@ -88,8 +85,7 @@ std::vector<ColmapImage> read_images_text(const std::filesystem::path& path) {
   return images;
 }
 
-std::vector<ColmapPoint> read_points_text(const std::filesystem::path& path) {
-  FileReader file(path);
+std::vector<ColmapPoint> read_points_text(FileReader& file) {
   std::vector<ColmapPoint> points;
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);

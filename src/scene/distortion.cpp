@@ -8,6 +8,9 @@
 namespace b3dgs {
 namespace {
 
+// Focal length or principal point to the longer side of the image: beyond any lens, and finite in single precision.
+constexpr double kMaxRatio = 1e6;
+
 // 1 + c0 s + c1 s^2 + ...
 template <std::size_t N>
 double polynomial(const std::array<double, N>& coefficients, double s) {
@@ -97,6 +100,16 @@ Lens lens_of(const ColmapCamera& camera, const std::string& place) {
   if (!(lens.fx > 0 && lens.fy > 0)) {
     input_error(place, ": expected focal lengths above 0, found ", lens.fx, " and ", lens.fy,
                 "; reconstruct the scene again");
+  }
+  const double side = static_cast<double>(std::max(camera.width, camera.height));
+  const auto [shorter, longer] = std::minmax(lens.fx, lens.fy);
+  if (shorter < side / kMaxRatio || longer > side * kMaxRatio) {
+    input_error(place, ": has the focal lengths ", lens.fx, " and ", lens.fy, " px for images of ", camera.width, " x ",
+                camera.height, "; reconstruct the scene again");
+  }
+  if (std::max(std::abs(lens.cx), std::abs(lens.cy)) > side * kMaxRatio) {
+    input_error(place, ": has its principal point at (", lens.cx, ", ", lens.cy, ") px in images of ", camera.width,
+                " x ", camera.height, "; reconstruct the scene again");
   }
   return lens;
 }

@@ -25,8 +25,8 @@ struct Lens {
   Lens scaled(double sx, double sy) const;
 };
 
-/// @throws InputError, beginning with `place`, for the models FOV and THIN_PRISM_FISHEYE and for focal lengths that are
-/// not above 0.
+/// @throws InputError, beginning with `place`, for the models FOV and THIN_PRISM_FISHEYE and for focal lengths and
+/// principal points that no camera has.
 Lens lens_of(const ColmapCamera& camera, const std::string& place);
 
 /// Undistorted to distorted point, both on the plane z = 1.

@@ -16,7 +16,8 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
 }  // namespace
 
-FileReader::FileReader(std::filesystem::path path) : path_(std::move(path)), buffer_(kBufferBytes) {
+FileReader::FileReader(std::filesystem::path path)
+    : path_(std::move(path)), buffer_(kBufferBytes), data_(buffer_.data()) {
   file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
   if (file_ < 0) input_error(name(), ": cannot be read: ", std::strerror(errno));
   struct stat status {};
@@ -28,8 +29,11 @@ FileReader::FileReader(std::filesystem::path path) : path_(std::move(path)), buf
   size_ = static_cast<std::uint64_t>(status.st_size);
 }
 
+FileReader::FileReader(std::string name, std::string_view bytes)
+    : path_(std::move(name)), size_(bytes.size()), data_(bytes.data()), end_(bytes.size()) {}
+
 FileReader::~FileReader() {
-  ::close(file_);
+  if (file_ >= 0) ::close(file_);
 }
 
 void FileReader::begin_record(const char* kind, std::uint64_t index, std::uint64_t total) {
@@ -51,6 +55,7 @@ void FileReader::expect_end() const {
 }
 
 bool FileReader::fill() {
+  if (file_ < 0) return false;
   next_ = end_ = 0;
   for (;;) {
     const ssize_t bytes = ::read(file_, buffer_.data(), buffer_.size());
@@ -74,7 +79,7 @@ void FileReader::read_bytes(void* to, std::size_t bytes) {
   while (bytes > 0) {
     if (next_ == end_ && !fill()) fail_truncated(bytes);  // shrunk while it was read
     const std::size_t part = std::min(bytes, end_ - next_);
-    std::memcpy(out, buffer_.data() + next_, part);
+    std::memcpy(out, data_ + next_, part);
     out += part;
     bytes -= part;
     next_ += part;
@@ -106,7 +111,7 @@ bool FileReader::read_line(std::string_view& line) {
       line = long_line_;
       break;
     }
-    const char* begin = buffer_.data() + next_;
+    const char* begin = data_ + next_;
     const char* newline = static_cast<const char*>(std::memchr(begin, '\n', end_ - next_));
     const std::size_t length = newline ? static_cast<std::size_t>(newline - begin) : end_ - next_;
     const std::size_t taken = length + (newline ? 1 : 0);

@@ -1,4 +1,5 @@
-// A file read front to back that knows how much of it is left, so that nothing is believed before it is there.
+// A file, or bytes in memory, read front to back. The reader knows how much is left, so that nothing is believed before
+// it is there.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +16,8 @@ class FileReader {
  public:
   /// @throws InputError if the file is missing, unreadable or no regular file.
   explicit FileReader(std::filesystem::path path);
+  /// Reads `bytes`, which have to outlive the reader, as if they were a file called `name`.
+  FileReader(std::string name, std::string_view bytes);
   ~FileReader();
   FileReader(const FileReader&) = delete;
   FileReader& operator=(const FileReader&) = delete;
@@ -37,7 +40,7 @@ class FileReader {
     static_assert(std::is_arithmetic_v<T>);
     T value;
     if (end_ - next_ >= sizeof(T)) {
-      std::memcpy(&value, buffer_.data() + next_, sizeof(T));
+      std::memcpy(&value, data_ + next_, sizeof(T));
       next_ += sizeof(T);
       position_ += sizeof(T);
     } else {
@@ -60,10 +63,11 @@ class FileReader {
   [[noreturn]] void fail_truncated(std::uint64_t wanted) const;
 
   std::filesystem::path path_;
-  int file_ = -1;
+  int file_ = -1;                          // -1: the bytes are in memory
   std::uint64_t size_ = 0, position_ = 0;  // bytes
-  std::vector<char> buffer_;
-  std::size_t next_ = 0, end_ = 0;  // in buffer_
+  std::vector<char> buffer_;               // of the file
+  const char* data_ = nullptr;             // of buffer_, or the bytes in memory
+  std::size_t next_ = 0, end_ = 0;         // in data_
   const char* record_kind_ = "";
   std::uint64_t record_ = 0, record_count_ = 0, line_number_ = 0;
   std::string long_line_;  // a line that does not lie in the buffer as a whole

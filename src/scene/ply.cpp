@@ -134,13 +134,19 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
 }
 
 bool is_splat_ply(const std::filesystem::path& path) {
-  const PlyReader reader(path);
+  FileReader file(path);
+  const PlyReader reader(file);
   refuse_other_formats(reader);
   return reader.vertices().find("f_dc_0") && reader.vertices().find("opacity");
 }
 
 SplatCloud read_splat_ply(const std::filesystem::path& path) {
-  PlyReader reader(path);
+  FileReader file(path);
+  return read_splat_ply(file);
+}
+
+SplatCloud read_splat_ply(FileReader& file) {
+  PlyReader reader(file);
   refuse_other_formats(reader);
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
@@ -189,7 +195,12 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 }
 
 PointCloud read_point_ply(const std::filesystem::path& path) {
-  PlyReader reader(path);
+  FileReader file(path);
+  return read_point_ply(file);
+}
+
+PointCloud read_point_ply(FileReader& file) {
+  PlyReader reader(file);
   refuse_other_formats(reader);
   const PlyElement& vertices = reader.vertices();
   std::vector<std::string> columns{"x", "y", "z"};
@@ -214,7 +225,8 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
         if (k < 3) {
           points.positions[at + k] = static_cast<float>(row[k]);
         } else {
-          points.colors[at + k - 3] = static_cast<std::uint8_t>(std::clamp(std::lround(row[k] * to_8_bits), 0L, 255L));
+          points.colors[at + k - 3] =
+              static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));
         }
       }
     }

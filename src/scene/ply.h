@@ -3,6 +3,7 @@
 
 #include <filesystem>
 
+#include "scene/file_reader.h"
 #include "scene/point_cloud.h"
 #include "scene/splat_cloud.h"
 
@@ -17,6 +18,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
 /// follows from the number of f_rest properties; normals are not read. @throws InputError, also for values that are not
 /// finite and quaternions of length 0
 SplatCloud read_splat_ply(const std::filesystem::path& path);
+SplatCloud read_splat_ply(FileReader& file);
 
 /// Whether the file holds Gaussians rather than plain points, by its header. @throws InputError if it is no PLY
 bool is_splat_ply(const std::filesystem::path& path);
@@ -26,5 +28,6 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 
 /// As read_splat_ply. Colours of a real type count from 0 to 1, 16-bit ones are reduced; points without are mid-grey.
 PointCloud read_point_ply(const std::filesystem::path& path);
+PointCloud read_point_ply(FileReader& file);
 
 }  // namespace b3dgs

@@ -98,8 +98,11 @@ PlyProperty parse_property(TextFields& fields, const std::string& place) {
   return property;
 }
 
-std::uint64_t list_length(double length, const FileReader& file) {
-  if (length < 0) input_error(file.name(), ": a list has the length ", length, "; the file is damaged");
+/// `most` is how many entries there can be.
+std::uint64_t list_length(double length, std::uint64_t most, const FileReader& file) {
+  if (!(length >= 0 && length <= static_cast<double>(most))) {
+    input_error(file.name(), ": a list has the length ", length, ", expected 0 to ", most, "; the file is damaged");
+  }
   return static_cast<std::uint64_t>(length);
 }
 
@@ -111,7 +114,7 @@ const PlyProperty* PlyElement::find(const std::string& property) const {
   return found == properties.end() ? nullptr : &*found;
 }
 
-PlyReader::PlyReader(const std::filesystem::path& path) : file_(path) {
+PlyReader::PlyReader(FileReader& file) : file_(file) {
   read_header();
   check_size();
 }
@@ -259,7 +262,7 @@ void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Colu
     const Column& column = layout[i];
     const char* what = element.properties[i].name.c_str();
     if (column.is_list) {
-      const std::uint64_t length = list_length(fields.number<double>(what, place), file_);
+      const std::uint64_t length = list_length(fields.number<double>(what, place), line.size(), file_);
       for (std::uint64_t k = 0; k < length; ++k) fields.number<double>(what, place);
       continue;
     }
@@ -271,7 +274,7 @@ void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Colu
 void PlyReader::read_row_binary(const std::vector<Column>& layout, double* values) {
   for (const Column& column : layout) {
     if (column.is_list) {
-      const std::uint64_t length = list_length(read_value(column.count_type), file_);
+      const std::uint64_t length = list_length(read_value(column.count_type), file_.remaining(), file_);
       file_.skip(length * static_cast<std::uint64_t>(bytes_of(column.type)));
     } else if (column.target >= 0) {
       values[column.target] = read_value(column.type);

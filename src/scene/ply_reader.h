@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
@@ -32,8 +31,8 @@ struct PlyElement {
 
 class PlyReader {
  public:
-  /// Reads the header. @throws InputError
-  explicit PlyReader(const std::filesystem::path& path);
+  /// Reads the header of `file`, which has to outlive the reader. @throws InputError
+  explicit PlyReader(FileReader& file);
 
   std::string name() const { return file_.name(); }
 
@@ -65,7 +64,7 @@ class PlyReader {
   void read_row_binary(const std::vector<Column>& layout, double* values);
   double read_value(PlyType type);
 
-  FileReader file_;
+  FileReader& file_;
   PlyFormat format_ = PlyFormat::kLittleEndian;
   std::vector<PlyElement> elements_;
   std::vector<char> row_buffer_;

@@ -4,11 +4,15 @@
 #include <fstream>
 
 #include "check.h"
+#include "json_text.h"
 
 namespace b3dgs {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr int kMaxSide = 1 << 20;    // px
+constexpr double kMaxNumber = 1e12;  // px or world units; squares are finite in single precision
 
 Json camera_to_json(std::size_t id, const View& view) {
   const Camera& camera = view.camera;
@@ -25,13 +29,13 @@ Json camera_to_json(std::size_t id, const View& view) {
           {"cy", camera.cy}};
 }
 
-/// @throws nlohmann::json::exception for missing keys and wrong types
-NamedCamera camera_from_json(const Json& entry) {
+/// @throws nlohmann::json::exception for missing keys and wrong types, InputError for sizes that are none
+NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   NamedCamera named;
   named.name = entry.at("img_name").get<std::string>();
   Camera& camera = named.camera;
-  entry.at("width").get_to(camera.width);
-  entry.at("height").get_to(camera.height);
+  camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxSide);
+  camera.height = json_integer<int>(entry.at("height"), "height", place, 1, kMaxSide);
   entry.at("fx").get_to(camera.fx);
   entry.at("fy").get_to(camera.fy);
   camera.cx = entry.value("cx", 0.5 * camera.width);
@@ -50,8 +54,13 @@ NamedCamera camera_from_json(const Json& entry) {
 
 /// What is wrong with a camera, or "".
 std::string fault_of(const Camera& camera) {
-  if (camera.width < 1 || camera.height < 1) return "its image has no pixels";
   if (!(camera.fx > 0) || !(camera.fy > 0)) return "its focal length is not positive";
+  for (const double value : {camera.fx, camera.fy, 1 / camera.fx, 1 / camera.fy, camera.cx, camera.cy}) {
+    if (!(std::abs(value) <= kMaxNumber)) return "its focal lengths or its principal point are those of no camera";
+  }
+  for (const double value : camera.cam_from_world.translation) {
+    if (!(std::abs(value) <= kMaxNumber)) return "its position is beyond any scene";
+  }
   const std::array<double, 9>& r = camera.cam_from_world.rotation;
   for (std::size_t row = 0; row < 9; row += 3) {
     const double squared = r[row] * r[row] + r[row + 1] * r[row + 1] + r[row + 2] * r[row + 2];
@@ -73,7 +82,7 @@ nlohmann::ordered_json cameras_to_json(const Scene& scene) {
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened; expected the cameras.json of a model folder");
-  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const Json json = parse_json(file);
   if (!json.is_array() || json.empty()) {
     input_error(path.string(), ": expected a JSON list of cameras, as training writes it");
   }
@@ -81,7 +90,7 @@ std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
   for (const Json& entry : json) {
     const std::string place = path.string() + ": camera " + std::to_string(cameras.size());
     try {
-      cameras.push_back(camera_from_json(entry));
+      cameras.push_back(camera_from_json(entry, place));
     } catch (const Json::exception&) {
       input_error(place, ": expected img_name, width, height, position[3], rotation[3][3], fx and fy");
     }

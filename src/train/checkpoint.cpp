@@ -4,6 +4,7 @@
 
 #include "check.h"
 #include "train/checkpoint_file.h"
+#include "train/checkpoint_header.h"
 #include "train/gaussian_model.h"
 #include "train/trainer.h"
 
@@ -53,9 +54,8 @@ void visit_tensors(State& state, Field&& field) {
   visit_groups("statistics.", state.statistics);
 }
 
-/// All tensors have the rows and columns that the others and the config ask for.
-void check_shapes(const TrainState& state, int sh_degree, const std::string& place) {
-  const auto n = state.gaussians.size();
+/// All tensors have the rows and columns that the header and the config ask for.
+void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
   const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
@@ -71,6 +71,21 @@ void check_shapes(const TrainState& state, int sh_degree, const std::string& pla
                   torch::IntArrayRef(wanted), " ", type);
     }
   });
+}
+
+/// Nothing that a step would turn into NaN, or that an index could come from. Tensors are on the CPU.
+void check_values(const TrainState& state, const std::string& place) {
+  visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
+    const std::int64_t rows = std::max<std::int64_t>(1, tensor.size(0));
+    if (tensor.scalar_type() == torch::kInt32) {
+      check_tensor_values(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
+    } else {
+      const bool is_sum = name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum";
+      check_tensor_values(tensor.data_ptr<float>(), tensor.numel(), std::max<std::int64_t>(1, tensor.numel() / rows),
+                          is_sum ? TensorValues::kNotNegative : TensorValues::kFinite, name, place);
+    }
+  });
+  check_quaternions(state.gaussians.quats.data_ptr<float>(), state.gaussians.size(), "gaussians.quats", place);
 }
 
 }  // namespace
@@ -96,29 +111,19 @@ void write_checkpoint(const std::filesystem::path& path, const TrainConfig& conf
 Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device) {
   const std::string place = path.string();
   CheckpointFile file = read_checkpoint_file(path);
+  CheckpointHeader header = parse_checkpoint_header(file.header, place);
+  check_fingerprint(header.scene, scene, place);
   Checkpoint checkpoint;
+  checkpoint.config = std::move(header.config);
   TrainState& state = checkpoint.state;
-  try {
-    const Json& header = file.header;
-    config_from_json(checkpoint.config, header.at("config"), place);
-    check_fingerprint(header.at("scene"), scene, place);
-    header.at("iteration").get_to(state.iteration);
-    header.at("sh_degree").get_to(state.sh_degree);
-    header.at("adam_steps").get_to(state.adam.steps);
-    header.at("view_order").at("n_refills").get_to(state.view_order.n_refills);
-    header.at("view_order").at("remaining").get_to(state.view_order.remaining);
-    header.at("loss_average").get_to(state.loss_average);
-    state.elapsed_s = header.value("elapsed_s", 0.0);  // not in the first checkpoints
-    state.held_at = header.value("held_at", std::int64_t{0});
-    state.kernel_selection = header.at("kernel_selection");
-  } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": the header is not what this program writes: ", error.what());
-  }
-  for (const std::int32_t view : state.view_order.remaining) {
-    if (view < 0 || view >= static_cast<std::int32_t>(scene.train.size())) {
-      input_error(place, ": the view order names view ", view, ", the scene has ", scene.train.size());
-    }
-  }
+  state.iteration = header.iteration;
+  state.sh_degree = header.sh_degree;
+  state.adam.steps = header.adam_steps;
+  state.view_order = std::move(header.view_order);
+  state.loss_average = header.loss_average;
+  state.elapsed_s = header.elapsed_s;
+  state.held_at = header.held_at;
+  state.kernel_selection = std::move(header.kernel_selection);
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {
@@ -128,7 +133,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": has the unknown tensor ", file.tensors[next].first);
-  check_shapes(state, checkpoint.config.sh_degree, place);
+  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
+  check_values(state, place);
   visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
   return checkpoint;
 }

@@ -211,12 +211,8 @@ nlohmann::ordered_json KernelChooser::to_json() const {
 }
 
 void KernelChooser::restore(const nlohmann::ordered_json& json, const std::string& place) {
-  try {
-    if (json.contains("forward")) forward_.restore(json.at("forward"));
-    if (json.contains("backward")) backward_.restore(json.at("backward"));
-  } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": the record of kernel checks is not what this program writes: ", error.what());
-  }
+  if (json.contains("forward")) forward_.restore(json.at("forward"), place);
+  if (json.contains("backward")) backward_.restore(json.at("backward"), place);
 }
 
 nlohmann::ordered_json to_json(const KernelCheck& check) {

@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "check.h"
+#include "json_text.h"
 #include "scene/atomic_file.h"
 #include "scene/ply.h"
 #include "train/cameras_json.h"
@@ -117,7 +118,7 @@ TrainConfig ModelFolder::read_config() const {
   const fs::path path = root_ / "config.json";
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened; is ", root_.string(), " a model folder of b3dgs train?");
-  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const Json json = parse_json(file);
   if (json.is_discarded()) input_error(path.string(), ": is no JSON");
   TrainConfig config;
   config_from_json(config, json, path.string());

@@ -404,7 +404,7 @@ TEST(Selector, RefusesCandidatesThatRepeat) {
 /// As through a checkpoint file.
 KernelSelector restored(const KernelSelector& selector, const KernelSelectorOptions& options) {
   KernelSelector copy(options);
-  copy.restore(nlohmann::ordered_json::parse(selector.to_json().dump()));
+  copy.restore(nlohmann::ordered_json::parse(selector.to_json().dump()), "a.b3dgs");
   return copy;
 }
 
@@ -440,7 +440,7 @@ TEST(Restored, FromACheckpointThatDoesNotSayHowLongAStepTook) {
   selector.decide(at(1), inflection_at(1 << 30)(1), 2);
   nlohmann::ordered_json json = selector.to_json();
   ASSERT_EQ(json["history"][0].erase("step_ms") + json["history"][0].erase("next_check"), 2u);
-  copy.restore(json);
+  copy.restore(json, "a.b3dgs");
   EXPECT_EQ(copy.kernel(), "balanced");
   EXPECT_FALSE(copy.is_due(at(999)));
   EXPECT_TRUE(copy.is_due(at(1000)));
@@ -491,9 +491,28 @@ TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
 
 TEST(Restored, FromSomethingElseIsAnError) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  EXPECT_THROW(selector.restore({{"kernel", "usual"}}), nlohmann::json::exception);
-  EXPECT_THROW(selector.restore({{"history", {{{"iteration", "one"}}}}}), nlohmann::json::exception);
+  EXPECT_THROW(selector.restore({{"kernel", "usual"}}, "a.b3dgs"), InputError);
+  EXPECT_THROW(selector.restore({{"history", {{{"iteration", "one"}}}}}, "a.b3dgs"), InputError);
+  nlohmann::ordered_json json = selector.to_json();
+  for (const auto& [key, value] : {std::pair<const char*, nlohmann::ordered_json>{"last_check", 4294967296},
+                                   {"last_check", -1},
+                                   {"back_off", 1.5},
+                                   {"back_off", 0},
+                                   {"history", "none"}}) {
+    nlohmann::ordered_json changed = json;
+    changed[key] = value;
+    EXPECT_THROW(selector.restore(changed, "a.b3dgs"), InputError) << key << " " << value;
+  }
   EXPECT_EQ(selector.kernel(), "balanced");
+}
+
+TEST(Restored, AtTheLastIterationThereIsKnowsNoNextCheck) {
+  KernelSelector selector(options_of(KernelPolicy::kTracking));
+  selector.decide(at(1), {steady("balanced", 2), steady("usual", 2)}, 0);
+  nlohmann::ordered_json json = selector.to_json();
+  json["last_check"] = std::numeric_limits<int>::max();
+  selector.restore(json, "a.b3dgs");
+  EXPECT_FALSE(selector.is_due(at(std::numeric_limits<int>::max() - 1)));
 }
 
 /// The line for the user after a check.

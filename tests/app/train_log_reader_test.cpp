@@ -115,5 +115,17 @@ TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
   EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
 }
 
+TEST(TrainLogReader, LeavesOutNumbersThatDoNotFit) {
+  const TrainHistory history = parse(R"({"iteration":4294967297,"loss":1}
+{"iteration":-3,"loss":1}
+{"iteration":10,"loss":1,"count":1e300}
+{"iteration":20,"event":"kernel_check","views":99999999999})");
+  ASSERT_EQ(history.points.size(), 1u);
+  EXPECT_EQ(history.points[0].iteration, 10);
+  EXPECT_FALSE(history.points[0].count);
+  ASSERT_EQ(history.checks.size(), 1u);
+  EXPECT_FALSE(history.checks[0].views);
+}
+
 }  // namespace
 }  // namespace b3dgs

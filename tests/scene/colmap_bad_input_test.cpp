@@ -140,6 +140,38 @@ TEST_F(DamagedModel, RejectsAQuaternionOfLengthZero) {
   EXPECT_TRUE(refuses({"image 0 (a.png)", "length 0"}));
 }
 
+TEST_F(DamagedModel, RejectsPosesBeyondAllScenes) {
+  ColmapModel model = sample_model();
+  model.images[1].quat = {1e200, 0, 0, 0};  // finite, but its square is not
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (a.png)", "quaternion of length inf"}));
+  model = sample_model();
+  model.images[0].translation[2] = -1e300;
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "image 20", "-1e+300", "1e+12"}));
+}
+
+TEST_F(DamagedModel, RejectsNamesThatLeadOutOfTheImageFolder) {
+  for (const char* name : {"../a.png", "b/../../a.png", "/etc/a.png", "..\\a.png"}) {
+    ColmapModel model = sample_model();
+    model.images[1].name = name;
+    write(model);
+    EXPECT_TRUE(refuses({file("images.bin"), "image 0", "below the image folder"})) << name;
+  }
+  ColmapModel model = sample_model();
+  model.images[1].name = "b..c/a..png";  // only looks like it
+  write(model);
+  EXPECT_EQ(read_colmap_model(folder_.path()).images[1].name, "b..c/a..png");
+}
+
+TEST_F(DamagedModel, SaysInOneLineWhatAnyNameHolds) {
+  ColmapModel model = sample_model();
+  model.images[1].name = "a\nb\x1b[31m.png";
+  model.images[1].quat = {0, 0, 0, 0};
+  write(model);
+  EXPECT_TRUE(refuses({"image 0 (a?b?[31m.png)", "length 0"}));
+}
+
 TEST_F(DamagedModel, NamesTheCameraThatAnImageMisses) {
   ColmapModel model = sample_model();
   model.images[1].camera_id = 12;

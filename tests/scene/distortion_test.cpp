@@ -107,5 +107,17 @@ TEST(Distortion, MonotonicRadiusIsWhereTheDerivativeVanishes) {
               1e-3);
 }
 
+TEST(LensOf, RefusesWhatNoCameraHas) {
+  const auto refuses = [](std::vector<double> params, const std::string& part) {
+    const ColmapCamera camera{1, CameraModel::kPinhole, 64, 48, std::move(params)};
+    return test::fails_with<InputError>({"place", part}, [&] { lens_of(camera, "place"); });
+  };
+  EXPECT_TRUE(refuses({0, 50, 32, 24}, "focal lengths above 0"));
+  EXPECT_TRUE(refuses({50, -50, 32, 24}, "focal lengths above 0"));
+  EXPECT_TRUE(refuses({1e300, 50, 32, 24}, "1e+300"));
+  EXPECT_TRUE(refuses({1e-300, 50, 32, 24}, "1e-300"));
+  EXPECT_TRUE(refuses({50, 50, 32, -1e200}, "principal point at (32, -1e+200)"));
+}
+
 }  // namespace
 }  // namespace b3dgs

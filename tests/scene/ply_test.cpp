@@ -271,5 +271,27 @@ TEST(PointPly, TakesColoursByTheirTypeAndMidGreyWithoutAny) {
   EXPECT_TRUE(fails_with<InputError>({"c.ply", "no property z"}, [&] { read_point_ply(folder / "c.ply"); }));
 }
 
+TEST(PointPly, RefusesListsLongerThanTheFile) {
+  const TempDir folder;
+  const std::string begin = "element vertex 1\nproperty list ", end =
+                                                                    "float more\nproperty float x\nproperty float y\n"
+                                                                    "property float z\nend_header\n";
+  for (const char* length : {"1e300", "nan", "-1", "99"}) {
+    write_bytes(folder / "a.ply", "ply\nformat ascii 1.0\n" + begin + "uchar " + end + length + " 1 2 3 4\n");
+    EXPECT_TRUE(fails_with<InputError>({"a.ply"}, [&] { read_point_ply(folder / "a.ply"); })) << length;
+  }
+  write_bytes(folder / "b.ply", "ply\nformat binary_little_endian 1.0\n" + begin + "uint " + end +
+                                    bytes_of<std::uint32_t>(4000000000u) + std::string(20, '\0'));
+  EXPECT_TRUE(fails_with<InputError>({"b.ply", "length 4e+09"}, [&] { read_point_ply(folder / "b.ply"); }));
+}
+
+TEST(PointPly, ClampsColoursOfAnySize) {
+  const TempDir folder;
+  write_bytes(folder / "a.ply",
+              "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty "
+              "float red\nproperty float green\nproperty float blue\nend_header\n1 2 3 1e38 -1e38 0.5\n");
+  EXPECT_EQ(read_point_ply(folder / "a.ply").colors, (std::vector<std::uint8_t>{255, 0, 128}));
+}
+
 }  // namespace
 }  // namespace b3dgs

@@ -35,6 +35,7 @@ TrainState make_state(const Scene& scene) {
   for (GaussianTensors* moments : {&state.adam.m, &state.adam.v}) {
     for (torch::Tensor* moment : moments->all()) *moment = torch::randn_like(*moment);
   }
+  for (torch::Tensor* moment : state.adam.v.all()) moment->abs_();
   state.adam.steps = 41;
   state.statistics = make_density_statistics(state.gaussians.size(), torch::kCPU);
   state.statistics.view_count += 7;
@@ -172,6 +173,79 @@ TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
   file = good;
   file.header["view_order"]["remaining"] = {0, 99};
   EXPECT_TRUE(refused(file, "view 99"));
+}
+
+/// Whether the checkpoint is refused after `change`, in one line that says `part`.
+class ChangedCheckpoints : public CheckpointFiles {
+ protected:
+  template <class Change>
+  testing::AssertionResult refused(const std::string& part, Change&& change) {
+    CheckpointFile file = read_checkpoint_file(path);
+    for (auto& [name, tensor] : file.tensors) tensor = tensor.clone();
+    change(file);
+    const fs::path other = folder / "other.b3dgs";
+    write_checkpoint_file(other, file);
+    return test::fails_with<InputError>({other.string(), part}, [&] { read_checkpoint(other, scene, torch::kCPU); });
+  }
+  testing::AssertionResult refuses_value(const char* key, const nlohmann::ordered_json& value) {
+    return refused(key, [&](CheckpointFile& file) { file.header[key] = value; });
+  }
+  testing::AssertionResult refuses_tensor_value(const std::string& name, double value) {
+    return refused(name, [&](CheckpointFile& file) {
+      for (auto& [own, tensor] : file.tensors) {
+        if (own == name) tensor.view({-1})[3] = value;
+      }
+    });
+  }
+};
+
+TEST_F(ChangedCheckpoints, WithNumbersOutOfTheirRangeAreRefused) {
+  EXPECT_TRUE(refuses_value("iteration", -7));
+  EXPECT_TRUE(refuses_value("iteration", 4294967297));
+  EXPECT_TRUE(refuses_value("iteration", 1.5));
+  EXPECT_TRUE(refuses_value("sh_degree", 9));
+  EXPECT_TRUE(refuses_value("sh_degree", 2)) << "the config's is 1";
+  EXPECT_TRUE(refuses_value("sh_degree", -1));
+  EXPECT_TRUE(refuses_value("adam_steps", -1));
+  EXPECT_TRUE(refuses_value("adam_steps", 43)) << "more than iterations";
+  EXPECT_TRUE(refused("gaussians.means", [](CheckpointFile& file) { file.header["n_gaussians"] = 7; }));
+  EXPECT_TRUE(refuses_value("n_gaussians", 0));
+  EXPECT_TRUE(refuses_value("loss_average", nullptr));
+  EXPECT_TRUE(refuses_value("elapsed_s", -1));
+  EXPECT_TRUE(refuses_value("kernel_selection", "none"));
+  EXPECT_TRUE(refuses_value("scene", {1, 2}));
+}
+
+TEST_F(ChangedCheckpoints, WithAViewOrderThatIsNoneAreRefused) {
+  const auto refuses_views = [&](const nlohmann::ordered_json& views, const std::string& part) {
+    return refused(part, [&](CheckpointFile& file) { file.header["view_order"]["remaining"] = views; });
+  };
+  EXPECT_TRUE(refuses_views({2, 0, 2}, "view 2 twice"));
+  EXPECT_TRUE(refuses_views({-1}, "-1"));
+  EXPECT_TRUE(refuses_views({4294967296}, "4294967296"));
+  EXPECT_TRUE(refused("n_refills", [](CheckpointFile& file) { file.header["view_order"]["n_refills"] = -1; }));
+}
+
+TEST_F(ChangedCheckpoints, WithTensorsThatNoTrainingLeavesAreRefused) {
+  EXPECT_TRUE(refuses_tensor_value("gaussians.means", NAN));
+  EXPECT_TRUE(refuses_tensor_value("gaussians.shN", INFINITY));
+  EXPECT_TRUE(refuses_tensor_value("adam_m.quats", -INFINITY));
+  EXPECT_TRUE(refuses_tensor_value("adam_v.log_scales", -1)) << "a sum of squares";
+  EXPECT_TRUE(refuses_tensor_value("statistics.grad_norm_sum", -1));
+  EXPECT_TRUE(refuses_tensor_value("statistics.view_count", -1));
+  EXPECT_TRUE(refused("gaussians.quats holds a rotation of length 0 in row 2", [](CheckpointFile& file) {
+    for (auto& [name, tensor] : file.tensors) {
+      if (name == "gaussians.quats") tensor[2].zero_();
+    }
+  }));
+}
+
+TEST_F(ChangedCheckpoints, NestedTooDeeplyAreRefused) {
+  EXPECT_TRUE(refused("not what this program writes", [](CheckpointFile& file) {
+    nlohmann::ordered_json deep = nlohmann::ordered_json::array();
+    for (int i = 0; i < 1000; ++i) deep = nlohmann::ordered_json::array({std::move(deep)});
+    file.header["kernel_selection"] = {{"forward", std::move(deep)}};
+  }));
 }
 
 TEST_F(CheckpointFiles, OfTheFirstVersionsKnowNoTime) {

@@ -90,6 +90,10 @@ TEST(ModelFolder, ReadsTheOriginalsCamerasAndRefusesWrongOnes) {
   EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "rotation[3][3]"}, read));
   write(R"("position": [1, 2, 3], "rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]])");
   EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "rotation"}, read));
+  write(R"("position": [1, 2, 1e300], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "beyond any scene"}, read));
+  test::write_bytes(temp / "cameras.json", R"([{"img_name": "a", "width": 4294967297, "height": 1}])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "width", "4294967297"}, read));
   test::write_bytes(temp / "cameras.json", "{}");
   EXPECT_TRUE(test::fails_with<InputError>({"cameras.json", "list of cameras"}, read));
   EXPECT_TRUE(

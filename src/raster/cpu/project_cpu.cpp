@@ -27,7 +27,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 
   const ShColor<float> color = sh_color(args.sh_degree, load3(g.means, i) - args.view.center, g.sh0 + 3 * i,
                                         g.shN + rest_floats(g.sh_degree_max) * i);
-  if (!std::isfinite(color.color.x + color.color.y + color.color.z)) return Outcome::kNotFinite;
+  if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kNotFinite;
   args.radii[i] = projected.radius;
   extent = projected.extent;
   splat = projected.splat;
@@ -41,11 +41,10 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 [[noreturn]] void fail_not_finite(const GaussianArrays& g, std::int64_t i) {
   const Vec3f mean = load3(g.means, i), scale = load3(g.log_scales, i);
   const Vec4f quat = load4(g.quats, i);
-  throw NumericError(detail::concat("Gaussian ", i, " has no finite projection, or one of more than 1e9 px: mean (",
-                                    mean.x, ", ", mean.y, ", ", mean.z, "), log scales (", scale.x, ", ", scale.y, ", ",
-                                    scale.z, "), rotation (", quat.x, ", ", quat.y, ", ", quat.z, ", ", quat.w,
-                                    "), opacity logit ", g.logit_opacities[i], ", colour (", g.sh0[3 * i], ", ",
-                                    g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
+  throw NumericError(detail::concat("Gaussian ", i, kNotFiniteText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z,
+                                    "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x,
+                                    ", ", quat.y, ", ", quat.z, ", ", quat.w, "), opacity logit ", g.logit_opacities[i],
+                                    ", colour (", g.sh0[3 * i], ", ", g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
 }
 
 }  // namespace

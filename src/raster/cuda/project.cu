@@ -31,7 +31,7 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
     words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
     if constexpr (kShDegree != kNoColors) {
       const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
-      is_finite = isfinite(color.x + color.y + color.z);
+      is_finite = is_usable_color(color.x, color.y, color.z);
       words[2] = color;
     }
     args.out.extents[i] = projected.extent;

@@ -11,6 +11,7 @@
 #include "raster/cuda/forward_table.h"
 #include "raster/cuda/passes.h"
 #include "raster/pair_limit.h"
+#include "raster/project_splat.h"
 #include "raster/tiling.h"
 
 namespace b3dgs::cuda {
@@ -182,8 +183,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
-    throw NumericError(
-        detail::concat("Gaussian ", counts.not_finite, " has no finite projection, or one of more than 1e9 px"));
+    throw NumericError(detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
   }
   if (has_too_many_pairs(counts.n_isects)) {
     throw NumericError(

@@ -1,0 +1,43 @@
+// The header of a training's checkpoint as values: everything but tensors, checked one by one.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "train/train_config.h"
+#include "train/view_order.h"
+
+namespace b3dgs {
+
+struct CheckpointHeader {
+  TrainConfig config;
+  int iteration = 0;             // last one done, at least 0
+  std::int64_t n_gaussians = 0;  // at least 1
+  int sh_degree = 0;             // from 0 to the config's
+  std::int64_t adam_steps = 0;   // from 0 to `iteration`
+  ViewOrder view_order;          // views of the scene, each once
+  double loss_average = 0;       // finite
+  double elapsed_s = 0;          // at least 0
+  std::int64_t held_at = 0;      // at least 0
+  nlohmann::ordered_json kernel_selection, scene;
+};
+
+/// Takes the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of another
+/// type or out of its range
+CheckpointHeader parse_checkpoint_header(const nlohmann::ordered_json& header, const std::string& place);
+
+/// What a tensor of a checkpoint may hold.
+enum class TensorValues { kFinite, kNotNegative };
+
+/// @throws InputError that names the tensor and the first row (of `row_length` values) with a value that is not finite,
+/// or negative where it must not be
+void check_tensor_values(const float* values, std::int64_t count, std::int64_t row_length, TensorValues allowed,
+                         const std::string& name, const std::string& place);
+void check_tensor_values(const std::int32_t* values, std::int64_t count, const std::string& name,
+                         const std::string& place);
+
+/// @throws InputError that names the first Gaussian whose rotation is a quaternion of length 0
+void check_quaternions(const float* quats, std::int64_t n_gaussians, const std::string& name, const std::string& place);
+
+}  // namespace b3dgs

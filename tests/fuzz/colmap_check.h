@@ -1,0 +1,50 @@
+// What every COLMAP model that is read has to be good for.
+#pragma once
+
+#include <cmath>
+
+#include "check.h"
+#include "scene/camera.h"
+#include "scene/colmap_format.h"
+#include "scene/distortion.h"
+
+namespace b3dgs::fuzz {
+
+inline bool is_finite_float(double value) {
+  return std::isfinite(static_cast<float>(value));
+}
+
+/// Takes the steps from a model to views. @throws InputError for cameras that cannot be used
+inline void check_model(const ColmapModel& model) {
+  for (const ColmapImage& image : model.images) {
+    const ColmapCamera& camera = model.cameras.at(image.camera_id);
+    const Lens lens = lens_of(camera, "cameras");
+    Camera view;
+    view.width = static_cast<int>(camera.width);
+    view.height = static_cast<int>(camera.height);
+    view.fx = lens.fx;
+    view.fy = lens.fy;
+    view.cx = lens.cx;
+    view.cy = lens.cy;
+    view.cam_from_world.rotation = rotation_from_quaternion(image.quat);
+    view.cam_from_world.translation = image.translation;
+    const Camera half = view.scaled_to((view.width + 1) / 2, (view.height + 1) / 2);
+    const float fx = static_cast<float>(half.fx), fy = static_cast<float>(half.fy);
+    B3DGS_CHECK(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy), "focal lengths ", fx, " and ", fy);
+    B3DGS_CHECK(is_finite_float(half.cx) && is_finite_float(half.cy), "principal point ", half.cx, ", ", half.cy);
+    for (const double value : half.center()) B3DGS_CHECK(is_finite_float(value), "camera centre at ", value);
+    for (const double value : half.cam_from_world.rotation) B3DGS_CHECK(std::abs(value) < 1.001, "rotation ", value);
+    distort(lens, 0.5, -0.25);
+  }
+  for (const ColmapPoint& point : model.points) {
+    for (const double value : point.position) B3DGS_CHECK(is_finite_float(value * value), "point at ", value);
+  }
+}
+
+inline void read_colmap(std::string_view cameras, std::string_view images, std::string_view points,
+                        ColmapFormat format) {
+  FileReader camera_file("cameras", cameras), image_file("images", images), point_file("points3D", points);
+  check_model(colmap::read_model({camera_file, image_file, point_file}, format));
+}
+
+}  // namespace b3dgs::fuzz

@@ -1,0 +1,14 @@
+// Configs of a training as JSON: config.json, --config, and what checkpoints hold.
+#include "fuzz/fuzz_target.h"
+#include "json_text.h"
+#include "train/train_config.h"
+
+void b3dgs::fuzz::read_input(std::string_view bytes) {
+  const nlohmann::ordered_json json = parse_json(bytes);
+  TrainConfig config;
+  config_from_json(config, json, "config.json");  // a discarded value is refused as no object
+  TrainConfig again;
+  config_from_json(again, config_to_json(config), "again");
+  const std::vector<std::string> differences = config_differences(config, again);
+  B3DGS_CHECK(differences.empty(), differences.front());
+}

@@ -1,0 +1,15 @@
+// train.jsonl. Damaged lines are left out, so nothing is ever refused.
+#include <sstream>
+
+#include "app/train_log_reader.h"
+#include "fuzz/fuzz_target.h"
+
+void b3dgs::fuzz::read_input(std::string_view bytes) {
+  std::istringstream lines{std::string(bytes)};
+  const TrainHistory history = parse_train_log(lines);
+  int before = 0;
+  for (const LogPoint& point : history.points) {
+    B3DGS_CHECK(point.iteration > before, "iteration ", point.iteration, " after ", before);
+    before = point.iteration;
+  }
+}

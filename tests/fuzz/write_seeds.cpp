@@ -1,0 +1,180 @@
+// What fuzzing begins with: small files of every kind, made by the writers of this project. write_seeds FOLDER fills
+// FOLDER/TARGET/ for each target; every reader has to take all of them.
+#include <fstream>
+#include <iostream>
+
+#include "adaptive/kernel_selector.h"
+#include "fuzz/fuzz_target.h"
+#include "scene/atomic_file.h"
+#include "scene/colmap.h"
+#include "scene/image_io.h"
+#include "scene/ply.h"
+#include "scene/sample_model.h"
+#include "support/files.h"
+#include "train/checkpoint.h"
+#include "train/gaussian_model.h"
+#include "train/tiny_scene.h"
+#include "train/train_log.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A camera of each model that can be used, each with an image.
+ColmapModel model_of_all_cameras() {
+  ColmapModel model;
+  for (const CameraModel kind :
+       {CameraModel::kSimplePinhole, CameraModel::kPinhole, CameraModel::kSimpleRadial, CameraModel::kRadial,
+        CameraModel::kOpenCv, CameraModel::kOpenCvFisheye, CameraModel::kFullOpenCv, CameraModel::kSimpleRadialFisheye,
+        CameraModel::kRadialFisheye}) {
+    const auto id = static_cast<std::uint32_t>(kind);
+    ColmapCamera camera{id, kind, 64, 48, std::vector<double>(camera_model_param_count(kind), 0.01)};
+    const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
+    camera.params[0] = 50;
+    if (has_two) camera.params[1] = 51;
+    camera.params[has_two ? 2 : 1] = 32;
+    camera.params[has_two ? 3 : 2] = 24;
+    model.cameras[id] = camera;
+    model.images.push_back({id, {1, 0.1, 0.2, 0.3}, {0, 1, 2}, id, std::to_string(id) + ".png"});
+  }
+  model.points.push_back({1, {0.5, -1, 2}, {1, 2, 3}, 0.25});
+  return model;
+}
+
+void write_colmap_seeds(const fs::path& folder) {
+  const fs::path work = folder / "work";
+  for (const ColmapFormat format : {ColmapFormat::kBinary, ColmapFormat::kText}) {
+    const bool is_binary = format == ColmapFormat::kBinary;
+    const std::string end = is_binary ? ".bin" : ".txt", target = is_binary ? "colmap_binary" : "colmap_text";
+    int n = 0;
+    for (const ColmapModel& model : {test::sample_model(), model_of_all_cameras()}) {
+      write_colmap_model(work, model, format);
+      std::string joined;
+      for (const char* name : {"cameras", "images", "points3D"}) {
+        if (!joined.empty()) joined += fuzz::kFileSeparator;
+        joined += test::read_bytes(work / (name + end));
+      }
+      write_file(folder / target / std::to_string(n++), joined);
+    }
+  }
+  fs::remove_all(work);
+}
+
+SplatCloud small_cloud(int sh_degree) {
+  PointCloud points;
+  for (int i = 0; i < 5; ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      points.positions.push_back(static_cast<float>((7 * i + 3 * axis) % 5) - 1.5f);
+      points.colors.push_back(static_cast<std::uint8_t>(40 * i + axis));
+    }
+  }
+  return splats_from_points(points, sh_degree);
+}
+
+void write_ply_seeds(const fs::path& folder) {
+  for (const int degree : {0, 1, 3}) write_splat_ply(folder / ("splats" + std::to_string(degree)), small_cloud(degree));
+  write_point_ply(folder / "points", {{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}});
+  // What other programs write: text, lists, other types.
+  write_file(folder / "text",
+             "ply\nformat ascii 1.0\ncomment x\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex "
+             "2\nproperty float x\nproperty double y\nproperty int z\nproperty uchar red\nproperty uchar "
+             "green\nproperty uchar blue\nproperty list uchar short more\nend_header\n3 0 1 0\n0.5 -1e3 7 0 128 255 "
+             "1 4\n1 2 3 4 5 6 0\n");
+}
+
+nlohmann::ordered_json kernel_selection() {
+  KernelSelectorOptions options;
+  options.candidates = TrainConfig{}.kernel_candidates;
+  options.reference = "naive";
+  KernelSelector selector(options);
+  std::vector<KernelMeasurement> times;
+  for (const std::string& name : selector.candidates()) times.push_back({name, {1.0, 1.5, 2.0 + times.size()}, ""});
+  selector.decide({1, 100, 5}, times, 9);
+  return {{"forward", selector.to_json()}};
+}
+
+void write_checkpoint_seeds(const fs::path& folder) {
+  test::TinySceneOptions options;
+  options.n_gaussians = 2;
+  options.n_views = 3;
+  options.width = options.height = 16;
+  const Scene scene = test::make_tiny_scene(options);
+  for (const int degree : {0, 1}) {
+    TrainConfig config;
+    config.sh_degree = degree;
+    TrainState state;
+    state.iteration = 40;
+    state.sh_degree = degree;
+    state.gaussians = to_tensors(splats_from_points(scene.points, degree), degree, torch::kCPU);
+    state.adam = make_adam_state(state.gaussians);
+    state.adam.steps = 40;
+    state.statistics = make_density_statistics(state.gaussians.size(), torch::kCPU);
+    state.view_order.n_refills = 3;
+    state.view_order.remaining = {1, 0};
+    state.loss_average = 0.25;
+    state.elapsed_s = 1.5;
+    if (degree > 0) state.kernel_selection = kernel_selection();
+    write_checkpoint(folder / ("degree" + std::to_string(degree)), config, state, scene);
+  }
+}
+
+void write_config_seeds(const fs::path& folder) {
+  TrainConfig config;
+  write_file(folder / "defaults", config_to_json(config).dump(2));
+  config.source_path = "scene";
+  config.checkpoint_iterations = {5, 10};
+  config.image_cache_gb = 1.5;
+  write_file(folder / "one_line", config_to_json(config).dump());
+  write_file(folder / "some", R"({"iterations": 300, "kernel": "dynamic", "eval": true, "opacity_lr": 0.05})");
+}
+
+void write_image_seeds(const fs::path& folder) {
+  const fs::path png = folder / "a.png", jpeg = folder / "a.jpg";
+  for (const int channels : {1, 3}) {
+    const Image8 image(5, 4, channels);
+    write_image(png, image);
+    write_image(jpeg, image);
+    fs::rename(png, folder / ("png" + std::to_string(channels)));
+    fs::rename(jpeg, folder / ("jpeg" + std::to_string(channels)));
+  }
+}
+
+void write_log_seeds(const fs::path& folder) {
+  const fs::path path = folder / "log";
+  fs::create_directories(folder);
+  TrainLog log(path, 0);
+  for (const int iteration : {10, 20, 30}) {
+    TrainLogLine line;
+    line.iteration = iteration;
+    line.loss = 0.5;
+    line.ms = 12.25;
+    line.count = 1000;
+    line.elapsed_s = iteration;
+    line.kernel = "segmented";
+    if (iteration == 20) line.stages.emplace();
+    if (iteration == 30) line.test_quality = ImageQuality{};
+    log.write(line);
+  }
+  log.write_event(30, "kernel_check", kernel_selection().at("forward").at("history").at(0));
+  log.write_event(30, "kernel_times", {{"pass", "forward"}, {"times_ms", {{"naive", 2.5}}}, {"views", 3}});
+  log.write_event(30, "load_statistics", {{"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});
+}
+
+}  // namespace
+}  // namespace b3dgs
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::cerr << "usage: write_seeds FOLDER\n";
+    return 2;
+  }
+  const std::filesystem::path folder = argv[1];
+  std::filesystem::remove_all(folder);
+  b3dgs::write_colmap_seeds(folder);
+  b3dgs::write_ply_seeds(folder / "ply");
+  b3dgs::write_checkpoint_seeds(folder / "checkpoint");
+  b3dgs::write_config_seeds(folder / "json_config");
+  b3dgs::write_image_seeds(folder / "image_header");
+  b3dgs::write_log_seeds(folder / "train_log");
+}
