@@ -8,7 +8,6 @@
 #include <limits>
 
 #include "check.h"
-#include "scene/atomic_file.h"
 #include "scene/file_reader.h"
 
 namespace b3dgs {
@@ -18,6 +17,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::array<char, 8> kMagic{'B', '3', 'D', 'G', 'S', 'C', 'K', 'P'};
 constexpr std::uint32_t kVersion = 1;
+constexpr std::size_t kTensorOffset = kMagic.size() + 2 * sizeof(std::uint32_t) + sizeof(std::uint64_t);  // + header
 constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto takes the newest valid one)";
 
 struct DtypeName {
@@ -128,33 +128,77 @@ void check_crc(const FileReader& file, const Section& section, std::uint32_t crc
 
 }  // namespace
 
-void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content) {
-  std::vector<torch::Tensor> tensors;
-  Json header = content.header;
-  Json& entries = header["tensors"] = Json::array();
-  for (const auto& [name, tensor] : content.tensors) {
-    const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
+CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Json header,
+                                           const std::vector<TensorEntry>& tensors)
+    : header_(std::move(header)), file_(path) {
+  // As if all checksums were of the greatest length: the header that is written in the end is no longer than this one.
+  constexpr std::uint32_t kLongest = std::numeric_limits<std::uint32_t>::max();
+  Json& entries = header_["tensors"] = Json::array();
+  for (const TensorEntry& tensor : tensors) {
     const auto dtype =
-        std::find_if(kDtypes.begin(), kDtypes.end(), [&](const DtypeName& d) { return d.type == host.scalar_type(); });
-    B3DGS_CHECK(dtype != kDtypes.end(), name, " has a type that checkpoints do not hold");
-    entries.push_back({{"name", name},
+        std::find_if(kDtypes.begin(), kDtypes.end(), [&](const DtypeName& d) { return d.type == tensor.type; });
+    B3DGS_CHECK(dtype != kDtypes.end(), tensor.name, " has a type that checkpoints do not hold");
+    std::uint64_t bytes = dtype->bytes;
+    for (const std::int64_t size : tensor.shape) bytes *= static_cast<std::uint64_t>(size);
+    entries.push_back({{"name", tensor.name},
                        {"dtype", dtype->name},
-                       {"shape", host.sizes().vec()},
-                       {"bytes", host.nbytes()},
-                       {"crc32", add_crc(0, host.data_ptr(), host.nbytes())}});
-    tensors.push_back(host);
+                       {"shape", tensor.shape},
+                       {"bytes", bytes},
+                       {"crc32", kLongest}});
   }
-  const std::string text = header.dump(-1, ' ', false, Json::error_handler_t::replace);
+  header_bytes_ = header_text().size();
+  file_.write(std::string(kTensorOffset + header_bytes_, ' '));
+  for (Json& entry : entries) entry["crc32"] = 0;  // of no bytes
+  if (!entries.empty()) left_ = entries[0]["bytes"];
+}
+
+std::string CheckpointFileWriter::header_text() const {
+  return header_.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+void CheckpointFileWriter::append(const void* data, std::uint64_t bytes) {
+  file_.write(data, bytes);
+  Json& entries = header_["tensors"];
+  const char* from = static_cast<const char*>(data);
+  while (bytes > 0) {
+    while (left_ == 0 && ++tensor_ < entries.size()) left_ = entries[tensor_]["bytes"];
+    B3DGS_CHECK(left_ > 0, "a checkpoint is given more bytes than its tensors have");
+    const std::uint64_t own = std::min(bytes, left_);
+    Json& crc = entries[tensor_]["crc32"];
+    crc = add_crc(crc.get<std::uint32_t>(), from, own);
+    from += own;
+    bytes -= own;
+    left_ -= own;
+  }
+}
+
+void CheckpointFileWriter::finish() {
+  const Json& entries = header_["tensors"];
+  while (left_ == 0 && ++tensor_ < entries.size()) left_ = entries[tensor_]["bytes"];
+  B3DGS_CHECK(left_ == 0, "a checkpoint lacks ", left_, " bytes of its tensors");
+  std::string text = header_text();
+  text.resize(header_bytes_, ' ');
   const std::uint32_t version = kVersion, crc = add_crc(0, text.data(), text.size());
   const std::uint64_t bytes = text.size();
+  std::string start(kMagic.data(), kMagic.size());
+  start.append(reinterpret_cast<const char*>(&version), sizeof version);
+  start.append(reinterpret_cast<const char*>(&crc), sizeof crc);
+  start.append(reinterpret_cast<const char*>(&bytes), sizeof bytes);
+  start += text;
+  file_.rewrite(0, start.data(), start.size());
+}
 
-  AtomicFile file(path);
-  file.write(kMagic.data(), kMagic.size());
-  file.write(&version, sizeof version);
-  file.write(&crc, sizeof crc);
-  file.write(&bytes, sizeof bytes);
-  file.write(text);
-  for (const torch::Tensor& tensor : tensors) file.write(tensor.data_ptr(), tensor.nbytes());
+void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content) {
+  std::vector<TensorEntry> entries;
+  for (const auto& [name, tensor] : content.tensors) {
+    entries.push_back({name, tensor.scalar_type(), tensor.sizes().vec()});
+  }
+  CheckpointFileWriter file(path, content.header, entries);
+  for (const auto& [name, tensor] : content.tensors) {
+    const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
+    file.append(host.data_ptr(), host.nbytes());
+  }
+  file.finish();
   file.commit();
 }
 
