@@ -47,16 +47,16 @@ int remove_if_left_behind(const char* path, const struct stat*, int type, FTW* p
 }
 
 // A rename is on disk once the folder is. Some network file systems cannot sync a folder, and say EINVAL.
-void sync_folder(const fs::path& folder, const fs::path& target) {
+void sync_folder(const fs::path& folder, const std::string& target) {
   const int file = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (file < 0) io_error(target.string(), ": cannot open its folder to sync it: ", std::strerror(errno));
+  if (file < 0) io_error(target, ": cannot open its folder to sync it: ", std::strerror(errno));
   const int failed = ::fsync(file) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
   ::close(file);
-  if (failed) io_error(target.string(), ": cannot sync its folder: ", std::strerror(failed));
+  if (failed) io_error(target, ": cannot sync its folder: ", std::strerror(failed));
 }
 
 // Nor is a new folder on disk before the one above it is.
-void create_folders(const fs::path& folder, const fs::path& target) {
+void create_folders(const fs::path& folder, const std::string& target) {
   std::vector<fs::path> holders;  // of new folders
   std::error_code error;
   const fs::path absolute = fs::absolute(folder).lexically_normal();
@@ -64,7 +64,7 @@ void create_folders(const fs::path& folder, const fs::path& target) {
     if (path.has_filename()) holders.push_back(path.parent_path());
   }
   fs::create_directories(folder, error);
-  if (error) io_error(target.string(), ": cannot create the folder ", folder.string(), ": ", error.message());
+  if (error) io_error(target, ": cannot create the folder ", folder.string(), ": ", error.message());
   for (const fs::path& holder : holders) {
     if (::access(holder.c_str(), R_OK) == 0) sync_folder(holder, target);  // else it cannot be opened to be synced
   }
@@ -74,7 +74,7 @@ void create_folders(const fs::path& folder, const fs::path& target) {
 
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
   const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
-  create_folders(folder, target_);
+  create_folders(folder, target_.string());
   do {  // a file left by a killed process with the same id may have the name
     temporary_ = temporary_name(folder);
     // 0666 less the umask, as any other new file.
@@ -134,13 +134,17 @@ void AtomicFile::commit() {
   }
   const fs::path folder = temporary_.parent_path();
   temporary_.clear();
-  sync_folder(folder, target_);
+  sync_folder(folder, target_.string());
 }
 
 void write_file(const fs::path& path, std::string_view content) {
   AtomicFile file(path);
   file.write(content);
   file.commit();
+}
+
+void create_folder(const fs::path& folder) {
+  create_folders(folder, folder.string());
 }
 
 void remove_unfinished_files(const fs::path& folder) {

@@ -39,6 +39,9 @@ class AtomicFile {
 /// Writes a whole file atomically.
 void write_file(const std::filesystem::path& path, std::string_view content);
 
+/// Creates a folder and those above it, and syncs the new ones. @throws IoError
+void create_folder(const std::filesystem::path& folder);
+
 /// Removes the temporary files of processes that were killed, in `folder` and all below it. No AtomicFile of this
 /// process may be open there. What cannot be removed stays.
 void remove_unfinished_files(const std::filesystem::path& folder);
