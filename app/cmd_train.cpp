@@ -67,8 +67,7 @@ void apply_given(const CommandLine& line, const TrainCommandOptions& options, Tr
 
 /// The newest valid checkpoint of a model folder; empty if it has none at all.
 fs::path newest_checkpoint(const ModelFolder& folder, const TrainCommandOptions& options, StatusLine& status) {
-  fs::path checkpoint =
-      newest_valid_checkpoint(folder, [&](const std::string& message) { status.print("warning: " + message); });
+  fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
   if (checkpoint.empty() && !folder.checkpoint_iterations().empty() && !options.overwrite) {
     input_error(folder.root().string(), ": all of its checkpoints are damaged; begin again in another folder (-m), or ",
                 "in this one with --overwrite");

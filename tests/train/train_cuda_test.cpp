@@ -8,6 +8,7 @@
 
 #include "check.h"
 #include "support/gpu_test.h"
+#include "train/cuda/device_snapshot.h"
 #include "train/cuda/event_marks.h"
 #include "train/cuda/image_uploader.h"
 #include "train/cuda/loss_cuda.h"
@@ -72,6 +73,33 @@ std::vector<std::uint8_t> image(int seed, std::size_t n) {
   std::vector<std::uint8_t> bytes(n);
   for (std::size_t i = 0; i < n; ++i) bytes[i] = static_cast<std::uint8_t>(37 * seed + 3 * i + i / 251);
   return bytes;
+}
+
+TEST(DeviceSnapshot, KeepsWhatWasThereWhileTheArraysChange) {
+  B3DGS_NEEDS_GPU();
+  const std::size_t sizes[] = {3 * cuda::DeviceReader::kPieceBytes + 1234, 1000};
+  const std::vector<std::uint8_t> images[] = {image(1, sizes[0]), image(2, sizes[1])};
+  const test::DeviceArray<std::uint8_t> large(images[0].data(), static_cast<std::int64_t>(sizes[0]));
+  const test::DeviceArray<std::uint8_t> small(images[1].data(), static_cast<std::int64_t>(sizes[1]));
+  GatedStream stream;
+  cuda::DeviceReader reader;
+  B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  const auto snapshot =
+      cuda::DeviceSnapshot::make({{large.data(), sizes[0]}, {nullptr, 0}, {small.data(), sizes[1]}}, stream.get());
+  ASSERT_NE(snapshot, nullptr);
+  reader.follow(stream.get());
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(large.data(), 0, sizes[0], stream.get()));
+  ASSERT_EQ(snapshot->arrays().size(), 3u);
+  for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
+    std::vector<std::uint8_t> read;
+    const cuda::DeviceBytes& copy = snapshot->arrays()[i];
+    reader.read(copy.data, copy.bytes, [&](const void* piece, std::size_t bytes) {
+      const auto* const from = static_cast<const std::uint8_t*>(piece);
+      read.insert(read.end(), from, from + bytes);
+    });
+    EXPECT_TRUE(read == images[i / 2]) << i;
+  }
+  EXPECT_EQ(cuda::DeviceSnapshot::make({{large.data(), std::size_t{1} << 50}}, stream.get()), nullptr) << "no room";
 }
 
 class ImageUploaderTest : public testing::Test {
