@@ -13,6 +13,7 @@
 #include "check.h"
 #include "scene/view_image.h"
 #include "train/device.h"
+#include "train/folder_lock.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -130,7 +131,7 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
   for (const Configuration& configuration : plan.configurations()) {
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
-      if (!holds_model(folder)) continue;
+      if (!folder.holds_model()) continue;
       input_error(folder.root().string(), ": already holds a model, and ", plan.root().string(),
                   " no comparison that it is of; replace it with --overwrite, or name another folder with -m");
     }
@@ -200,6 +201,8 @@ int run_compare(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
   plan.configurations();  // their errors before anything is written
+  const EmptyFolderGuard guard(plan.root());
+  const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
   std::vector<ComparisonPlan> replaced;

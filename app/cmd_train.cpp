@@ -8,13 +8,17 @@
 #include "app/commands.h"
 #include "app/machine.h"
 #include "app/model.h"
+#include "app/print.h"
 #include "app/progress.h"
 #include "app/run_record.h"
 #include "app/train_report.h"
 #include "app/train_setup.h"
 #include "check.h"
+#include "train/checkpoint.h"
 #include "train/checkpoint_file.h"
+#include "train/course.h"
 #include "train/device.h"
+#include "train/folder_lock.h"
 #include "train/threads.h"
 #include "train/trainer.h"
 
@@ -36,8 +40,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
                                                                                                 Visitor&& field) {
   field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; options given here win over it");
   field(Option{"resume", '\0', {"start_checkpoint"}}, c.resume, Any{},
-        "continue from a checkpoint, with its options unless others are given; auto: the newest valid one of the model "
-        "folder, or the beginning if there is none");
+        "continue from a checkpoint, or from the newest valid one of a model folder, with its options unless others "
+        "are given; auto: the newest valid one of the folder given by -m, or the beginning if there is none");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the model that the model folder holds");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress, no messages and no summary of the scene");
   field(Option{"disable_viewer"}, c.disable_viewer, Any{},
@@ -61,14 +65,30 @@ void apply_given(const CommandLine& line, const TrainCommandOptions& options, Tr
   line.apply(config);
 }
 
-/// The newest valid checkpoint of the model folder, which is settled here; empty if there is none.
-fs::path find_checkpoint(TrainConfig& config, StatusLine& status) {
+/// The newest valid checkpoint of a model folder; empty if it has none at all.
+fs::path newest_checkpoint(const ModelFolder& folder, const TrainCommandOptions& options, StatusLine& status) {
+  fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
+  if (checkpoint.empty() && !folder.checkpoint_iterations().empty() && !options.overwrite) {
+    input_error(folder.root().string(), ": all of its checkpoints are damaged; begin again in another folder (-m), or ",
+                "in this one with --overwrite");
+  }
+  return checkpoint;
+}
+
+/// What to continue from; empty: the beginning. Where that follows from the model folder, this is settled here.
+fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options, StatusLine& status) {
+  if (options.resume != "auto") {
+    if (!fs::is_directory(options.resume)) return options.resume;
+    const ModelFolder folder(options.resume);
+    fs::path checkpoint = newest_checkpoint(folder, options, status);
+    if (checkpoint.empty()) input_error(options.resume, ": holds no checkpoint (checkpoints/iteration_N.b3dgs)");
+    return checkpoint;
+  }
   if (config.model_path.empty() && config.source_path.empty()) {
     input_error("command line: --resume auto looks in the model folder; name it with -m, or the scene with -s");
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
-  fs::path checkpoint = newest_valid_checkpoint(ModelFolder(config.model_path),
-                                                [&](const std::string& message) { status.warn(message); });
+  fs::path checkpoint = newest_checkpoint(ModelFolder(config.model_path), options, status);
   if (checkpoint.empty()) status.print(config.model_path + ": no checkpoint to resume, starting from the beginning");
   return checkpoint;
 }
@@ -86,17 +106,28 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
   return config;
 }
 
+/// The options of a training that has not come to its first checkpoint.
+TrainConfig config_of_folder(const std::string& model_path) {
+  TrainConfig config = ModelFolder(model_path).read_config();
+  config.device = TrainConfig{}.device;
+  config.model_path = model_path;
+  return config;
+}
+
 TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options) {
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
   apply_given(line, options, config);
-  plan.checkpoint = options.resume == "auto" ? find_checkpoint(config, status) : fs::path(options.resume);
+  if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
     config = config_of_checkpoint(plan.checkpoint);
     apply_given(line, options, config);
     if (!named_folder.empty()) config.model_path = named_folder;
+  } else if (options.resume == "auto" && config.source_path.empty()) {
+    config = config_of_folder(config.model_path);
+    apply_given(line, options, config);
   }
   if (config.source_path.empty()) input_error("command line: which scene? b3dgs train SCENE, or -s SCENE");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
@@ -105,13 +136,27 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   return plan;
 }
 
-/// A model is hours of work: it is not replaced by accident.
-void guard_model(const ModelFolder& folder, const TrainPlan& plan) {
-  if (!plan.checkpoint.empty() || plan.options.overwrite) return;
-  if (!holds_model(folder)) return;
-  input_error(folder.root().string(),
-              ": already holds a model; continue it with --resume auto, replace it with --overwrite, "
-              "or name another folder with -m");
+/// A model is hours of work: it is not replaced by accident. True if it is to be replaced.
+bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
+  if (!plan.checkpoint.empty()) {
+    const auto course = read_checkpoint_header(plan.checkpoint).value("course", "");
+    if (!plan.options.overwrite) check_course(folder, plan.checkpoint, course);
+    return !has_room_for(folder, plan.checkpoint, course);
+  }
+  if (plan.options.overwrite) return true;
+  if (!folder.holds_model()) return false;
+  input_error(folder.root().string(), ": already holds a model; ",
+              folder.checkpoint_iterations().empty() ? "it has no checkpoint to continue from: "
+                                                     : "continue it with --resume auto, ",
+              "replace it with --overwrite, or name another folder with -m");
+}
+
+/// That the checkpoint is of this scene, at this size, is known before photographs are decoded.
+void check_scene_of(const fs::path& checkpoint, const TrainConfig& config) {
+  if (checkpoint.empty()) return;
+  SceneOptions options = scene_options(config);
+  options.load_images = false;
+  check_scene(read_checkpoint_header(checkpoint), load_scene(options), checkpoint.string());
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
@@ -128,14 +173,21 @@ void report_quality(const TrainResult& result) {
 }
 
 void report(const TrainResult& result, const TrainConfig& config, double total_s) {
-  std::printf("%-12s%d iterations in %s (%s in all), %s Gaussians\n", "trained", result.iteration,
-              format_duration(result.train_s).c_str(), format_duration(total_s).c_str(),
-              format_count(result.n_gaussians).c_str());
+  const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
+                                ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
+                                : "";
+  std::printf("%-12s%d iterations%s in %s (%s in all), %s Gaussians\n", "trained",
+              result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
+              format_duration(total_s).c_str(), format_count(result.n_gaussians).c_str());
   if (result.peak_memory_bytes > 0) {
     std::printf("%-12s%s at most, besides the CUDA context\n", "GPU memory",
                 format_gigabytes(result.peak_memory_bytes).c_str());
   }
   report_quality(result);
+  if (result.n_removed > 0) {
+    std::printf("%-12s%s Gaussians that could not be rendered\n", "removed", format_count(result.n_removed).c_str());
+  }
+  for (const fs::path& path : result.not_written) std::printf("%-12s%s\n", "not written", path.string().c_str());
   if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
   if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
   std::printf("%-12s%s\n", "model", config.model_path.c_str());
@@ -159,9 +211,10 @@ int run_train(const std::vector<std::string>& words) {
   const TrainConfig& config = plan.config;
   set_compute_threads(config.threads);
   const ModelFolder folder(config.model_path);
-  guard_model(folder, plan);
   const EmptyFolderGuard guard(folder.root());
-  folder.create();  // before the images are read: an unwritable folder is known at once
+  const FolderLock lock(folder.root());  // before the images are read: an unwritable folder is known at once
+  const bool is_replaced = guard_model(folder, plan);
+  check_scene_of(plan.checkpoint, config);
 
   const double reading_start_s = steady_seconds();
   const Scene scene = open_scene(scene_options(config), status);
@@ -190,9 +243,8 @@ int run_train(const std::vector<std::string>& words) {
     const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
     std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;
     for (const std::string& change : changes) std::cout << "  " << change << std::endl;
-  } else if (options.overwrite) {
-    remove_model(folder);
   }
+  if (is_replaced) remove_model(folder);
 
   if (const auto forecast = trainer.forecast_memory(); forecast && !options.quiet) {
     std::cout << describe_memory(*forecast) << std::endl;

@@ -7,6 +7,7 @@
 #include "app/train_report.h"
 #include "app/train_setup.h"
 #include "scene/remove_tree.h"
+#include "train/checkpoint.h"
 #include "train/device.h"
 #include "train/image_store.h"
 
@@ -59,9 +60,9 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
                               const Scene& scene, std::optional<std::int64_t> image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
   const TrainConfig config = run_config(configuration, folder, seed);
-  folder.create();
   const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
-  turns_.push_back(std::make_unique<Turn>(Turn{configuration, folder, nullptr, {}, EtaHistory(eta)}));
+  turns_.push_back(std::make_unique<Turn>(
+      Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, EtaHistory(eta)}));
   Turn& turn = *turns_.back();
   TrainHooks hooks;
   hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };

@@ -10,6 +10,7 @@
 
 #include "app/comparison.h"
 #include "app/progress.h"
+#include "train/folder_lock.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -27,6 +28,7 @@ class InterleavedTraining {
   struct Turn {
     Configuration configuration;
     ModelFolder folder;
+    std::unique_ptr<FolderLock> lock;
     std::unique_ptr<Trainer> trainer;
     TrainResult result;
     EtaHistory eta;

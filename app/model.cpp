@@ -67,7 +67,7 @@ Scene scene_of_cameras(const LoadedModel& model) {
   scene.source_path = model.config.source_path;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     std::vector<View>& part = model.config.eval && i % kTestEvery == 0 ? scene.test : scene.train;
-    part.push_back({cameras[i].name, cameras[i].camera, nullptr, nullptr});
+    part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
   }
   return scene;
 }

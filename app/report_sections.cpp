@@ -1,7 +1,9 @@
 #include "app/report_sections.h"
 
 #include <algorithm>
+#include <limits>
 #include <map>
+#include <utility>
 
 #include "app/compare_summary.h"
 #include "app/html_report.h"
@@ -105,11 +107,38 @@ std::string times_and_spreads(const KernelCheckEvent& check) {
   return text.empty() ? "-" : text;
 }
 
+/// Rows for kernels that other options brought when a training was continued after `iteration`. `in_use` has the
+/// kernels by pass.
+std::vector<html::Row> changes_at(const ResumeEvent& resume, std::map<std::string, std::string>& in_use) {
+  std::string reason = "continued";
+  for (std::size_t i = 0; i < resume.changed_options.size(); ++i) {
+    reason += (i == 0 ? " with " : ", ") + resume.changed_options[i];
+  }
+  std::vector<html::Row> rows;
+  for (const auto& [pass, kernel] :
+       {std::pair("forward", resume.kernel), std::pair("backward", resume.backward_kernel)}) {
+    const std::string before = std::exchange(in_use[pass], kernel);
+    if (before.empty() || kernel.empty() || before == kernel) continue;
+    rows.push_back({format_tick(resume.iteration + 1, 1), pass, "-", "-", "from " + before + " to " + kernel, reason});
+  }
+  return rows;
+}
+
 std::string decisions(const TrainHistory& history) {
   std::vector<html::Row> rows;
   double cost_ms = 0, warm_up_ms = 0;
   bool has_cost = false;
+  std::map<std::string, std::string> in_use;
+  auto resume = history.resumes.begin();
+  const auto add_resumes_before = [&](int iteration) {
+    for (; resume != history.resumes.end() && resume->iteration < iteration; ++resume) {
+      const std::vector<html::Row> changes = changes_at(*resume, in_use);
+      rows.insert(rows.end(), changes.begin(), changes.end());
+    }
+  };
   for (const KernelCheckEvent& check : history.checks) {
+    add_resumes_before(check.iteration);
+    in_use[check.pass] = check.after;
     has_cost = has_cost || check.cost_ms;
     cost_ms += check.cost_ms.value_or(0);
     warm_up_ms += check.warm_up_ms.value_or(0);
@@ -117,6 +146,7 @@ std::string decisions(const TrainHistory& history) {
                     check.views ? std::to_string(*check.views) : "-",
                     check.has_changed() ? "from " + check.before + " to " + check.after : check.after, check.reason});
   }
+  add_resumes_before(std::numeric_limits<int>::max());
   std::string body = html::table({"iteration", "pass", "ms, median over views (spread)", "views", "kernel", "reason"},
                                  rows, html::Columns::kWords);
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;

@@ -157,6 +157,9 @@ TrainHistory parse_train_log(std::istream& lines) {
     } else if (event == "load_statistics") {
       history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
                                parse_load(json, "pixel_contributing")});
+    } else if (event == "resumed") {
+      history.resumes.push_back(
+          {iteration, text(json, "kernel"), text(json, "backward_kernel"), texts(json, "changed_options")});
     } else if (!json.contains("event") && iteration > history.last_iteration()) {
       const LogPoint before = history.points.empty() ? LogPoint{} : history.points.back();
       history.points.push_back(parse_point(json, iteration, before));

@@ -65,12 +65,20 @@ struct HoldEvent {
   std::string reason;
 };
 
+/// A training that was continued, with the kernels in use from there on.
+struct ResumeEvent {
+  int iteration = 0;  // last one done
+  std::string kernel, backward_kernel;
+  std::vector<std::string> changed_options;  // "name: old -> new"
+};
+
 struct TrainHistory {
   std::vector<LogPoint> points;  // by iteration, as all of these
   std::vector<KernelCheckEvent> checks;
   std::vector<CandidateTimes> candidate_times;  // of checks too; one for each iteration and pass
   std::vector<LoadEvent> loads;
   std::vector<HoldEvent> holds;
+  std::vector<ResumeEvent> resumes;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };

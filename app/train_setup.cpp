@@ -54,18 +54,12 @@ void make_absolute(std::string& path) {
   if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }
 
-bool holds_model(const ModelFolder& folder) {
-  return !folder.ply_iterations().empty() || !folder.checkpoint_iterations().empty();
-}
-
 void remove_model(const ModelFolder& folder) {
   std::error_code error;
   for (const int iteration : folder.ply_iterations()) remove_tree(folder.ply(iteration).parent_path());
   for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
-  for (const fs::path& file :
-       {folder.log(), folder.root() / "results.json", folder.root() / "per_view.json", folder.root() / "report.html"}) {
-    fs::remove(file, error);
-  }
+  for (const fs::path& file : {folder.log(), folder.root() / "report.html"}) fs::remove(file, error);
+  for (const fs::path& file : folder.results()) fs::remove(file, error);
   remove_run_record(folder);
 }
 

@@ -22,9 +22,6 @@ std::string scene_name(const std::string& source_path);
 /// A path that stays right when a later command runs in another folder; an empty one stays empty.
 void make_absolute(std::string& path);
 
-/// A PLY or a checkpoint: hours of work.
-bool holds_model(const ModelFolder& folder);
-
 /// Takes away what an earlier training left, so that none of it is taken for the new one's.
 void remove_model(const ModelFolder& folder);
 

@@ -98,38 +98,60 @@ void check_splat_row(const PlyReader& reader, const std::vector<std::string>& co
 
 }  // namespace
 
-void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
-  const std::int64_t n = cloud.size();
-  B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
+SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree)
+    : count_(count), sh_degree_(sh_degree), file_(path) {
+  B3DGS_CHECK(sh_degree >= 0 && sh_degree <= kMaxShDegree, "SH degree ", sh_degree);
   std::vector<std::pair<std::string, const char*>> properties;
-  visit_fields(cloud, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), "a cloud of ", n, " has ", values.size(),
-                " values for ", names.size(), " properties");
+  SplatCloud none;
+  none.sh_degree = sh_degree;
+  visit_fields(none, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
     for (const std::string& name : names) properties.emplace_back(name, "float");
-    if (&values == &cloud.means) {
+    if (&values == &none.means) {
       for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
     }
   });
+  file_.write(header(count, properties));
+}
 
-  AtomicFile file(path);
-  file.write(header(n, properties));
+void SplatPlyWriter::append(const SplatCloud& rows) {
+  constexpr std::size_t kNormals = 3;
+  const std::int64_t n = rows.size();
+  B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "a PLY of ", count_, " rows of SH degree ",
+              sh_degree_, " is given ", n_written_ + n, " of degree ", rows.sh_degree);
+  std::size_t n_properties = kNormals;
+  visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), "a cloud of ", n, " has ", values.size(),
+                " values for ", names.size(), " properties");
+    n_properties += names.size();
+  });
   std::vector<float> block;
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
     const std::int64_t end = std::min(n, begin + kRowsPerBlock);
-    block.assign(static_cast<std::size_t>(end - begin) * properties.size(), 0.0f);
+    block.assign(static_cast<std::size_t>(end - begin) * n_properties, 0.0f);
     std::size_t column = 0;
-    visit_fields(cloud, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+    visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
       const auto width = static_cast<int>(names.size());
       for (int i = 0; i < width; ++i, ++column) {
-        const int source = &values == &cloud.shN ? memory_index(i, cloud.sh_degree) : i;
+        const int source = &values == &rows.shN ? memory_index(i, sh_degree_) : i;
         for (std::int64_t row = begin; row < end; ++row) {
-          block[static_cast<std::size_t>(row - begin) * properties.size() + column] = values[row * width + source];
+          block[static_cast<std::size_t>(row - begin) * n_properties + column] = values[row * width + source];
         }
       }
-      if (&values == &cloud.means) column += 3;  // normals stay 0
+      if (&values == &rows.means) column += kNormals;  // they stay 0
     });
-    file.write(block.data(), block.size() * sizeof(float));
+    file_.write(block.data(), block.size() * sizeof(float));
   }
+  n_written_ += n;
+}
+
+void SplatPlyWriter::commit() {
+  B3DGS_CHECK(n_written_ == count_, "a PLY of ", count_, " rows was given ", n_written_);
+  file_.commit();
+}
+
+void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
+  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree);
+  file.append(cloud);
   file.commit();
 }
 

@@ -1,8 +1,10 @@
 // PLY files: Gaussians in the layout of the 3DGS viewers, and plain point clouds.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 
+#include "scene/atomic_file.h"
 #include "scene/file_reader.h"
 #include "scene/point_cloud.h"
 #include "scene/splat_cloud.h"
@@ -13,6 +15,24 @@ namespace b3dgs {
 /// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. The file appears whole or
 /// not at all. @throws IoError
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
+
+/// The same file, written in blocks of rows, for Gaussians that are in host memory in blocks only.
+class SplatPlyWriter {
+ public:
+  /// @throws IoError
+  SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree);
+
+  /// The next rows. @throws IoError
+  void append(const SplatCloud& rows);
+
+  /// After the last row. @throws IoError
+  void commit();
+
+ private:
+  std::int64_t count_ = 0, n_written_ = 0;
+  int sh_degree_ = 0;
+  AtomicFile file_;
+};
 
 /// Reads by property name, in any order and of any scalar type, binary (both byte orders) or ASCII. The SH degree
 /// follows from the number of f_rest properties; normals are not read. @throws InputError, also for values that are not

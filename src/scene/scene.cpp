@@ -186,6 +186,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                   folder.divisor(), options.resolution));
     views.push_back(view_of(*image, sources.back()));
     if (progress) progress("reading image headers", views.size(), files.size());
+    views.back().file = file->second.string();
   }
   if (views.empty()) {
     input_error((source_path / options.images).string(), ": ",

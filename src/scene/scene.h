@@ -17,6 +17,7 @@ class ViewImage;
 /// One registered photograph. The camera is a pinhole of exactly the image's size: distortion and scaling are undone.
 struct View {
   std::string name;  // as in COLMAP's images file, sub-folders included
+  std::string file;  // the photograph; empty: the image comes from no file
   Camera camera;
   std::shared_ptr<ViewImage> image;     // null if images were not asked for
   std::shared_ptr<const Image8> valid;  // one channel, 255 where the image is valid, 0 elsewhere; null: all valid

@@ -1,5 +1,10 @@
 #include "train/density_statistics.h"
 
+#include <algorithm>
+#include <cmath>
+
+#include "parallel.h"
+
 #if B3DGS_TORCH_CUDA
 #include "raster/torch_launch.h"
 #include "train/cuda/density_statistics_cuda.h"
@@ -28,12 +33,23 @@ void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t heigh
     return cuda::add_view(args, torch_launch_context().stream);
   }
 #endif
-  const torch::Tensor dx = view.means2d_grad.select(1, 0) * (0.5 * width);
-  const torch::Tensor dy = view.means2d_grad.select(1, 1) * (0.5 * height);
-  // Gaussians that were not seen have no gradient: their sums do not change.
-  statistics.grad_norm_sum += (dx * dx + dy * dy).sqrt();
-  statistics.view_count += view.radii > 0;
-  statistics.max_radii = torch::maximum(statistics.max_radii, view.radii);
+  // Without a tensor in between: for want of memory a step may fail before its first change, not here.
+  constexpr std::int64_t kGrain = 4096;
+  const float half_width = 0.5f * static_cast<float>(width), half_height = 0.5f * static_cast<float>(height);
+  const auto* const gradients = view.means2d_grad.data_ptr<float>();
+  const auto* const radii = view.radii.data_ptr<std::int32_t>();
+  auto* const sums = statistics.grad_norm_sum.data_ptr<float>();
+  auto* const counts = statistics.view_count.data_ptr<std::int32_t>();
+  auto* const max_radii = statistics.max_radii.data_ptr<std::int32_t>();
+  parallel_chunks(view.radii.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      // Gaussians that were not seen have no gradient: their sums do not change.
+      const float dx = gradients[2 * i] * half_width, dy = gradients[2 * i + 1] * half_height;
+      sums[i] += std::sqrt(dx * dx + dy * dy);
+      counts[i] += radii[i] > 0;
+      max_radii[i] = std::max(max_radii[i], radii[i]);
+    }
+  });
 }
 
 }  // namespace b3dgs

@@ -100,11 +100,15 @@ std::vector<int> ModelFolder::checkpoint_iterations() const {
   return list_iterations(root_ / "checkpoints", ".b3dgs");
 }
 
-void ModelFolder::create() const {
-  const fs::path probe = root_ / ".writable";
-  write_file(probe, "");
-  std::error_code error;
-  fs::remove(probe, error);
+std::string ModelFolder::course() const {
+  std::ifstream file(root_ / "course.json");
+  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const bool is_named = json.is_object() && json.contains("course") && json["course"].is_string();
+  return is_named ? json["course"].get<std::string>() : "";
+}
+
+void ModelFolder::write_course(const std::string& id) const {
+  write_json(root_ / "course.json", {{"course", id}}, 2);
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
@@ -153,17 +157,17 @@ std::string ModelFolder::results_key(int iteration, const std::string& variant, 
 
 void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
                                 const EvaluationSource& source) const {
-  const fs::path results_path = root_ / "results.json", per_view_path = root_ / "per_view.json";
-  Json results = read_results(results_path), per_view = read_results(per_view_path);
-  results[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
-  results[key].update(to_json(source));
+  const auto [results_path, per_view_path] = results();
+  Json means = read_results(results_path), per_view = read_results(per_view_path);
+  means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
+  means[key].update(to_json(source));
   Json ssim = Json::object(), psnr = Json::object();
   for (const ViewQuality& view : evaluation.views) {
     ssim[view.name] = view.quality.ssim;
     psnr[view.name] = view.quality.psnr;
   }
   per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
-  write_json(results_path, results, 2);
+  write_json(results_path, means, 2);
   write_json(per_view_path, per_view, 2);
 }
 

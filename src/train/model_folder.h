@@ -1,6 +1,7 @@
 // A model's folder on disk, laid out as the original 3DGS does: the one place that knows file names.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -35,14 +36,26 @@ class ModelFolder {
   std::vector<int> ply_iterations() const;
   std::vector<int> checkpoint_iterations() const;
 
-  /// Creates the folder and proves that it can be written to. @throws IoError
-  void create() const;
+  /// Whether there is a PLY or a checkpoint: hours of work.
+  bool holds_model() const { return !ply_iterations().empty() || !checkpoint_iterations().empty(); }
+
+  /// The id of the training whose files these are (course.h); empty if none is named, as in folders of early versions.
+  std::string course() const;
+  void write_course(const std::string& id) const;
 
   /// input.ply, cameras.json (test cameras first), cfg_args, config.json.
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
 
   /// The config a model was trained with. @throws InputError if config.json is missing or wrong.
   TrainConfig read_config() const;
+
+  /// results.json and per_view.json, which have an entry "ours_N" or "ours_N_VARIANT" for what was measured.
+  std::array<std::filesystem::path, 2> results() const { return {root_ / "results.json", root_ / "per_view.json"}; }
+
+  /// Folders of images by the kind of their cameras, each with folders named likewise.
+  std::array<std::filesystem::path, 3> image_sets() const {
+    return {root_ / "test", root_ / "train", root_ / "interpolated"};
+  }
 
   /// The key of an iteration's results: "ours_N" for the views and sizes that the model was trained with. `variant`
   /// sets others apart, as "ours_N_VARIANT", with "_2", "_3", ... behind it where that key holds results of another

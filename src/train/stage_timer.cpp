@@ -47,6 +47,17 @@ void StageTimer::finish() {
   open_.reset();
 }
 
+void StageTimer::cancel() {
+  if (!open_) return;
+  end();
+  for (const Span& span : open_->spans) {
+    clock_->release(span.from);
+    clock_->release(span.to);
+  }
+  clock_->release(open_->from);
+  open_.reset();
+}
+
 StageTimes StageTimer::read(const Record& record) {
   StageTimes times;
   times.kind = record.kind;

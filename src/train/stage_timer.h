@@ -37,6 +37,8 @@ class StageTimer final : public StageRecorder {
   void begin(Stage stage) override;
   void end() override;
   void finish();
+  /// Forgets what was timed since start().
+  void cancel();
 
   /// What is known by now, oldest first, each once. Does not wait.
   std::vector<StageTimes> take();

@@ -47,6 +47,7 @@ struct TrainConfig {
   std::vector<int> save_iterations{7000, 30000};
   std::vector<int> checkpoint_iterations{};
   int checkpoint_interval = 0;
+  double checkpoint_minutes = 10;  // of training
   int keep_checkpoints = 2;
 
   // Learning rates
@@ -137,6 +138,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "write a checkpoint after these, and after the last");
   field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0},
         "write a checkpoint every so many iterations; 0: not");
+  field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
+        "write a checkpoint whenever this many minutes of training have passed since the last one (0 = never)");
   field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "keep so many of the newest checkpoints");
 
   field(Option{"position_lr_init"}, c.position_lr_init, AtLeast{0}, "rate of the means at the start, times the extent");

@@ -1,7 +1,11 @@
 #include "train/train_log.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <cerrno>
 #include <cstring>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -29,8 +33,12 @@ std::string lines_until(const std::filesystem::path& path, int iteration) {
 
 TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(path)) {
   write_file(path_, lines_until(path_, iteration));
-  file_.open(path_, std::ios::app);
-  if (!file_) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
+  file_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  if (file_ < 0) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
+}
+
+TrainLog::~TrainLog() {
+  ::close(file_);
 }
 
 void TrainLog::write(const TrainLogLine& line) {
@@ -57,8 +65,17 @@ void TrainLog::write_event(int iteration, const char* event, const nlohmann::ord
 }
 
 void TrainLog::append(const Json& line) {
-  file_ << line.dump(-1, ' ', false, Json::error_handler_t::replace) << std::endl;
-  if (!file_) io_error(path_.string(), ": cannot write: ", std::strerror(errno));
+  const bool was_waiting = !waiting_.empty();
+  waiting_ += line.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+  while (!waiting_.empty()) {
+    const ssize_t written = ::write(file_, waiting_.data(), waiting_.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) {
+      if (!was_waiting) fault_ = detail::concat(path_.string(), ": cannot write: ", std::strerror(errno));
+      return;
+    }
+    waiting_.erase(0, static_cast<std::size_t>(written));
+  }
 }
 
 }  // namespace b3dgs

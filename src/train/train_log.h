@@ -3,10 +3,10 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "train/metrics.h"
 #include "train/stage_timer.h"
@@ -29,18 +29,25 @@ class TrainLog {
  public:
   /// Keeps the lines of `path` up to `iteration` (0 to begin anew) and appends to them. @throws IoError
   TrainLog(std::filesystem::path path, int iteration);
+  ~TrainLog();
+  TrainLog(const TrainLog&) = delete;
+  TrainLog& operator=(const TrainLog&) = delete;
 
-  /// The line is in the file when this returns. @throws IoError
+  /// The line is in the file when this returns, unless the system refuses it: then it waits for the next one.
   void write(const TrainLogLine& line);
 
-  /// A line about something that happened: {"iteration", "event", and `fields`}. @throws IoError
+  /// A line about something that happened: {"iteration", "event", and `fields`}.
   void write_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
+
+  /// Why lines are waiting, once each time that they begin to wait; else "".
+  std::string take_fault() { return std::exchange(fault_, {}); }
 
  private:
   void append(const nlohmann::ordered_json& line);
 
   std::filesystem::path path_;
-  std::ofstream file_;
+  int file_ = -1;
+  std::string waiting_, fault_;
 };
 
 }  // namespace b3dgs

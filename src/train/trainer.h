@@ -56,13 +56,16 @@ struct TrainHooks {
 };
 
 struct TrainResult {
+  int first_iteration = 0;   // done before this run
   int iteration = 0;         // last one done
   bool interrupted = false;  // by stop_signal
   std::int64_t n_gaussians = 0;
   std::int64_t peak_memory_bytes = 0;  // of the process on the GPU besides the CUDA context; 0: not counted
   double train_s = 0;   // all of the steps: uploads, checks of kernels, densification, Adam; but no reading of files
   double output_s = 0;  // evaluation, statistics, saving, checkpoints
+  std::int64_t n_removed = 0;                           // Gaussians that could not be rendered, over all runs
   std::filesystem::path ply, checkpoint;                // last ones written
+  std::vector<std::filesystem::path> not_written;       // for want of room, or whatever else the system said
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
 };
 
@@ -76,8 +79,12 @@ class Trainer {
   /// @throws InputError if the file is damaged or does not belong to this scene.
   std::vector<std::string> resume(const std::filesystem::path& checkpoint);
 
-  /// Runs to config.iterations (or the stop signal), writing the folder's files on the way.
-  /// @throws NumericError with iteration, view and last checkpoint if the loss is not finite.
+  /// Runs to config.iterations (or the stop signal), writing the folder's files on the way. Gaussians that cannot be
+  /// rendered are removed, and files that cannot be written on the way warned of; the training goes on.
+  /// What ends it leaves a checkpoint of the last whole iteration, which the error names; where the loss is not finite,
+  /// the model may be spoilt, and the error names the last checkpoint before.
+  /// @throws InputError if the folder holds the model of another training, or a photograph is lost; IoError if the last
+  /// files cannot be written; NumericError with iteration and view; OutOfMemoryError
   TrainResult run();
 
   /// As run(), but returns after `iteration`, at most config.iterations; call again to go on. The course and the files
@@ -91,7 +98,7 @@ class Trainer {
   /// Renders `views` with the model as it stands and measures them; the training must have begun.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
-  /// Writes a checkpoint of the training as it stands, which must have begun. @throws IoError
+  /// Writes a checkpoint of the training as it stands, which must have begun, and waits for it. @throws IoError
   std::filesystem::path write_checkpoint();
 
   /// One iteration with its density control; nothing is written. For benchmarks.
@@ -113,10 +120,5 @@ class Trainer {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// The newest checkpoint of the folder that can be read, or nothing; damaged ones are reported to `on_message` with the
-/// reason.
-std::filesystem::path newest_valid_checkpoint(const ModelFolder& folder,
-                                              const std::function<void(const std::string&)>& on_message);
 
 }  // namespace b3dgs

@@ -61,20 +61,31 @@ void Trainer::Impl::densify_model() {
     if (n_room == n_rows) throw;
     row_editor.reserve(round.edit, n_rows, state.gaussians, state.adam, state.statistics);
   }
+  is_whole = false;
   row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
   for (torch::Tensor* statistic : state.statistics.all()) statistic->zero_();
+  is_whole = true;
 }
 
 void Trainer::Impl::grow() {
   view_ratios.begin_round();
   try {
-    with_remedies({free_scratch()}, [&] { densify_model(); });
+    with_remedies({wait_for_files(), free_scratch()}, [&] { densify_model(); });
   } catch (const OutOfMemoryError&) {
     growth_has_failed = true;
     hold_count(state.gaussians.size());
-    with_remedies({free_scratch()}, [&] { densify_model(); });  // what is to be removed is removed all the same
+    with_remedies({wait_for_files(), free_scratch()},
+                  [&] { densify_model(); });  // what is to be removed is removed all the same
   }
   trim_memory();
+}
+
+MemoryRemedy Trainer::Impl::wait_for_files() {
+  return [this] {
+    if (!writer.is_busy()) return false;
+    writer.wait();  // what they are written from may be a copy
+    return true;
+  };
 }
 
 MemoryRemedy Trainer::Impl::free_scratch() {

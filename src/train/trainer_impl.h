@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "check.h"
+#include "raster/bad_gaussian.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/gaussian_step.h"
@@ -17,6 +18,7 @@
 #include "train/memory_plan.h"
 #include "train/memory_source.h"
 #include "train/output_plan.h"
+#include "train/output_writer.h"
 #include "train/row_edit.h"
 #include "train/stage_timer.h"
 #include "train/time_account.h"
@@ -34,6 +36,12 @@ inline KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
   if (hooks.make_kernel_timer) tools.timer = hooks.make_kernel_timer();
   return tools;
 }
+
+/// The loss is not finite: the model may be spoilt.
+class LossError : public NumericError {
+ public:
+  using NumericError::NumericError;
+};
 
 struct Trainer::Impl {
   /// `config.device` is "cpu" or "cuda".
@@ -53,6 +61,7 @@ struct Trainer::Impl {
                this->hooks.image_budget ? *this->hooks.image_budget
                                         : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
                this->hooks.on_loading),
+        writer(device),
         timer(make_stage_clock(device)),
         time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }) {
     if (device.is_cuda() && config.deterministic &&
@@ -66,13 +75,18 @@ struct Trainer::Impl {
 
   void start();
   void begin();
+  void begin_course();
+  /// One iteration with all that it writes. @throws with the checkpoint that was left
+  void iterate();
+  void finish_files();
   /// What a step takes (ms): by the last interval of the log, else by the whole training; 0 before the first step.
   double step_ms() const;
   BlendInput kernel_check_input();
   void check_kernels(int iteration);
   void step();
+  void take_step();
   void settle_loss();
-  [[noreturn]] void fail(int iteration, const std::string& view, const std::string& reason) const;
+  std::string last_checkpoint() const;
   void learn(const TrainView& view);
   void control_density();
   /// A round of density control, with fewer or no new Gaussians where memory is short.
@@ -86,19 +100,53 @@ struct Trainer::Impl {
   void hold_count(std::int64_t count);
   /// Gives back what the allocator keeps beyond a share.
   void trim_memory();
+  MemoryRemedy wait_for_files();
   MemoryRemedy free_scratch();
   MemoryRemedy release_photographs();
   void collect_times(const std::vector<StageTimes>& known);
   void log_load();
   void log_kernel_times();
   void write_outputs(const OutputPlan& plan);
+  void write_ply();
+  /// Whether tensors of so many bytes may be copied on the device, to be written beside the training.
+  bool has_room_for_copy(std::int64_t bytes);
   void write_checkpoint();
+  /// Takes note of files that have been written meanwhile, or could not be.
+  void note_files();
+  /// After the last one, nothing is written beside the training.
+  bool is_last() const { return state.iteration == config.iterations || is_ending; }
+
+  void roll_back();
+  void remove_bad_gaussians(const BadGaussianError& error);
+  /// Does `work` again without the Gaussians that it cannot render.
+  template <class Work>
+  auto without_bad_gaussians(Work&& work) {
+    for (;;) {
+      try {
+        return work();
+      } catch (const BadGaussianError& error) {
+        remove_bad_gaussians(error);
+      }
+    }
+  }
+  /// Leaves a checkpoint, if the state is whole, and throws the exception that is being handled again, with its name.
+  [[noreturn]] void end_with_checkpoint();
+  std::string save_last_state();
   void report(const char* activity) const;
   void say(const std::string& message) const {
     if (hooks.on_message) hooks.on_message(message);
   }
   void warn(const std::string& message) const {
     if (hooks.on_warning) hooks.on_warning(message);
+  }
+  /// What the system refuses to write is warned of, and training goes on.
+  template <class Work>
+  void try_to_write(Work&& work) {
+    try {
+      work();
+    } catch (const IoError& error) {
+      warn(error.what());
+    }
   }
   RenderSettings step_settings();
   /// Takes the steps that are put off, which is part of training.
@@ -127,6 +175,7 @@ struct Trainer::Impl {
   ImageLoss loss;
   KernelChooser kernels;
   ImageStore images;
+  OutputWriter writer;
   StageTimer timer;
   StageAverage stages;
   TimeAccount time;
@@ -142,6 +191,22 @@ struct Trainer::Impl {
     std::string view;
   };
   std::optional<Unsettled> unsettled;
+  /// The state before a step, but for what the step changes last and all at once.
+  struct StepStart {
+    int iteration = 0, sh_degree = 0;
+    std::int64_t adam_steps = 0;
+    ViewOrder view_order;
+    std::optional<double> loss_average;  // once the step before is in it
+  };
+  StepStart step_start;
+  bool is_whole = true;                      // of one iteration: no change to the state was broken off
+  std::filesystem::path resumed;             // the checkpoint
+  std::vector<std::string> changed_options;  // since that was written
+  nlohmann::ordered_json fingerprint;        // of the scene
+  std::vector<WrittenFile> failed;           // of the last iteration done
+  bool is_ending = false;
+  double checkpoint_s = 0;       // time.train_s() at the last checkpoint
+  std::int64_t n_warned_of = 0;  // removed Gaussians
   std::unique_ptr<TrainLog> log;
   int logged_iteration = 0;  // of the last line
   double logged_s = 0;       // time.train_s() there

@@ -2,20 +2,54 @@
 
 #include <cstdio>
 
-#include "scene/ply.h"
 #include "train/checkpoint.h"
-#include "train/gaussian_model.h"
+#include "train/course.h"
+#include "train/disk_space.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
+
+/// The folder is this course's from here on.
+void Trainer::Impl::begin_course() {
+  if (resumed.empty()) {
+    state.course = new_course_id();
+  } else {
+    check_course(folder, resumed, state.course);
+    state.course = course_in(folder);
+    const std::filesystem::path aside = set_aside_after(folder, state.iteration);
+    if (!aside.empty()) {
+      say(detail::concat("what this folder held of iterations after ", state.iteration, " is now in ", aside.string()));
+    }
+  }
+  folder.write_course(state.course);
+}
 
 /// What has to be there before the first step of this session; nothing when called again.
 void Trainer::Impl::begin() {
   if (log) return;
   if (state.gaussians.size() == 0) start();
+  if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
+  begin_course();
   folder.write_inputs(config, scene);
   log = std::make_unique<TrainLog>(folder.log(), state.iteration);
   logged_iteration = staged_iteration = state.iteration;
+  if (!resumed.empty()) {
+    log->write_event(state.iteration, "resumed",
+                     {{"kernel", kernels.forward_name()},
+                      {"backward_kernel", kernels.backward_name()},
+                      {"changed_options", changed_options}});
+  }
+  const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), state.gaussians.size(),
+                                        config.sh_degree, config.keep_checkpoints);
+  if (!disk.empty()) warn(disk);
+  // The run before ended between a step and its density control: what lay between is made up for.
+  const bool wants_ply = output_plan(config, state.iteration, false).save && state.iteration > 0;
+  const bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
+  if (lacks_ply && (state.is_density_pending || state.iteration == config.iterations)) write_ply();
+  if (state.is_density_pending) {
+    control_density();
+    if (state.iteration == config.iterations) write_checkpoint();
+  }
   if (state.iteration == config.iterations) {
     say(detail::concat("all ", config.iterations, " iterations are done; more need a larger --iterations"));
     result.ply = folder.ply(state.iteration);
@@ -27,11 +61,7 @@ void Trainer::Impl::log_load() {
   const TrainView& view = images.describe(0);
   RenderSettings settings = evaluation_settings(config, state.sh_degree);
   settings.keep_for_backward = false;
-  try {
-    rasterizer.forward(settled().gaussians, view.camera, settings);
-  } catch (const NumericError& error) {
-    fail(state.iteration, view.name, error.what());
-  }
+  without_bad_gaussians([&] { rasterizer.forward(settled().gaussians, view.camera, settings); });
   log->write_event(state.iteration, "load_statistics", load_json(view.name, rasterizer.count_load()));
 }
 
@@ -56,11 +86,15 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
   TrainLogLine line;
   if (plan.evaluate) {
     report("evaluating");
-    result.evaluations.emplace_back(state.iteration, evaluate_views(rasterizer, settled().gaussians, scene.test,
-                                                                    evaluation_settings(config, state.sh_degree)));
+    result.evaluations.emplace_back(state.iteration, without_bad_gaussians([&] {
+                                      return evaluate_views(rasterizer, settled().gaussians, scene.test,
+                                                            evaluation_settings(config, state.sh_degree));
+                                    }));
     const Evaluation& evaluation = result.evaluations.back().second;
-    folder.write_results(folder.results_key(state.iteration), evaluation,
-                         evaluation_source(config, scene.test, "test"));
+    try_to_write([&] {
+      folder.write_results(folder.results_key(state.iteration), evaluation,
+                           evaluation_source(config, scene.test, "test"));
+    });
     line.test_quality = evaluation.mean;
     char text[120];
     std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", state.iteration,
@@ -81,24 +115,71 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     line.kernel = kernels.forward_name();
     line.backward_kernel = kernels.backward_name();
     log->write(line);
+    if (const std::string fault = log->take_fault(); !fault.empty()) {
+      warn(fault + "; lines wait until it can be written to");
+    }
     logged_iteration = state.iteration;
     logged_s = time.train_s();
   }
-  if (plan.save) {
-    report("saving");
-    result.ply = folder.ply(state.iteration);
-    write_splat_ply(result.ply, to_splat_cloud(settled().gaussians));
-  }
+  if (plan.save) write_ply();
+}
+
+bool Trainer::Impl::has_room_for_copy(std::int64_t bytes) {
+  const std::optional<std::int64_t> limit = memory->limit();
+  // As much again stays for the training.
+  return !is_last() && (!limit || *limit - memory->use().reserved >= 2 * bytes);
+}
+
+void Trainer::Impl::write_ply() {
+  report("saving");
+  writer.write_ply({WrittenFile::Kind::kPly, state.iteration, folder.ply(state.iteration), ""}, settled().gaussians,
+                   has_room_for_copy(ply_bytes(state.gaussians.size(), config.sh_degree)));
+  if (!is_last()) return;
+  writer.wait();
+  note_files();
 }
 
 void Trainer::Impl::write_checkpoint() {
   report("checkpoint");
   settle_loss();
   state.elapsed_s = elapsed_s();
-  const std::filesystem::path path = folder.checkpoint(state.iteration);
-  b3dgs::write_checkpoint(path, config, settled(), scene);
-  result.checkpoint = path;
-  remove_superseded_checkpoints(folder, state.iteration, config.keep_checkpoints);
+  checkpoint_s = time.train_s();
+  const TrainState& whole = settled();
+  writer.write_checkpoint({WrittenFile::Kind::kCheckpoint, whole.iteration, folder.checkpoint(whole.iteration), ""},
+                          checkpoint_header(config, whole, fingerprint), checkpoint_tensors(whole),
+                          has_room_for_copy(checkpoint_bytes(whole.gaussians.size(), config.sh_degree)));
+  if (!is_last()) return;
+  writer.wait();
+  note_files();
+}
+
+void Trainer::Impl::note_files() {
+  for (WrittenFile& file : writer.take()) {
+    const bool is_checkpoint = file.kind == WrittenFile::Kind::kCheckpoint;
+    if (!file.error.empty()) {
+      result.not_written.push_back(file.path);
+      if (is_last() && file.iteration == state.iteration) {
+        failed.push_back(file);
+      } else {
+        warn(file.error + (is_checkpoint
+                               ? "; training goes on, the next checkpoint is written in its time" + last_checkpoint()
+                               : "; training goes on without this PLY"));
+      }
+    } else if (is_checkpoint) {
+      result.checkpoint = file.path;
+      remove_superseded_checkpoints(folder, state.course, file.iteration, config.keep_checkpoints);
+    } else {
+      result.ply = file.path;
+    }
+  }
+}
+
+/// Waits for what is being written. @throws IoError if the last files cannot be
+void Trainer::Impl::finish_files() {
+  writer.wait();
+  note_files();
+  if (!failed.empty())
+    throw IoError(failed.front().error + "; make room and continue with --resume auto" + last_checkpoint());
 }
 
 void Trainer::Impl::report(const char* activity) const {

@@ -45,14 +45,11 @@ void Trainer::Impl::settle_loss() {
   if (!unsettled) return;
   const auto [iteration, view] = *std::exchange(unsettled, std::nullopt);
   const double value = loss.value().loss;
-  if (!std::isfinite(value)) fail(iteration, view, detail::concat("the loss is ", value));
+  if (!std::isfinite(value)) {
+    throw LossError(
+        detail::concat("iteration ", iteration, ", view ", view, ": the loss is ", value, last_checkpoint()));
+  }
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
-}
-
-void Trainer::Impl::fail(int iteration, const std::string& view, const std::string& reason) const {
-  const std::string last = result.checkpoint.empty() ? "none was written" : result.checkpoint.string();
-  throw NumericError(
-      detail::concat("iteration ", iteration, ", view ", view, ": ", reason, "; last checkpoint: ", last));
 }
 
 /// A step of the Gaussians along the gradients of one view; statistics for density control.
@@ -61,14 +58,17 @@ void Trainer::Impl::learn(const TrainView& view) {
   try {
     const RenderSettings settings = step_settings();
     // The backward pass asks for nothing that this has not taken already.
-    rendered = with_remedies({free_scratch(), release_photographs()},
+    rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
                              [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
+  } catch (const BadGaussianError&) {
+    throw;
   } catch (const NumericError& error) {
-    fail(state.iteration, view.name, error.what());
+    throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
   view_ratios.add(rasterizer.view_size(), state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
   settle_loss();  // of the step before: the device has finished it by now
+  step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
   timer.end();
@@ -112,8 +112,7 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
-void Trainer::Impl::step() {
-  check_kernels(state.iteration + 1);
+void Trainer::Impl::take_step() {
   // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
   // with it new memory, comes after those.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
@@ -140,11 +139,13 @@ void Trainer::Impl::control_density() {
     grow();
     timer.finish();
     if (state.gaussians.size() == 0) {
+      is_whole = false;
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
                                         "lower --prune_opacity or the learning rates"));
     }
   }
   if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
+  state.is_density_pending = false;
 }
 
 }  // namespace b3dgs

@@ -4,11 +4,32 @@
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
 
 #include "check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+
+namespace {
+
+std::vector<std::filesystem::path>& synced_paths() {
+  static std::vector<std::filesystem::path> paths;
+  return paths;
+}
+
+}  // namespace
+
+/// In place of the C library's: notes what is synced.
+extern "C" int fsync(int file) {
+  std::error_code error;
+  synced_paths().push_back(std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(file), error));
+  return static_cast<int>(::syscall(SYS_fsync, file));
+}
 
 namespace b3dgs {
 namespace {
@@ -106,6 +127,56 @@ TEST(AtomicFile, NamesTheTargetWhenItIsAFolder) {
   fs::create_directories(folder / "taken" / "inside");
   EXPECT_TRUE(fails_with<IoError>({(folder / "taken").string()}, [&] { write_file(folder / "taken", "x"); }));
   EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
+TEST(AtomicFile, SyncsNewFoldersAndTheFoldersThatTheyAreIn) {
+  TempDir folder;
+  const fs::path root = fs::canonical(folder.path());
+  synced_paths().clear();
+  write_file(root / "new" / "deep" / "a", "x");
+  const auto is_synced = [&](const fs::path& path) {
+    return std::count(synced_paths().begin(), synced_paths().end(), path) > 0;
+  };
+  EXPECT_TRUE(is_synced(root)) << "new/ would be lost";
+  EXPECT_TRUE(is_synced(root / "new"));
+  EXPECT_TRUE(is_synced(root / "new" / "deep"));
+  synced_paths().clear();
+  write_file(root / "new" / "deep" / "a", "y");
+  EXPECT_FALSE(is_synced(root)) << "nothing in it is new";
+}
+
+TEST(AtomicFile, RewritesWhatWasWritten) {
+  TempDir folder;
+  AtomicFile file(folder / "a");
+  file.write("0123456789");
+  file.rewrite(3, "abc", 3);
+  file.write("more");
+  file.commit();
+  EXPECT_EQ(read_bytes(folder / "a"), "012abc6789more");
+}
+
+TEST(UnfinishedFiles, OfDeadProcessesAreRemovedAndNoOthers) {
+  TempDir folder;
+  const pid_t dead = ::fork();
+  if (dead == 0) ::_exit(0);
+  ASSERT_EQ(::waitpid(dead, nullptr, 0), dead);
+  const std::string of_dead = ".b3dgs-" + std::to_string(dead) + "-7.tmp";
+  const std::string of_living = ".b3dgs-" + std::to_string(::getppid()) + "-7.tmp";
+  const std::string of_earlier = ".b3dgs-" + std::to_string(::getpid()) + "-7.tmp";  // ids are used again
+  for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
+    for (const std::string& name : {of_dead, of_living, of_earlier, of_dead + "x", std::string(".b3dgs-notes.tmp")}) {
+      test::write_bytes(where / name, "x");
+    }
+  }
+  remove_unfinished_files(folder.path());
+  for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
+    EXPECT_FALSE(fs::exists(where / of_dead));
+    EXPECT_FALSE(fs::exists(where / of_earlier));
+    EXPECT_TRUE(fs::exists(where / of_living));
+    EXPECT_TRUE(fs::exists(where / (of_dead + "x")));
+    EXPECT_TRUE(fs::exists(where / ".b3dgs-notes.tmp"));
+  }
+  remove_unfinished_files(folder / "none");
 }
 
 }  // namespace

@@ -72,6 +72,31 @@ class SplatPly : public testing::Test {
   TempDir folder_;
 };
 
+TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
+  const SplatCloud whole = numbered_cloud(7, 2);
+  write_splat_ply(folder_ / "whole.ply", whole);
+  SplatPlyWriter writer(folder_ / "blocks.ply", 7, 2);
+  for (const auto& [begin, end] : {std::pair(0, 3), std::pair(3, 3), std::pair(3, 7)}) {
+    SplatCloud rows;
+    rows.sh_degree = 2;
+    const auto take = [first = begin, last = end](const std::vector<float>& from, std::vector<float>& to, int width) {
+      to.assign(from.begin() + first * width, from.begin() + last * width);
+    };
+    take(whole.means, rows.means, 3);
+    take(whole.log_scales, rows.log_scales, 3);
+    take(whole.quats, rows.quats, 4);
+    take(whole.logit_opacities, rows.logit_opacities, 1);
+    take(whole.sh0, rows.sh0, 3);
+    take(whole.shN, rows.shN, 24);
+    writer.append(rows);
+  }
+  EXPECT_FALSE(fs::exists(folder_ / "blocks.ply"));
+  writer.commit();
+  EXPECT_TRUE(read_bytes(folder_ / "blocks.ply") == read_bytes(folder_ / "whole.ply"));
+  SplatPlyWriter short_one(folder_ / "short.ply", 7, 2);
+  EXPECT_THROW(short_one.commit(), LogicError);
+}
+
 TEST_F(SplatPly, OneGaussianOfDegree3HasThisHeaderAndTheseBytes) {
   SplatCloud cloud;
   cloud.sh_degree = 3;

@@ -88,10 +88,11 @@ TEST_F(CheckpointFiles, GiveBackEveryBit) {
 TEST_F(CheckpointFiles, CutShortAnywhereAreRefused) {
   const std::string whole = test::read_bytes(path);
   const fs::path damaged = folder / "damaged.b3dgs";
-  for (std::size_t length = 0; length < whole.size(); length += length < 64 ? 1 : 97) {
-    test::write_bytes(damaged, whole.substr(0, length));
-    EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { verify_checkpoint_file(damaged); })) << length;
-    EXPECT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { read_checkpoint(damaged, scene, torch::kCPU); }))
+  test::write_bytes(damaged, whole);
+  for (std::size_t length = whole.size(); length-- > 0;) {
+    fs::resize_file(damaged, length);
+    ASSERT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { verify_checkpoint_file(damaged); })) << length;
+    ASSERT_TRUE(test::fails_with<InputError>({damaged.string()}, [&] { read_checkpoint(damaged, scene, torch::kCPU); }))
         << length;
   }
   test::write_bytes(damaged, whole + '\0');
@@ -281,14 +282,85 @@ TEST(NewestCheckpoint, FallsBackToTheOneBeforeADamagedOne) {
   EXPECT_NE(messages[0].find("iteration_1000.b3dgs: is truncated"), std::string::npos) << messages[0];
 }
 
-TEST(OldCheckpoints, AreRemovedButForTheNewest) {
+TEST(OldCheckpoints, AreRemovedButForTheNewestOfTheirOwnCourse) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
-  for (const int iteration : {10, 20, 30, 40}) test::write_bytes(folder.checkpoint(iteration), "");
+  const Scene scene = small_scene();
+  const auto write = [&](int iteration, const std::string& course) {
+    TrainState state = make_state(scene);
+    state.course = course;
+    write_checkpoint(folder.checkpoint(iteration), make_config(), state, scene);
+  };
+  for (const int iteration : {10, 20, 30, 40, 60}) write(iteration, "ours");
+  write(15, "");  // of an early version
+  write(25, "theirs");
+  test::write_bytes(folder.checkpoint(5), "damaged");
   test::write_bytes(temp / "checkpoints/notes.txt", "");
-  remove_superseded_checkpoints(folder, 30, 2);  // 40 is of a course that was left at 30 or before
-  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{20, 30}));
+  remove_superseded_checkpoints(folder, "ours", 40, 2);
+  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{5, 25, 30, 40, 60}));
   EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
+}
+
+TEST_F(CheckpointFiles, OfASceneWhoseExtentIsRoundedOtherwiseAreRead) {
+  Scene other = scene;
+  other.extent *= 1 + 1e-9;
+  EXPECT_EQ(read_checkpoint(path, other, torch::kCPU).state.iteration, 42);
+  other.extent = scene.extent * (1 + 1e-5);
+  EXPECT_TRUE(test::fails_with<InputError>({"extent"}, [&] { read_checkpoint(path, other, torch::kCPU); }));
+}
+
+TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
+  Scene with_files = scene;
+  for (std::size_t i = 0; i < with_files.train.size(); ++i) {
+    with_files.train[i].file = (folder / ("photo" + std::to_string(i))).string();
+    test::write_bytes(with_files.train[i].file, std::string(100, static_cast<char>('a' + i)));
+  }
+  write_checkpoint(path, make_config(), make_state(scene), with_files);
+  const nlohmann::ordered_json header = read_checkpoint_header(path);
+  const auto changed = [&] { return changed_photographs(header, scene_fingerprint(with_files)); };
+  EXPECT_TRUE(changed().empty());
+  test::write_bytes(with_files.train[1].file, std::string(100, 'x'));  // the same size
+  EXPECT_EQ(changed(), (std::vector<std::string>{with_files.train[1].name}));
+  test::write_bytes(with_files.train[0].file, "short");
+  fs::remove(with_files.train[2].file);
+  EXPECT_EQ(changed().size(), 3u);
+  EXPECT_EQ(read_checkpoint(path, with_files, torch::kCPU).state.iteration, 42) << "that is no reason to refuse";
+
+  nlohmann::ordered_json early = header;
+  early["scene"].erase("photographs");
+  EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_files)).empty());
+}
+
+TEST(CheckpointFileWriter, TakesTensorsInPiecesOfAnySize) {
+  const test::TempDir temp;
+  CheckpointFile content;
+  content.header["iteration"] = 3;
+  content.tensors = {{"a", torch::arange(7, torch::kFloat32)},
+                     {"empty", torch::zeros({0, 3})},
+                     {"b", torch::arange(6, torch::kInt32).view({2, 3})}};
+  write_checkpoint_file(temp / "whole", content);
+  std::string bytes;
+  std::vector<TensorEntry> entries;
+  for (const auto& [name, tensor] : content.tensors) {
+    bytes.append(static_cast<const char*>(tensor.data_ptr()), tensor.nbytes());
+    entries.push_back({name, tensor.scalar_type(), tensor.sizes().vec()});
+  }
+  for (const std::size_t piece : {std::size_t{1}, std::size_t{5}, bytes.size()}) {
+    CheckpointFileWriter file(temp / "pieces", content.header, entries);
+    for (std::size_t at = 0; at < bytes.size(); at += piece)
+      file.append(bytes.data() + at, std::min(piece, bytes.size() - at));
+    file.finish();
+    file.commit();
+    EXPECT_TRUE(test::read_bytes(temp / "pieces") == test::read_bytes(temp / "whole")) << piece;
+  }
+  const CheckpointFile read = read_checkpoint_file(temp / "whole");
+  EXPECT_EQ(read.header["iteration"], 3);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(read.tensors[i].second, content.tensors[i].second));
+
+  CheckpointFileWriter file(temp / "short", content.header, entries);
+  file.append(bytes.data(), bytes.size() - 1);
+  EXPECT_THROW(file.finish(), LogicError);
+  EXPECT_THROW(file.append(bytes.data(), 2), LogicError);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "check.h"
 #include "support/gpu_test.h"
+#include "train/cuda/device_snapshot.h"
 #include "train/cuda/event_marks.h"
 #include "train/cuda/image_uploader.h"
 #include "train/cuda/loss_cuda.h"
@@ -74,6 +75,33 @@ std::vector<std::uint8_t> image(int seed, std::size_t n) {
   return bytes;
 }
 
+TEST(DeviceSnapshot, KeepsWhatWasThereWhileTheArraysChange) {
+  B3DGS_NEEDS_GPU();
+  const std::size_t sizes[] = {3 * cuda::DeviceReader::kPieceBytes + 1234, 1000};
+  const std::vector<std::uint8_t> images[] = {image(1, sizes[0]), image(2, sizes[1])};
+  const test::DeviceArray<std::uint8_t> large(images[0].data(), static_cast<std::int64_t>(sizes[0]));
+  const test::DeviceArray<std::uint8_t> small(images[1].data(), static_cast<std::int64_t>(sizes[1]));
+  GatedStream stream;
+  cuda::DeviceReader reader;
+  B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  const auto snapshot =
+      cuda::DeviceSnapshot::make({{large.data(), sizes[0]}, {nullptr, 0}, {small.data(), sizes[1]}}, stream.get());
+  ASSERT_NE(snapshot, nullptr);
+  reader.follow(stream.get());
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(large.data(), 0, sizes[0], stream.get()));
+  ASSERT_EQ(snapshot->arrays().size(), 3u);
+  for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
+    std::vector<std::uint8_t> read;
+    const cuda::DeviceBytes& copy = snapshot->arrays()[i];
+    reader.read(copy.data, copy.bytes, [&](const void* piece, std::size_t bytes) {
+      const auto* const from = static_cast<const std::uint8_t*>(piece);
+      read.insert(read.end(), from, from + bytes);
+    });
+    EXPECT_TRUE(read == images[i / 2]) << i;
+  }
+  EXPECT_EQ(cuda::DeviceSnapshot::make({{large.data(), std::size_t{1} << 50}}, stream.get()), nullptr) << "no room";
+}
+
 class ImageUploaderTest : public testing::Test {
  protected:
   static constexpr std::size_t kBytes = 1 << 20;
@@ -91,17 +119,18 @@ class ImageUploaderTest : public testing::Test {
 TEST_F(ImageUploaderTest, NeverWritesASlotThatIsStillRead) {
   B3DGS_NEEDS_GPU();
   const std::vector<std::uint8_t> first = image(1, kBytes), second = image(2, kBytes);
-  cuda::ImageUploader uploader(1, kBytes);
-  const int a = uploader.add({&first}), b = uploader.add({&second});
+  cuda::ImageUploader uploader(1, 2, kBytes);
+  std::copy(first.begin(), first.end(), uploader.staging()[0]);
+  std::copy(second.begin(), second.end(), uploader.staging()[1]);
   const test::DeviceArray<std::uint8_t> seen_first(kBytes), seen_second(kBytes);
   GatedStream slow, other;
   B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
-  uploader.upload(a, 0);
+  uploader.upload(0, kBytes, 0);
   const std::uint8_t* const slot = uploader.acquire(0, slow.get());
   slow.close();
   read(slot, seen_first, slow.get());
   uploader.release(0, slow.get());
-  uploader.upload(b, 0);  // has to wait for the slow reader
+  uploader.upload(1, kBytes, 0);  // has to wait for the slow reader
   read(uploader.acquire(0, other.get()), seen_second, other.get());
   EXPECT_EQ(cudaStreamQuery(other.get()), cudaErrorNotReady) << "uploaded over what the first reader still needs";
   slow.open();
@@ -113,13 +142,11 @@ TEST_F(ImageUploaderTest, NeverWritesASlotThatIsStillRead) {
 TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
   B3DGS_NEEDS_GPU();
   constexpr int kImages = 7, kSlots = 3;
-  cuda::ImageUploader uploader(kSlots, kBytes);
+  cuda::ImageUploader uploader(kSlots, kImages, kBytes);
   std::vector<std::vector<std::uint8_t>> images;
   for (int i = 0; i < kImages; ++i) {
-    const std::vector<std::uint8_t> whole = image(i, kBytes);
-    const std::vector<std::uint8_t> front(whole.begin(), whole.begin() + 1000), back(whole.begin() + 1000, whole.end());
-    EXPECT_EQ(uploader.add({&front, &back}), i);
-    images.push_back(whole);
+    images.push_back(image(i, kBytes));
+    std::copy(images.back().begin(), images.back().end(), uploader.staging()[static_cast<std::size_t>(i)]);
   }
   constexpr int kSteps = 20;
   GatedStream reader;
@@ -128,7 +155,7 @@ TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
   B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
   for (int step = 0; step < kSteps; ++step) {
     const int slot = step % kSlots;
-    uploader.upload(step % kImages, slot);
+    uploader.upload(step % kImages, kBytes, slot);
     read(uploader.acquire(slot, reader.get()), seen[static_cast<std::size_t>(step)], reader.get());
     uploader.release(slot, reader.get());
   }
@@ -141,9 +168,8 @@ TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
 
 TEST_F(ImageUploaderTest, RefusesImagesLargerThanASlot) {
   B3DGS_NEEDS_GPU();
-  cuda::ImageUploader uploader(1, 10);
-  const std::vector<std::uint8_t> bytes(11);
-  EXPECT_THROW(uploader.add({&bytes}), LogicError);
+  cuda::ImageUploader uploader(1, 1, 10);
+  EXPECT_THROW(uploader.upload(0, 11, 0), LogicError);
 }
 
 TEST(SplitSamples, AreThoseOfTheCpuUpToRounding) {

@@ -1,6 +1,7 @@
 // Training on the GPU against training on the CPU, and against itself.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 
 #include <nlohmann/json.hpp>
@@ -13,6 +14,7 @@
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
 #include "train/checkpoint.h"
+#include "train/checkpoint_file.h"
 #include "train/densifier.h"
 #include "train/disk_scene.h"
 #include "train/image_store.h"
@@ -329,6 +331,58 @@ TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
   EXPECT_EQ(after.n_requests, before.n_requests);
   EXPECT_EQ(after.reserved, before.reserved);
   EXPECT_EQ(after.in_use, before.in_use);
+}
+
+TEST(TrainerOnGpu, CheckpointsWrittenBesideTheTrainingAreThoseOfTheirIterations) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  config.keep_checkpoints = 99;
+  const Trained whole = train(config, scene, temp / "whole");
+  const ModelFolder beside(temp / "beside"), paused(temp / "paused");
+  config.checkpoint_interval = 3;
+  config.save_iterations = {7, 22};
+  EXPECT_TRUE(train(config, scene, beside.root()).ply == whole.ply) << "writing changes the training";
+  const std::vector<int> written = beside.checkpoint_iterations();
+  ASSERT_EQ(written.size(), 14u);
+  config.checkpoint_interval = 0;
+  Trainer trainer(config, scene, paused, {});
+  for (const int iteration : written) {
+    if (iteration == config.iterations) continue;
+    trainer.run_until(iteration);
+    trainer.write_checkpoint();
+    const CheckpointFile a = read_checkpoint_file(beside.checkpoint(iteration));
+    const CheckpointFile b = read_checkpoint_file(paused.checkpoint(iteration));
+    ASSERT_EQ(a.tensors.size(), b.tensors.size());
+    for (std::size_t i = 0; i < a.tensors.size(); ++i) {
+      EXPECT_TRUE(torch::equal(a.tensors[i].second, b.tensors[i].second)) << iteration << ", " << a.tensors[i].first;
+    }
+  }
+  for (const int iteration : config.save_iterations) {
+    EXPECT_TRUE(test::read_bytes(beside.ply(iteration)) == test::read_bytes(paused.ply(iteration))) << iteration;
+  }
+}
+
+TEST(TrainerOnGpu, GoesOnWithoutGaussiansThatCannotBeRendered) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  config.iterations = 8;
+  const fs::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
+  Checkpoint read = read_checkpoint(checkpoint, scene, torch::kCPU);
+  read.state.gaussians.means[3][1] = NAN;
+  read.state.gaussians.log_scales[9].fill_(60);
+  write_checkpoint(checkpoint, read.config, read.state, scene);
+  config.iterations = 40;
+  config.checkpoint_iterations = {8, 30};
+  config.keep_checkpoints = 9;
+  const Trained run = train(config, scene, temp / "model", checkpoint);
+  EXPECT_EQ(run.result.n_removed, 2);
+  EXPECT_EQ(run.result.iteration, 40);
+  const fs::path later = ModelFolder(temp / "model").checkpoint(30);
+  EXPECT_TRUE(train(config, scene, temp / "model", later).ply == run.ply) << "resumed after that";
 }
 
 TEST(TrainerOnGpu, HoldsTheCountAndTrainsToTheEndWhereMemoryIsShort) {

@@ -27,10 +27,11 @@ inline TrainConfig eventful_config() {
   return config;
 }
 
-/// A checkpoint's bytes, but for how long the training took.
+/// A checkpoint's bytes, but for how long the training took and which one it was.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
+  file.header.erase("course");
   const std::filesystem::path copy = checkpoint.string() + ".timeless";
   write_checkpoint_file(copy, file);
   const std::string bytes = read_bytes(copy);

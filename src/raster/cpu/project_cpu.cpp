@@ -7,6 +7,7 @@
 
 #include "check.h"
 #include "parallel.h"
+#include "raster/bad_gaussian.h"
 #include "raster/cpu/passes.h"
 #include "raster/project_splat.h"
 #include "raster/sh.h"
@@ -41,10 +42,11 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 [[noreturn]] void fail_not_finite(const GaussianArrays& g, std::int64_t i) {
   const Vec3f mean = load3(g.means, i), scale = load3(g.log_scales, i);
   const Vec4f quat = load4(g.quats, i);
-  throw NumericError(detail::concat("Gaussian ", i, kNotFiniteText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z,
-                                    "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x,
-                                    ", ", quat.y, ", ", quat.z, ", ", quat.w, "), opacity logit ", g.logit_opacities[i],
-                                    ", colour (", g.sh0[3 * i], ", ", g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
+  throw BadGaussianError(
+      i, detail::concat("Gaussian ", i, kNotFiniteText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z,
+                        "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x, ", ", quat.y,
+                        ", ", quat.z, ", ", quat.w, "), opacity logit ", g.logit_opacities[i], ", colour (",
+                        g.sh0[3 * i], ", ", g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
 }
 
 }  // namespace

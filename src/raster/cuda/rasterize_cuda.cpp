@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "raster/args_check.h"
+#include "raster/bad_gaussian.h"
 #include "raster/cuda/backward_table.h"
 #include "raster/cuda/forward_scratch.h"
 #include "raster/cuda/forward_table.h"
@@ -183,7 +184,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
-    throw NumericError(detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
+    throw BadGaussianError(counts.not_finite, detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
   }
   if (has_too_many_pairs(counts.n_isects)) {
     throw NumericError(

@@ -1,0 +1,133 @@
+// The program from outside: what is continued where, and what is not.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <csignal>
+
+#include "app/run_program.h"
+#include "scene/remove_tree.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "train/model_folder.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Outcome;
+using test::read_bytes;
+using test::run_b3dgs;
+using Words = std::vector<std::string>;
+
+class Resume : public ::testing::Test {
+ protected:
+  Resume() {
+    const Outcome made = run_b3dgs(
+        {"synth", "orbit", scene(), "--points", "500", "--views", "6", "--width", "48", "--height", "36", "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+  std::string scene() const { return (temp.path() / "scene").string(); }
+  static Outcome train(Words words, const test::RunOptions& options = {}) {
+    words.insert(words.begin(), "train");
+    return run_b3dgs(words, options);
+  }
+  static void expect_success(const Outcome& outcome) { EXPECT_EQ(outcome.exit_code, 0) << outcome.err; }
+  static void expect_refused(const Outcome& outcome, const std::vector<std::string>& says) {
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    for (const std::string& part : says) {
+      EXPECT_NE(outcome.err.find(part), std::string::npos) << part << " in " << outcome.err;
+    }
+  }
+
+  test::TempDir temp;
+  const ModelFolder a{temp / "a"}, b{temp / "b"};
+};
+
+TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
+  expect_success(train({"-s", scene(), "-m", b.root(), "--iterations", "5", "--seed", "3"}));
+  const std::string ply = read_bytes(b.ply(5)), log = read_bytes(b.log());
+  const Words resume{"--resume", a.checkpoint(3), "-m", b.root()};
+  const Outcome refused = train(resume);
+  expect_refused(refused, {b.root(), "another training", "--overwrite"});
+  EXPECT_EQ(std::count(refused.err.begin(), refused.err.end(), '\n'), 1) << refused.err;
+  EXPECT_EQ(read_bytes(b.ply(5)), ply);
+  EXPECT_EQ(read_bytes(b.log()), log);
+
+  Words asked = resume;
+  asked.emplace_back("--overwrite");
+  expect_success(train(asked));
+  EXPECT_EQ(b.ply_iterations(), (std::vector<int>{6}));
+  EXPECT_TRUE(fs::exists(a.checkpoint(3)));
+}
+
+TEST_F(Resume, TakesAFolderAndSaysHowFarItWent) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
+  const Outcome more = train({"--resume", a.root(), "--iterations", "10", "--kernel", "naive"});
+  expect_success(more);
+  EXPECT_NE(more.out.find("4 iterations (7 to 10) in"), std::string::npos) << more.out;
+  const std::string report = read_bytes(a.root() / "report.html");
+  EXPECT_NE(report.find(" to naive"), std::string::npos) << "the kernel was changed by an option";
+  EXPECT_EQ(report.find("never changed"), std::string::npos);
+  EXPECT_EQ(train({"--resume", temp / "scene"}).exit_code, 2);
+
+  // Back to an earlier one: eval and info follow.
+  const Outcome back = train({"--resume", a.checkpoint(6), "--iterations", "8"});
+  expect_success(back);
+  EXPECT_NE(back.err.find("set_aside"), std::string::npos) << back.err;
+  EXPECT_TRUE(fs::exists(a.root() / "set_aside/after_iteration_6_1/point_cloud/iteration_10/point_cloud.ply"));
+  const Outcome measured = run_b3dgs({"eval", "-m", a.root()});
+  expect_success(measured);
+  EXPECT_NE(measured.out.find("iteration 8,"), std::string::npos) << measured.out;
+}
+
+TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
+  for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
+    fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is there
+  }
+  expect_refused(train({"--resume", a.root(), "--iterations", "5", "-r", "2"}), {"training view 0", "-r"});
+}
+
+TEST_F(Resume, AutoNeedsNoSceneAndKnowsDamagedCheckpoints) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4", "--sh_degree", "1"}));
+  fs::resize_file(a.checkpoint(4), 1000);
+  expect_refused(train({"-m", a.root(), "--resume", "auto"}), {"all of its checkpoints are damaged", "--overwrite"});
+  expect_success(train({"-m", a.root(), "--resume", "auto", "--overwrite", "--iterations", "5"}));
+  EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{5}));
+
+  // Killed before the first checkpoint.
+  fs::remove(a.checkpoint(5));
+  EXPECT_TRUE(remove_tree(a.root() / "point_cloud"));
+  expect_success(train({"-m", a.root(), "--resume", "auto"}));
+  EXPECT_EQ(a.read_config().sh_degree, 1);
+  EXPECT_EQ(a.ply_iterations(), (std::vector<int>{5}));
+}
+
+TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
+  Outcome second;
+  test::RunOptions options;
+  options.signal = SIGTERM;
+  options.signal_when = [&] {
+    if (a.checkpoint_iterations().empty()) return false;
+    second = train({"-m", a.root(), "--resume", "auto"});
+    return true;
+  };
+  const Outcome first =
+      train({"-s", scene(), "-m", a.root(), "--iterations", "1000000", "--checkpoint_interval", "5"}, options);
+  EXPECT_EQ(first.exit_code, 143) << first.err;
+  expect_refused(second, {a.root(), "is training into this folder", " train -s "});
+}
+
+TEST_F(Resume, AFullDiskOnTheWayDoesNotEndATraining) {
+  test::RunOptions full;
+  full.file_size_limit = 60000;
+  const Outcome outcome = train({"-s", scene(), "-m", a.root(), "--iterations", "8", "--checkpoint_iterations", "4",
+                                 "--stats_interval", "0", "--quiet"},
+                                full);
+  expect_refused(outcome, {"warning: ", "iteration_4.b3dgs: cannot write", "b3dgs: error: ", "File too large"});
+  EXPECT_NE(outcome.err.find("last checkpoint: none was written"), std::string::npos) << outcome.err;
+}
+
+}  // namespace
+}  // namespace b3dgs
