@@ -42,6 +42,14 @@ ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::str
   return order;
 }
 
+template <class Number>
+void refuse_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
+  const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
+  if (bad == values + count) return;
+  input_error(place, ": tensor ", name, " holds ", *bad, " at place ", bad - values,
+              ", expected at least 0; resume from another checkpoint");
+}
+
 }  // namespace
 
 CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& place) {
@@ -76,34 +84,13 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
   return header;
 }
 
-void check_tensor_values(const float* values, std::int64_t count, std::int64_t row_length, TensorValues allowed,
-                         const std::string& name, const std::string& place) {
-  const float least = allowed == TensorValues::kFinite ? std::numeric_limits<float>::lowest() : 0.0f;
-  const auto is_bad = [least](float value) { return !(value >= least && value <= std::numeric_limits<float>::max()); };
-  const float* bad = std::find_if(values, values + count, is_bad);
-  if (bad == values + count) return;
-  input_error(place, ": tensor ", name, " holds ", *bad, " in row ", (bad - values) / row_length, ", expected finite ",
-              allowed == TensorValues::kFinite ? "numbers" : "numbers of at least 0",
-              "; resume from another checkpoint");
+void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place) {
+  refuse_negative(values, count, name, place);
 }
 
-void check_tensor_values(const std::int32_t* values, std::int64_t count, const std::string& name,
-                         const std::string& place) {
-  const std::int32_t* bad = std::find_if(values, values + count, [](std::int32_t value) { return value < 0; });
-  if (bad == values + count) return;
-  input_error(place, ": tensor ", name, " holds ", *bad, " in row ", bad - values,
-              ", expected at least 0; resume from another checkpoint");
-}
-
-void check_quaternions(const float* quats, std::int64_t n_gaussians, const std::string& name,
-                       const std::string& place) {
-  for (std::int64_t i = 0; i < n_gaussians; ++i) {
-    const float* q = quats + 4 * i;
-    if (q[0] == 0 && q[1] == 0 && q[2] == 0 && q[3] == 0) {
-      input_error(place, ": tensor ", name, " holds a rotation of length 0 in row ", i,
-                  "; resume from another checkpoint");
-    }
-  }
+void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
+                        const std::string& place) {
+  refuse_negative(values, count, name, place);
 }
 
 }  // namespace b3dgs

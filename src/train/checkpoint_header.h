@@ -30,17 +30,11 @@ struct CheckpointHeader {
 /// type or out of its range
 CheckpointHeader parse_checkpoint_header(const nlohmann::ordered_json& header, const std::string& place);
 
-/// What a tensor of a checkpoint may hold.
-enum class TensorValues { kFinite, kNotNegative };
-
-/// @throws InputError that names the tensor and the first row (of `row_length` values) with a value that is not finite,
-/// or negative where it must not be
-void check_tensor_values(const float* values, std::int64_t count, std::int64_t row_length, TensorValues allowed,
-                         const std::string& name, const std::string& place);
-void check_tensor_values(const std::int32_t* values, std::int64_t count, const std::string& name,
-                         const std::string& place);
-
-/// @throws InputError that names the first Gaussian whose rotation is a quaternion of length 0
-void check_quaternions(const float* quats, std::int64_t n_gaussians, const std::string& name, const std::string& place);
+/// For counts and sums of squares. Numbers that are not finite pass: a step removes the Gaussians that have them, and a
+/// training in which one has gone wrong is not lost for it. @throws InputError that names the tensor and the place of
+/// the first negative value
+void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place);
+void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
+                        const std::string& place);
 
 }  // namespace b3dgs

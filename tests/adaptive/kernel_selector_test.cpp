@@ -120,7 +120,7 @@ TEST(PublishedPolicy, ChecksAtEveryMultipleWhateverItCostsAndSwitchesOnce) {
   EXPECT_EQ(selector.history()[0].next_check, 2000);
   EXPECT_EQ(selector.history()[2].next_check, 0);
   KernelSelector read(options_of(KernelPolicy::kPublished));
-  read.restore(nlohmann::ordered_json::parse(selector.to_json().dump()));
+  read.restore(nlohmann::ordered_json::parse(selector.to_json().dump()), "a.b3dgs");
   EXPECT_TRUE(read.is_finished());
 }
 

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -228,17 +230,21 @@ TEST_F(ChangedCheckpoints, WithAViewOrderThatIsNoneAreRefused) {
 }
 
 TEST_F(ChangedCheckpoints, WithTensorsThatNoTrainingLeavesAreRefused) {
-  EXPECT_TRUE(refuses_tensor_value("gaussians.means", NAN));
-  EXPECT_TRUE(refuses_tensor_value("gaussians.shN", INFINITY));
-  EXPECT_TRUE(refuses_tensor_value("adam_m.quats", -INFINITY));
   EXPECT_TRUE(refuses_tensor_value("adam_v.log_scales", -1)) << "a sum of squares";
   EXPECT_TRUE(refuses_tensor_value("statistics.grad_norm_sum", -1));
   EXPECT_TRUE(refuses_tensor_value("statistics.view_count", -1));
-  EXPECT_TRUE(refused("gaussians.quats holds a rotation of length 0 in row 2", [](CheckpointFile& file) {
-    for (auto& [name, tensor] : file.tensors) {
-      if (name == "gaussians.quats") tensor[2].zero_();
-    }
-  }));
+}
+
+// A training removes such Gaussians once a view sees them; a checkpoint may have been written before that.
+TEST_F(ChangedCheckpoints, WithAGaussianThatIsNotFiniteAreRead) {
+  CheckpointFile file = read_checkpoint_file(path);
+  for (auto& [name, tensor] : file.tensors) {
+    tensor = tensor.clone();
+    if (name == "gaussians.means" || name == "adam_v.means") tensor.view({-1})[3] = NAN;
+  }
+  write_checkpoint_file(folder / "other.b3dgs", file);
+  const Checkpoint read = read_checkpoint(folder / "other.b3dgs", scene, torch::kCPU);
+  EXPECT_TRUE(std::isnan(read.state.gaussians.means.view({-1})[3].item<float>()));
 }
 
 TEST_F(ChangedCheckpoints, NestedTooDeeplyAreRefused) {

@@ -1,6 +1,7 @@
 // The parts of training on a GPU that know no torch.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <numeric>
