@@ -51,11 +51,10 @@ int report(const std::string& message, ExitCode code) {
   return code;
 }
 
-int report_out_of_memory(const char* whose) {
-  return report(std::string("out of ") + whose +
-                    "memory; take smaller images (-r 2), limit the Gaussians (--max_gaussians), "
-                    "keep fewer images on the GPU (--image_cache_gb 1), "
-                    "or continue from the last checkpoint (--resume auto) with more memory free",
+int report_out_of_memory(const std::string& what) {
+  return report(what.substr(0, what.find('\n')) +
+                    "; take smaller images (-r 2), limit the Gaussians (--max_gaussians), keep fewer images on the GPU "
+                    "(--image_cache_gb 1), or continue from the last checkpoint (--resume auto) with more memory free",
                 kFailed);
 }
 
@@ -73,14 +72,14 @@ int main(int argc, char** argv) {
     return report(error.what(), kAskedWrongly);
   } catch (const IoError& error) {
     return report(error.what(), kAskedWrongly);
-  } catch (const OutOfMemoryError&) {
-    return report_out_of_memory("GPU ");
+  } catch (const OutOfMemoryError& error) {
+    return report_out_of_memory(error.what());
   } catch (const std::bad_alloc&) {
-    return report_out_of_memory("");
+    return report_out_of_memory("out of memory");
   } catch (const std::exception& error) {
     // LibTorch's own errors: of a GPU's memory, and a general one that speaks of the host's.
-    if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("GPU ");
-    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("");
+    if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("out of GPU memory");
+    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("out of memory");
     return report(error.what(), kFailed);
   }
 }

@@ -56,13 +56,16 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;
-  memory.view = view.bytes(1, ratios.splats(), ratios.pairs());
+  // Gaussians widen and turn opaque between two rounds, and after the last one: a view's pairs grow though the count
+  // does not.
+  constexpr double kPairGrowth = 1.25;
+  memory.view = view.bytes(1, ratios.splats(), kPairGrowth * ratios.pairs());
   memory.round = kPlan + static_cast<double>(largest);
   return memory;
 }
 
 std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian) {
-  constexpr double kUsable = 1 - 1.0 / 32;
+  constexpr double kUsable = 1 - 1.0 / 16;
   const double left = kUsable * static_cast<double>(limits.limit) - static_cast<double>(limits.other);
   return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
 }

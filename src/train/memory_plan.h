@@ -56,7 +56,7 @@ struct CountLimits {
   std::int64_t other = 0;  // what does not change with the number of Gaussians
 };
 
-/// The largest count for which that is enough, with a reserve of 1/32; at least 1.
+/// The largest count for which that is enough, with a reserve of 1/16; at least 1.
 std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian);
 
 /// The smaller of two limits of the count, where 0 stands for no limit.

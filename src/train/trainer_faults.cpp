@@ -127,10 +127,8 @@ void Trainer::Impl::end_with_checkpoint() {
     throw NumericError(error.what() + saved);
   } catch (const std::exception& error) {
     if (!is_out_of_memory(error)) throw Error(first_line(error.what()) + saved);
-    throw OutOfMemoryError(detail::concat(
-        "out of memory after iteration ", state.iteration, ", with ", state.gaussians.size(), " Gaussians", saved,
-        saved.empty() ? "; take" : ", with", " smaller images (-r 2), fewer Gaussians ",
-        "(--max_gaussians) or fewer photographs on the GPU (--image_cache_gb 1)"));
+    throw OutOfMemoryError(detail::concat("out of memory after iteration ", state.iteration, ", with ",
+                                          state.gaussians.size(), " Gaussians", saved));
   }
 }
 
