@@ -1,9 +1,5 @@
 #include "train/image_reader.h"
 
-#include <sys/resource.h>
-#include <sys/syscall.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <utility>
 
@@ -91,9 +87,6 @@ int ImageReader::next_to_read() const {
 
 void ImageReader::run_thread() {
   set_thread_count(1);  // of this thread: what it calls must not start more
-  // The thread that queues the steps comes first: it is not to wait for a core. On Linux the call is about this thread.
-  constexpr int kNice = 10;
-  ::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
   std::unique_lock<std::mutex> lock(mutex_);
   for (;;) {
     int slot = -1;
