@@ -141,7 +141,13 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
   if (!plan.checkpoint.empty()) {
     const auto course = read_checkpoint_header(plan.checkpoint).value("course", "");
     if (!plan.options.overwrite) check_course(folder, plan.checkpoint, course);
-    return !has_room_for(folder, plan.checkpoint, course);
+    const bool is_replaced = !has_room_for(folder, plan.checkpoint, course);
+    std::error_code error;
+    if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
+      input_error(plan.checkpoint.string(), ": is of another training than the model around it, and --overwrite would ",
+                  "remove both; move it elsewhere first");
+    }
+    return is_replaced;
   }
   if (plan.options.overwrite) return true;
   if (!folder.holds_model()) return false;

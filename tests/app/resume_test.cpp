@@ -54,6 +54,14 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_EQ(read_bytes(b.ply(5)), ply);
   EXPECT_EQ(read_bytes(b.log()), log);
 
+  // Put beside that model it would be removed with it.
+  const fs::path guest = b.checkpoint(3);
+  fs::copy_file(a.checkpoint(3), guest);
+  expect_refused(train({"--resume", guest, "-m", b.root(), "--overwrite"}), {guest, "move it elsewhere"});
+  EXPECT_TRUE(fs::exists(guest));
+  EXPECT_EQ(read_bytes(b.ply(5)), ply);
+  fs::remove(guest);
+
   Words asked = resume;
   asked.emplace_back("--overwrite");
   expect_success(train(asked));
