@@ -126,6 +126,7 @@ void Trainer::Impl::iterate() {
     const bool is_due = config.checkpoint_minutes > 0 && !writer.is_busy() &&
                         time.train_s() - checkpoint_s >= 60 * config.checkpoint_minutes;
     if (plan.checkpoint || result.interrupted || is_due) time.output([&] { write_checkpoint(); });
+    if (hooks.wait_for_files) writer.wait();
     note_files();
   } catch (const LossError&) {
     throw;

@@ -48,6 +48,8 @@ struct TrainHooks {
   // After the last iteration's files and before its density control: the model is the one that is saved.
   std::function<void()> on_result;
   std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
+  // Each file is on the disk before the next iteration begins: for tests of which files are written.
+  bool wait_for_files = false;
   // What the candidates for a kernel are timed by; the device's own if not set.
   std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;
   std::shared_ptr<MemorySource> memory;  // the device's own if not set

@@ -198,6 +198,7 @@ TEST_F(TrainerFaults, CheckpointsAreWrittenByTimeAndChangeNothing) {
     config.checkpoint_minutes = minutes;
     TrainHooks hooks;
     hooks.clock_s = [now_s = 0.0]() mutable { return now_s += 20; };
+    hooks.wait_for_files = true;  // none is due while one is being written, which takes as long as the disk pleases
     std::vector<int> iterations;
     hooks.on_progress = [&](const TrainProgress& progress) {
       if (progress.activity == "checkpoint") iterations.push_back(progress.iteration);
