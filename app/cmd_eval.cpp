@@ -4,15 +4,15 @@
 #include <cstdlib>
 #include <iostream>
 
-#include "app/cli.h"
 #include "app/commands.h"
 #include "app/model.h"
-#include "check.h"
-#include "scene/image_io.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/gaussian_model.h"
+#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {

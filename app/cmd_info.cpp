@@ -7,17 +7,17 @@
 #include <fstream>
 #include <iostream>
 
-#include "app/cli.h"
 #include "app/commands.h"
 #include "app/model.h"
-#include "app/print.h"
-#include "app/progress.h"
-#include "check.h"
-#include "scene/colmap.h"
-#include "scene/ply.h"
+#include "app/terminal/progress.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/print.h"
+#include "model/model_folder.h"
+#include "model/ply.h"
+#include "scene/colmap/colmap.h"
 #include "scene/scene.h"
-#include "train/checkpoint_file.h"
-#include "train/model_folder.h"
+#include "train/checkpoint/checkpoint_file.h"
 
 namespace b3dgs {
 namespace {

@@ -2,11 +2,11 @@
 #include <filesystem>
 #include <iostream>
 
-#include "app/cli.h"
 #include "app/commands.h"
-#include "app/comparison.h"
-#include "app/train_report.h"
-#include "check.h"
+#include "compare/comparison.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "report/train_report.h"
 
 namespace b3dgs {
 namespace {

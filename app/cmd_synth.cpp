@@ -1,10 +1,10 @@
 // b3dgs synth: writes a synthetic COLMAP scene.
 #include <iostream>
 
-#include "app/cli.h"
 #include "app/commands.h"
-#include "app/progress.h"
-#include "check.h"
+#include "app/terminal/progress.h"
+#include "core/check.h"
+#include "core/command_line.h"
 #include "data_synth/synth_writer.h"
 
 namespace b3dgs {

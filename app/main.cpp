@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "app/cli.h"
 #include "app/commands.h"
-#include "check.h"
+#include "core/check.h"
+#include "core/command_line.h"
 
 namespace b3dgs {
 namespace {

@@ -7,9 +7,9 @@
 #include <map>
 
 #include "app/train_setup.h"
-#include "check.h"
-#include "scene/ply.h"
-#include "train/cameras_json.h"
+#include "core/check.h"
+#include "model/cameras_json.h"
+#include "model/ply.h"
 #include "train/device.h"
 #include "train/threads.h"
 

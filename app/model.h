@@ -5,13 +5,13 @@
 #include <string>
 #include <vector>
 
-#include "app/progress.h"
-#include "config.h"
-#include "raster/rasterizer.h"
+#include "app/terminal/progress.h"
+#include "core/config.h"
+#include "model/model_folder.h"
+#include "model/splat_cloud.h"
+#include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "scene/splat_cloud.h"
-#include "train/model_folder.h"
-#include "train/train_config.h"
+#include "train/config/train_config.h"
 
 namespace b3dgs {
 

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <ctime>
 
-#include "app/run_record.h"
-#include "scene/remove_tree.h"
+#include "core/files/remove_tree.h"
+#include "report/run_record.h"
 
 namespace b3dgs {
 namespace {

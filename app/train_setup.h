@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "train/model_folder.h"
+#include "model/model_folder.h"
 
 namespace b3dgs {
 

@@ -5,7 +5,7 @@
 
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
-#include "raster/sh.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs {
 namespace {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/vec.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
-#include "raster/vec.h"
-#include "scene/neighbors.h"
+#include "model/neighbors.h"
 
 namespace b3dgs {
 namespace {

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <string>
 
-#include "config.h"
+#include "core/config.h"
 
 namespace b3dgs {
 

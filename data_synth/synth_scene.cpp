@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/pinhole_view.h"
 #include "raster/cpu/rasterize_cpu.h"
-#include "raster/sh.h"
-#include "train/pinhole_view.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs {
 

@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "data_synth/synth_config.h"
-#include "scene/camera.h"
-#include "scene/image.h"
+#include "model/splat_cloud.h"
+#include "scene/cameras/camera.h"
+#include "scene/images/image.h"
 #include "scene/point_cloud.h"
-#include "scene/splat_cloud.h"
 
 namespace b3dgs {
 

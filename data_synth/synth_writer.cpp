@@ -7,11 +7,11 @@
 #include <string>
 #include <system_error>
 
-#include "scene/atomic_file.h"
-#include "scene/colmap.h"
-#include "scene/image_io.h"
-#include "scene/ply.h"
-#include "scene/remove_tree.h"
+#include "core/files/atomic_file.h"
+#include "core/files/remove_tree.h"
+#include "model/ply.h"
+#include "scene/colmap/colmap.h"
+#include "scene/images/image_io.h"
 
 namespace b3dgs {
 namespace {

@@ -8,8 +8,8 @@
 #include <set>
 #include <utility>
 
-#include "check.h"
-#include "json_text.h"
+#include "core/check.h"
+#include "core/json_text.h"
 
 namespace b3dgs {
 namespace {

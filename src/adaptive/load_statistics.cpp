@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "check.h"
+#include "core/check.h"
 
 namespace b3dgs {
 namespace {

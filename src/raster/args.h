@@ -5,11 +5,11 @@
 
 #include <cstdint>
 
+#include "core/vec.h"
 #include "raster/backward_kernel.h"
 #include "raster/constants.h"
 #include "raster/forward_kernel.h"
 #include "raster/stages.h"
-#include "raster/vec.h"
 
 namespace b3dgs {
 

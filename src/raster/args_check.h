@@ -3,7 +3,7 @@
 
 #include <limits>
 
-#include "check.h"
+#include "core/check.h"
 #include "raster/args.h"
 
 namespace b3dgs {

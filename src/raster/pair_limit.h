@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
+#include "core/text.h"
 #include "raster/args_check.h"
-#include "text.h"
 
 namespace b3dgs {
 

@@ -8,11 +8,11 @@
 #include <set>
 #include <tuple>
 
-#include "check.h"
-#include "scene/host_memory.h"
-#include "scene/image_folder.h"
-#include "scene/model_search.h"
-#include "scene/resolution.h"
+#include "core/check.h"
+#include "core/host_memory.h"
+#include "scene/colmap/model_search.h"
+#include "scene/images/image_folder.h"
+#include "scene/images/resolution.h"
 #include "scene/scene_summary.h"
 #include "scene/view_image.h"
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "scene/camera.h"
-#include "scene/image.h"
+#include "scene/cameras/camera.h"
+#include "scene/images/image.h"
 #include "scene/point_cloud.h"
 
 namespace b3dgs {

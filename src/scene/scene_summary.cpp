@@ -7,8 +7,8 @@
 #include <map>
 #include <set>
 
-#include "check.h"
-#include "scene/resolution.h"
+#include "core/check.h"
+#include "scene/images/resolution.h"
 
 namespace b3dgs {
 namespace {

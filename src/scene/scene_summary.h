@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "scene/colmap.h"
-#include "scene/image_folder.h"
-#include "scene/model_search.h"
+#include "scene/colmap/colmap.h"
+#include "scene/colmap/model_search.h"
+#include "scene/images/image_folder.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 

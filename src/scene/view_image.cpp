@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <atomic>
 
-#include "check.h"
-#include "parallel.h"
+#include "core/check.h"
+#include "core/parallel.h"
 
 namespace b3dgs {
 

@@ -9,12 +9,12 @@
 #include <utility>
 #include <vector>
 
-#include "scene/distortion.h"
-#include "scene/image.h"
-#include "scene/image_io.h"
-#include "scene/image_memory.h"
+#include "scene/cameras/distortion.h"
+#include "scene/cameras/undistorter_cache.h"
+#include "scene/images/image.h"
+#include "scene/images/image_io.h"
+#include "scene/images/image_memory.h"
 #include "scene/scene.h"
-#include "scene/undistorter_cache.h"
 
 namespace b3dgs {
 

@@ -2,8 +2,8 @@
 
 #include <ATen/Context.h>
 
-#include "check.h"
-#include "parallel.h"
+#include "core/check.h"
+#include "core/parallel.h"
 #if B3DGS_TORCH_CUDA
 #include "raster/cuda/gpu_support.h"
 #endif

@@ -1,7 +1,7 @@
 #include "train/evaluate.h"
 
-#include "check.h"
-#include "train/image_reader.h"
+#include "core/check.h"
+#include "train/images/image_reader.h"
 
 namespace b3dgs {
 

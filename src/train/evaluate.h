@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "raster/rasterizer.h"
+#include "model/pinhole_view.h"
+#include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/metrics.h"
-#include "train/pinhole_view.h"
-#include "train/train_config.h"
+#include "train/config/train_config.h"
+#include "train/loss/metrics.h"
 
 namespace b3dgs {
 

@@ -2,7 +2,7 @@
 
 #include <ATen/Parallel.h>
 
-#include "parallel.h"
+#include "core/parallel.h"
 
 namespace b3dgs {
 

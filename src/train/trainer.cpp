@@ -4,7 +4,7 @@
 
 #include <chrono>
 
-#include "train/checkpoint.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
 

@@ -9,12 +9,12 @@
 #include <string>
 
 #include "adaptive/kernel_timer.h"
+#include "model/model_folder.h"
 #include "scene/scene.h"
+#include "train/config/train_config.h"
 #include "train/evaluate.h"
-#include "train/memory_source.h"
-#include "train/model_folder.h"
-#include "train/stage_timer.h"
-#include "train/train_config.h"
+#include "train/memory/memory_source.h"
+#include "train/timing/stage_timer.h"
 
 namespace b3dgs {
 

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "text.h"
-#include "train/densifier.h"
+#include "core/text.h"
+#include "train/density/densifier.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

@@ -2,9 +2,9 @@
 
 #include <cstdio>
 
-#include "train/checkpoint.h"
-#include "train/course.h"
-#include "train/disk_space.h"
+#include "model/course.h"
+#include "model/disk_space.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

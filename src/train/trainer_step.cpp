@@ -9,11 +9,11 @@
 
 #include <cmath>
 
-#include "train/densifier.h"
-#include "train/gaussian_model.h"
-#include "train/initial_splats.h"
-#include "train/lr_schedule.h"
-#include "train/random.h"
+#include "core/random.h"
+#include "train/density/densifier.h"
+#include "train/gaussians/gaussian_model.h"
+#include "train/gaussians/initial_splats.h"
+#include "train/optimizer/lr_schedule.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

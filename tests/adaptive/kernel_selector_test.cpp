@@ -7,7 +7,7 @@
 #include <limits>
 #include <random>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

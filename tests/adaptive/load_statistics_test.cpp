@@ -6,7 +6,7 @@
 #include <cmath>
 #include <random>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

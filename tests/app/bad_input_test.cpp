@@ -7,11 +7,11 @@
 #include <functional>
 #include <limits>
 
-#include "app/run_program.h"
-#include "scene/atomic_file.h"
-#include "scene/colmap.h"
-#include "scene/image_io.h"
+#include "core/files/atomic_file.h"
+#include "scene/colmap/colmap.h"
+#include "scene/images/image_io.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

@@ -3,9 +3,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "app/run_program.h"
-#include "app/step_floor.h"
+#include "app/bench/step_floor.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

@@ -9,18 +9,18 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "app/bench_devices.h"
-#include "app/bench_report.h"
-#include "app/bench_scenes.h"
-#include "app/run_program.h"
-#include "check.h"
+#include "app/bench/bench_devices.h"
+#include "app/bench/bench_report.h"
+#include "app/bench/bench_scenes.h"
+#include "core/check.h"
 #include "data_synth/synth_scene.h"
 #include "raster/forward_kernel.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 #include "train/evaluate.h"
-#include "train/gaussian_model.h"
+#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {

@@ -10,11 +10,11 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "app/interleaved_training.h"
-#include "app/run_program.h"
-#include "app/train_log_reader.h"
-#include "scene/image_io.h"
+#include "app/compare/interleaved_training.h"
+#include "report/train_log_reader.h"
+#include "scene/images/image_io.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 #include "support/xml.h"
 

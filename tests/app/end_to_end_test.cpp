@@ -5,10 +5,10 @@
 #include <csignal>
 #include <nlohmann/json.hpp>
 
-#include "app/run_program.h"
-#include "scene/image_io.h"
-#include "scene/ply.h"
+#include "model/ply.h"
+#include "scene/images/image_io.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

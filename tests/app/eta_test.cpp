@@ -1,5 +1,5 @@
 // The estimate of the time that remains, on runs whose law is known.
-#include "app/eta.h"
+#include "app/terminal/eta.h"
 
 #include <gtest/gtest.h>
 

@@ -22,13 +22,13 @@
 #include <vector>
 
 #include "app/commands.h"
-#include "check.h"
-#include "scene/ply.h"
-#include "scene/remove_tree.h"
+#include "core/check.h"
+#include "core/files/remove_tree.h"
+#include "model/model_folder.h"
+#include "model/ply.h"
 #include "support/files.h"
-#include "train/checkpoint.h"
-#include "train/checkpoint_file.h"
-#include "train/model_folder.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_file.h"
 
 namespace b3dgs {
 namespace {

@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "app/run_program.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

@@ -6,11 +6,11 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "app/run_program.h"
-#include "scene/atomic_file.h"
-#include "scene/image_io.h"
-#include "scene/remove_tree.h"
+#include "core/files/atomic_file.h"
+#include "core/files/remove_tree.h"
+#include "scene/images/image_io.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

@@ -1,5 +1,5 @@
 // What progress looks like on a terminal and elsewhere.
-#include "app/progress.h"
+#include "app/terminal/progress.h"
 
 #include <gtest/gtest.h>
 

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <csignal>
 
-#include "app/run_program.h"
-#include "scene/remove_tree.h"
+#include "core/files/remove_tree.h"
+#include "model/model_folder.h"
 #include "support/files.h"
+#include "support/run_program.h"
 #include "support/temp_dir.h"
-#include "train/model_folder.h"
 
 namespace b3dgs {
 namespace {

@@ -7,15 +7,15 @@
 #include <cstdlib>
 #include <set>
 
-#include "check.h"
+#include "core/check.h"
+#include "core/files/atomic_file.h"
 #include "data_synth/synth_writer.h"
-#include "scene/atomic_file.h"
-#include "scene/ply.h"
+#include "model/ply.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
-#include "train/gaussian_model.h"
+#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {

@@ -3,10 +3,10 @@
 
 #include <cmath>
 
-#include "check.h"
-#include "scene/camera.h"
-#include "scene/colmap_format.h"
-#include "scene/distortion.h"
+#include "core/check.h"
+#include "scene/cameras/camera.h"
+#include "scene/cameras/distortion.h"
+#include "scene/colmap/colmap_format.h"
 
 namespace b3dgs::fuzz {
 

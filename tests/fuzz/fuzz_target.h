@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "check.h"
+#include "core/check.h"
 
 namespace b3dgs::fuzz {
 

@@ -1,5 +1,5 @@
 // Sizes and completeness of JPEG and PNG files.
-#include "scene/image_header.h"
+#include "scene/images/image_header.h"
 
 #include "fuzz/fuzz_target.h"
 

@@ -1,7 +1,7 @@
 // Configs of a training as JSON: config.json, --config, and what checkpoints hold.
+#include "core/json_text.h"
 #include "fuzz/fuzz_target.h"
-#include "json_text.h"
-#include "train/train_config.h"
+#include "train/config/train_config.h"
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   const nlohmann::ordered_json json = parse_json(bytes);

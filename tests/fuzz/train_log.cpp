@@ -1,8 +1,8 @@
 // train.jsonl. Damaged lines are left out, so nothing is ever refused.
 #include <sstream>
 
-#include "app/train_log_reader.h"
 #include "fuzz/fuzz_target.h"
+#include "report/train_log_reader.h"
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   std::istringstream lines{std::string(bytes)};

@@ -4,17 +4,17 @@
 #include <iostream>
 
 #include "adaptive/kernel_selector.h"
+#include "core/files/atomic_file.h"
 #include "fuzz/fuzz_target.h"
-#include "scene/atomic_file.h"
-#include "scene/colmap.h"
-#include "scene/image_io.h"
-#include "scene/ply.h"
-#include "scene/sample_model.h"
+#include "model/ply.h"
+#include "scene/colmap/colmap.h"
+#include "scene/images/image_io.h"
 #include "support/files.h"
-#include "train/checkpoint.h"
-#include "train/gaussian_model.h"
-#include "train/tiny_scene.h"
-#include "train/train_log.h"
+#include "support/sample_model.h"
+#include "support/train/tiny_scene.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/gaussians/gaussian_model.h"
+#include "train/output/train_log.h"
 
 namespace b3dgs {
 namespace {

@@ -1,4 +1,4 @@
-#include "raster/blend.h"
+#include "raster/math/blend.h"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,10 @@
 // Counts of the load against the lists themselves, read entry by entry in double.
 #include <gtest/gtest.h>
 
-#include "raster/blend.h"
-#include "raster/cpu_harness.h"
-#include "raster/rasterizer.h"
-#include "raster/tiling.h"
+#include "raster/math/blend.h"
+#include "raster/math/tiling.h"
+#include "raster/torch/rasterizer.h"
+#include "support/raster/cpu_harness.h"
 
 namespace b3dgs::test {
 namespace {

@@ -1,4 +1,4 @@
-#include "raster/covariance.h"
+#include "raster/math/covariance.h"
 
 #include <gtest/gtest.h>
 

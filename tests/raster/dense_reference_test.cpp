@@ -1,6 +1,6 @@
 // The judge judged: the dense reference against hand calculations, and its autograd gradients against finite
 // differences.
-#include "support/dense_reference.h"
+#include "support/raster/dense_reference.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 
 #include "support/approx.h"
 #include "support/finite_difference.h"
-#include "support/test_scenes.h"
+#include "support/raster/test_scenes.h"
 
 namespace b3dgs::test {
 namespace {

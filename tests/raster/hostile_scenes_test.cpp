@@ -1,5 +1,5 @@
 // The CPU rasterizer on scenes that no training should make, with every kernel and instruction set.
-#include "raster/hostile_scenes.h"
+#include "support/raster/hostile_scenes.h"
 
 namespace b3dgs::test {
 namespace {

@@ -1,4 +1,4 @@
-#include "raster/projection.h"
+#include "raster/math/projection.h"
 
 #include <gtest/gtest.h>
 

@@ -7,9 +7,9 @@
 #include <cstring>
 #include <limits>
 
-#include "check.h"
-#include "raster/cpu_harness.h"
-#include "raster/judge.h"
+#include "core/check.h"
+#include "support/raster/cpu_harness.h"
+#include "support/raster/judge.h"
 
 namespace b3dgs::test {
 namespace {

@@ -1,11 +1,11 @@
 // The torch layer: same results as the rasterizer below it, and tensors checked before anyone reads them.
-#include "raster/rasterizer.h"
+#include "raster/torch/rasterizer.h"
 
 #include <gtest/gtest.h>
 
-#include "check.h"
-#include "raster/cpu_harness.h"
+#include "core/check.h"
 #include "support/approx.h"
+#include "support/raster/cpu_harness.h"
 
 namespace b3dgs::test {
 namespace {

@@ -1,12 +1,12 @@
-#include "raster/sh.h"
+#include "raster/math/sh.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <vector>
 
-#include "support/dense_reference.h"
 #include "support/finite_difference.h"
+#include "support/raster/dense_reference.h"
 
 namespace b3dgs {
 namespace {

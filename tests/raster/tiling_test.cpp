@@ -1,4 +1,4 @@
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 #include <gtest/gtest.h>
 

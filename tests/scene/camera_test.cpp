@@ -1,11 +1,11 @@
-#include "scene/camera.h"
+#include "scene/cameras/camera.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
-#include "check.h"
+#include "core/check.h"
 
 namespace b3dgs {
 namespace {

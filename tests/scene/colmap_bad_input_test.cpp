@@ -3,11 +3,11 @@
 
 #include <cmath>
 
-#include "check.h"
-#include "scene/colmap.h"
-#include "scene/sample_model.h"
+#include "core/check.h"
+#include "scene/colmap/colmap.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/sample_model.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

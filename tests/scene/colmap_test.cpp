@@ -1,12 +1,12 @@
-#include "scene/colmap.h"
+#include "scene/colmap/colmap.h"
 
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 
-#include "check.h"
-#include "scene/sample_model.h"
+#include "core/check.h"
 #include "support/files.h"
+#include "support/sample_model.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

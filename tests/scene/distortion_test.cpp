@@ -1,10 +1,10 @@
-#include "scene/distortion.h"
+#include "scene/cameras/distortion.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

@@ -1,11 +1,11 @@
-#include "scene/image_io.h"
+#include "scene/images/image_io.h"
 
 #include <gtest/gtest.h>
 
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"

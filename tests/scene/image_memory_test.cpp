@@ -1,9 +1,9 @@
-#include "scene/image_memory.h"
+#include "scene/images/image_memory.h"
 
 #include <gtest/gtest.h>
 
-#include "scene/host_memory.h"
-#include "scene/undistorter_cache.h"
+#include "core/host_memory.h"
+#include "scene/cameras/undistorter_cache.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 

@@ -1,8 +1,8 @@
-#include "scene/resolution.h"
+#include "scene/images/resolution.h"
 
 #include <gtest/gtest.h>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "check.h"
-#include "scene/colmap.h"
-#include "scene/image_io.h"
+#include "core/check.h"
+#include "scene/colmap/colmap.h"
+#include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"

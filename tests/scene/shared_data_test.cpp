@@ -5,8 +5,8 @@
 #include <filesystem>
 #include <set>
 
-#include "check.h"
-#include "scene/image_io.h"
+#include "core/check.h"
+#include "scene/images/image_io.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"

@@ -1,4 +1,4 @@
-#include "scene/undistort.h"
+#include "scene/cameras/undistort.h"
 
 #include <gtest/gtest.h>
 
@@ -6,8 +6,8 @@
 #include <cmath>
 #include <random>
 
-#include "check.h"
-#include "scene/image_io.h"
+#include "core/check.h"
+#include "scene/images/image_io.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "raster/cuda/cuda_check.h"
+#include "core/cuda_check.h"
 
 namespace b3dgs::test {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <system_error>
 
-#include "scene/remove_tree.h"
+#include "core/files/remove_tree.h"
 
 namespace b3dgs::test {
 

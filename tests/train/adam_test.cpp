@@ -1,10 +1,10 @@
-#include "train/adam.h"
+#include "train/optimizer/adam.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "parallel.h"
+#include "core/parallel.h"
 #include "support/approx.h"
 
 namespace b3dgs {

@@ -1,16 +1,16 @@
-#include "train/checkpoint.h"
+#include "train/checkpoint/checkpoint.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
-#include "train/checkpoint_file.h"
-#include "train/gaussian_model.h"
-#include "train/tiny_scene.h"
+#include "support/train/tiny_scene.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/gaussians/gaussian_model.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

@@ -1,14 +1,14 @@
 // Density control on cases small enough to follow by hand.
 
-#include "train/densifier.h"
+#include "train/density/densifier.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "parallel.h"
+#include "core/parallel.h"
+#include "core/random.h"
 #include "support/approx.h"
-#include "train/random.h"
 
 namespace b3dgs {
 namespace {

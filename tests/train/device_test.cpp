@@ -5,7 +5,7 @@
 
 #include "raster/cuda/gpu_support.h"
 #include "support/expect_error.h"
-#include "train/tiny_scene.h"
+#include "support/train/tiny_scene.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

@@ -1,4 +1,4 @@
-#include "train/image_reader.h"
+#include "train/images/image_reader.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <mutex>
 #include <set>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
-#include "train/disk_scene.h"
+#include "support/train/disk_scene.h"
 
 namespace b3dgs {
 namespace {

@@ -1,13 +1,13 @@
-#include "train/image_store.h"
+#include "train/images/image_store.h"
 
 #include <gtest/gtest.h>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
-#include "train/disk_scene.h"
-#include "train/tiny_scene.h"
-#include "train/upload_slots.h"
-#include "train/view_order.h"
+#include "support/train/disk_scene.h"
+#include "support/train/tiny_scene.h"
+#include "train/images/upload_slots.h"
+#include "train/images/view_order.h"
 
 namespace b3dgs {
 namespace {

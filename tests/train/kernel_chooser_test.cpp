@@ -1,5 +1,5 @@
 // Checks of the kernels on a tiny scene, with a timer whose times are invented, and what counts as the same image.
-#include "train/kernel_chooser.h"
+#include "train/selection/kernel_chooser.h"
 
 #include <gtest/gtest.h>
 #include <torch/torch.h>
@@ -7,10 +7,10 @@
 #include <limits>
 #include <set>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
-#include "train/kernel_agreement.h"
-#include "train/tiny_scene.h"
+#include "support/train/tiny_scene.h"
+#include "train/selection/kernel_agreement.h"
 
 namespace b3dgs {
 namespace {

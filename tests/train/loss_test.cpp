@@ -1,6 +1,6 @@
 // The loss against a naive implementation in double: one pixel and one window at a time, 121 taps.
 
-#include "train/loss.h"
+#include "train/loss/loss.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <cstring>
 #include <random>
 
-#include "parallel.h"
+#include "core/parallel.h"
 #include "support/finite_difference.h"
-#include "train/ssim_window.h"
+#include "train/loss/ssim_window.h"
 
 namespace b3dgs {
 namespace {

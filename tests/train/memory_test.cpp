@@ -1,17 +1,17 @@
 // A training whose memory is short, without a GPU: the source of memory is handed in.
-#include "train/memory_source.h"
+#include "train/memory/memory_source.h"
 
 #include <gtest/gtest.h>
 
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
-#include "train/densifier.h"
-#include "train/loss.h"
-#include "train/memory_plan.h"
-#include "train/short_memory.h"
-#include "train/tiny_scene.h"
-#include "train/training.h"
+#include "support/train/short_memory.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/density/densifier.h"
+#include "train/loss/loss.h"
+#include "train/memory/memory_plan.h"
 
 namespace b3dgs {
 namespace {

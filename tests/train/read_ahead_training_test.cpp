@@ -3,11 +3,11 @@
 
 #include <functional>
 
-#include "check.h"
+#include "core/check.h"
 #include "support/expect_error.h"
-#include "train/checkpoint.h"
-#include "train/disk_scene.h"
-#include "train/training.h"
+#include "support/train/disk_scene.h"
+#include "support/train/training.h"
+#include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
 namespace {

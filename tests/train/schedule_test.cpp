@@ -7,10 +7,10 @@
 #include <numeric>
 #include <set>
 
-#include "train/lr_schedule.h"
-#include "train/output_plan.h"
-#include "train/random.h"
-#include "train/view_order.h"
+#include "core/random.h"
+#include "train/config/output_plan.h"
+#include "train/images/view_order.h"
+#include "train/optimizer/lr_schedule.h"
 
 namespace b3dgs {
 namespace {

@@ -1,4 +1,4 @@
-#include "train/stage_timer.h"
+#include "train/timing/stage_timer.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <set>
 
 #include "support/temp_dir.h"
-#include "train/densifier.h"
-#include "train/tiny_scene.h"
-#include "train/training.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/density/densifier.h"
 
 namespace b3dgs {
 namespace {

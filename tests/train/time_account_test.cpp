@@ -1,6 +1,6 @@
 // What counts as training time: on an invented device whose work is done later than it is queued, and in a training
 // with an invented clock.
-#include "train/time_account.h"
+#include "train/timing/time_account.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <map>
 
 #include "support/temp_dir.h"
-#include "train/tiny_scene.h"
-#include "train/training.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
 
 namespace b3dgs {
 namespace {

@@ -11,16 +11,16 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "check.h"
-#include "scene/ply.h"
+#include "core/check.h"
+#include "core/files/folder_lock.h"
+#include "model/ply.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
-#include "train/bad_gaussians.h"
-#include "train/checkpoint.h"
-#include "train/folder_lock.h"
-#include "train/row_edit.h"
-#include "train/tiny_scene.h"
-#include "train/training.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/density/bad_gaussians.h"
+#include "train/density/row_edit.h"
 
 namespace b3dgs {
 namespace {

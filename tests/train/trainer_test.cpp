@@ -5,17 +5,17 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "check.h"
-#include "parallel.h"
-#include "scene/ply.h"
+#include "core/check.h"
+#include "core/parallel.h"
+#include "model/ply.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
-#include "train/checkpoint.h"
-#include "train/checkpoint_file.h"
-#include "train/densifier.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/density/densifier.h"
 #include "train/threads.h"
-#include "train/tiny_scene.h"
-#include "train/training.h"
 
 namespace b3dgs {
 namespace {

@@ -1,6 +1,6 @@
 #include "adaptive/cuda/cuda_event_timer.h"
 
-#include "raster/cuda/cuda_check.h"
+#include "core/cuda_check.h"
 
 namespace b3dgs {
 

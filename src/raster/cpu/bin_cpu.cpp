@@ -4,10 +4,10 @@
 #include <cstring>
 #include <vector>
 
-#include "check.h"
-#include "parallel.h"
+#include "core/check.h"
+#include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cpu {
 namespace {

@@ -6,16 +6,16 @@
 #define HWY_TARGET_INCLUDE "raster/cpu/blend_backward_cpu.cpp"
 #include <hwy/foreach_target.h>
 // Once per target from here.
-#include "raster/cpu/lanes-inl.h"
+#include "raster/cpu/forward/lanes-inl.h"
 // Highway's order: lanes first, then what computes on them.
-#include "raster/blend.h"
+#include "raster/math/blend.h"
 
 #include <algorithm>
 
-#include "parallel.h"
+#include "core/parallel.h"
 #include "raster/cpu/passes.h"
 #include "raster/cpu/rasterize_cpu.h"
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace b3dgs {

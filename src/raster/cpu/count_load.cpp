@@ -1,10 +1,10 @@
 // Counts what the forward blend looks at: tiles from the pool, one pixel at a time. Asked for once in a thousand steps,
 // so plain code does.
 
-#include "parallel.h"
+#include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/pixel_load.h"
-#include "raster/tiling.h"
+#include "raster/math/pixel_load.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cpu {
 namespace {

@@ -5,12 +5,12 @@
 #include <limits>
 #include <vector>
 
-#include "check.h"
-#include "parallel.h"
-#include "raster/bad_gaussian.h"
+#include "core/check.h"
+#include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/project_splat.h"
-#include "raster/sh.h"
+#include "raster/math/bad_gaussian.h"
+#include "raster/math/project_splat.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs::cpu {
 namespace {

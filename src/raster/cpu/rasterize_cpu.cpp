@@ -2,12 +2,12 @@
 
 #include "raster/cpu/rasterize_cpu.h"
 
-#include "check.h"
+#include "core/check.h"
 #include "raster/args_check.h"
 #include "raster/cpu/buffer.h"
-#include "raster/cpu/forward_table.h"
+#include "raster/cpu/forward/forward_table.h"
 #include "raster/cpu/passes.h"
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cpu {
 

@@ -12,7 +12,7 @@
 
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 namespace {

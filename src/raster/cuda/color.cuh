@@ -2,8 +2,8 @@
 #pragma once
 
 #include "raster/cuda/passes.h"
-#include "raster/rows.h"
-#include "raster/sh.h"
+#include "raster/math/rows.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs::cuda {
 

@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-#include "raster/cuda/cuda_check.h"
+#include "core/cuda_check.h"
 
 namespace b3dgs::cuda {
 

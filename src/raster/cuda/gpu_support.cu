@@ -1,4 +1,4 @@
-#include "raster/cuda/cuda_check.h"
+#include "core/cuda_check.h"
 #include "raster/cuda/gpu_support.h"
 
 namespace b3dgs::cuda {

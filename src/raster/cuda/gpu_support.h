@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "check.h"
+#include "core/check.h"
 
 namespace b3dgs::cuda {
 

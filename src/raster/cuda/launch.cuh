@@ -2,10 +2,10 @@
 // fit for pools.
 #pragma once
 
-#include "check.h"
+#include "core/check.h"
 #include "raster/cuda/device_buffer.h"
 #include "raster/cuda/kernel_resources.h"
-#include "raster/tiling.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 

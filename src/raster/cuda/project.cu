@@ -6,7 +6,7 @@
 #include "raster/cuda/color.cuh"
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/warp.cuh"
-#include "raster/project_splat.h"
+#include "raster/math/project_splat.h"
 
 namespace b3dgs::cuda {
 namespace {

@@ -6,14 +6,14 @@
 #include <vector>
 
 #include "raster/args_check.h"
-#include "raster/bad_gaussian.h"
-#include "raster/cuda/backward_table.h"
-#include "raster/cuda/forward_scratch.h"
-#include "raster/cuda/forward_table.h"
+#include "raster/cuda/backward/backward_table.h"
+#include "raster/cuda/forward/forward_scratch.h"
+#include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/passes.h"
+#include "raster/math/bad_gaussian.h"
+#include "raster/math/project_splat.h"
+#include "raster/math/tiling.h"
 #include "raster/pair_limit.h"
-#include "raster/project_splat.h"
-#include "raster/tiling.h"
 
 namespace b3dgs::cuda {
 namespace {

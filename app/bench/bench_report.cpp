@@ -1,0 +1,143 @@
+#include "app/bench/bench_report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+
+#include "adaptive/load_statistics.h"
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+nlohmann::ordered_json to_row(const char* kind, const std::string& name, const Timing& timing) {
+  nlohmann::ordered_json row{{kind, name}};
+  row.update(to_json(timing));
+  return row;
+}
+
+/// Relative, by parameter.
+nlohmann::ordered_json gradient_differences(const Measurement& measurement, const Measurement& first) {
+  nlohmann::ordered_json differences = nlohmann::ordered_json::object();
+  for (std::size_t i = 0; i < first.gradients.size(); ++i) {
+    const NamedArray& reference = first.gradients[i];
+    differences[reference.name] =
+        relative_difference(measurement.gradients.at(i).values, reference.values, reference.size);
+  }
+  return differences;
+}
+
+}  // namespace
+
+Timing summarize(std::vector<double> ms) {
+  std::sort(ms.begin(), ms.end());
+  return {ms[ms.size() / 2], ms.front(), ms.back()};
+}
+
+nlohmann::ordered_json to_json(const Timing& timing) {
+  return {{"median_ms", timing.median_ms}, {"min_ms", timing.min_ms}, {"max_ms", timing.max_ms}};
+}
+
+nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths) {
+  nlohmann::ordered_json statistics{{"tiles", lengths.size()},
+                                    {"pairs", std::accumulate(lengths.begin(), lengths.end(), std::int64_t{0})}};
+  statistics.update(to_json(load_statistics(lengths.data(), static_cast<std::int64_t>(lengths.size()))));
+  return statistics;
+}
+
+void print_list_statistics(const nlohmann::ordered_json& statistics) {
+  std::printf("list lengths: mean %.0f, median %lld, p90 %lld, p99 %lld, max %lld, Gini %.2f; %lld pairs\n",
+              statistics["mean"].get<double>(), statistics["median"].get<long long>(),
+              statistics["p90"].get<long long>(), statistics["p99"].get<long long>(),
+              statistics["max"].get<long long>(), statistics["gini"].get<double>(),
+              statistics["pairs"].get<long long>());
+}
+
+double largest_difference(const std::vector<float>& a, const std::vector<float>& b) {
+  B3DGS_CHECK(a.size() == b.size(), "outputs of ", a.size(), " and ", b.size(), " values");
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double difference = std::fabs(double{a[i]} - double{b[i]});
+    if (!(difference <= largest)) largest = std::isnan(difference) ? HUGE_VAL : difference;
+  }
+  return largest;
+}
+
+double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size) {
+  double magnitude = size;
+  for (const float value : reference) magnitude = std::max(magnitude, std::fabs(double{value}));
+  const double difference = largest_difference(values, reference);
+  return difference > 0 ? difference / magnitude : 0.0;
+}
+
+void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {
+  figures_[key] = std::move(value);
+  if (!path_.empty()) write_file(path_, figures_.dump(2) + "\n");
+}
+
+ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColumns& columns) : columns_(columns) {
+  std::printf("\n%-16s %10s %23s %9s", title.c_str(), "median ms", "min .. max", "x first");
+  if (columns_.keeping) std::printf(" %10s", "keeping");
+  if (columns_.resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
+  if (columns_.image) std::printf(" %11s", "image diff.");
+  if (columns_.gradients) std::printf(" %11s", "grad. diff.");
+  std::printf("\n");
+}
+
+void ComparisonTable::add(Measurement measurement) {
+  if (!first_) first_ = measurement;
+  const Timing& timing = measurement.timing;
+  const double speedup = first_->timing.median_ms / timing.median_ms;
+  nlohmann::ordered_json row = to_row("kernel", measurement.name, timing);
+  row["speedup"] = speedup;
+  std::printf("%-16s %10.3f %10.3f .. %9.3f %9.2f", measurement.name.c_str(), timing.median_ms, timing.min_ms,
+              timing.max_ms, speedup);
+  if (columns_.keeping) {
+    B3DGS_CHECK(measurement.keeping, measurement.name, " comes without its time in training");
+    std::printf(" %10.3f", measurement.keeping->median_ms);
+    row["keeping"] = to_json(*measurement.keeping);
+  }
+  if (columns_.resources) {
+    B3DGS_CHECK(measurement.resources, measurement.name, " comes without its resources");
+    const cuda::KernelResources& r = *measurement.resources;
+    std::printf(" %10d %12d %8.1f %%", r.registers, r.shared_bytes, 100 * r.occupancy());
+    row["registers"] = r.registers;
+    row["shared_bytes"] = r.shared_bytes;
+    row["local_bytes"] = r.local_bytes;
+    row["threads"] = r.threads;
+    row["occupancy_percent"] = 100 * r.occupancy();
+  }
+  if (columns_.image) {
+    const double difference = largest_difference(measurement.image, first_->image);
+    std::printf(" %11.1e", difference);
+    row["image_difference"] = difference;
+  }
+  if (columns_.gradients) {
+    const nlohmann::ordered_json differences = gradient_differences(measurement, *first_);
+    double largest = 0;
+    for (const auto& difference : differences) largest = std::max(largest, difference.get<double>());
+    std::printf(" %11.1e", largest);
+    row["gradient_difference"] = largest;
+    row["gradient_difference_by_parameter"] = differences;
+  }
+  std::printf("\n");
+  rows_.push_back(row);
+}
+
+PassTable::PassTable(const std::string& title) {
+  std::printf("\n%-16s %10s %23s\n", title.c_str(), "median ms", "min .. max");
+}
+
+void PassTable::add(const std::string& name, const Timing& timing) {
+  std::printf("%-16s %10.3f %10.3f .. %9.3f\n", name.c_str(), timing.median_ms, timing.min_ms, timing.max_ms);
+  rows_.push_back(to_row("pass", name, timing));
+  sum_ms_ += timing.median_ms;
+}
+
+void PassTable::print_sum(const std::string& name) const {
+  std::printf("%-16s %10.3f\n", name.c_str(), sum_ms_);
+}
+
+}  // namespace b3dgs

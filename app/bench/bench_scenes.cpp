@@ -1,0 +1,207 @@
+#include "app/bench/bench_scenes.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "app/bench/bench_devices.h"
+#include "data_synth/random.h"
+#include "data_synth/synth_scene.h"
+#include "model/cameras_json.h"
+#include "model/model_folder.h"
+#include "model/ply.h"
+#include "scene/scene.h"
+#include "train/evaluate.h"
+#include "train/gaussians/gaussian_model.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+BenchScene make_street_bench(const BenchConfig& config) {
+  SynthConfig synth;
+  synth.scene = "street";
+  synth.seed = config.seed;
+  synth.points = static_cast<int>(config.points);
+  synth.views = 1;
+  synth.width = config.width;
+  synth.height = config.height;
+  const SynthScene street = make_scene(with_scene_defaults(synth));
+  return {"street", splats_from_points(street.points, 3), to_pinhole_view(street.cameras.front())};
+}
+
+/// How densely spread Gaussians lie at each distance from the image's centre, in half images. Within the core the
+/// density is constant. With this core the law of skew 1 is that of `street`'s points.
+class SpreadLaw {
+ public:
+  explicit SpreadLaw(double skew)
+      : skew_(skew),
+        exponent_(2 - 2 * skew),
+        is_logarithmic_(std::abs(exponent_) < 1e-9),
+        slope_(2 * std::pow(kCore, 2 * skew)) {
+    const double beyond =
+        is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_;
+    mass_ = kCoreMass + beyond;
+  }
+
+  /// The distance that has as much of this law within it as `distance` has of the even law.
+  double skewed_distance(double distance) const {
+    if (skew_ == 0) return distance;
+    const double mass = distance * distance * mass_;
+    if (mass <= kCoreMass) return std::sqrt(mass);
+    const double rest = (mass - kCoreMass) / slope_;
+    return is_logarithmic_ ? kCore * std::exp(rest)
+                           : std::pow(std::pow(kCore, exponent_) + exponent_ * rest, 1 / exponent_);
+  }
+
+  /// Relative to the mean over the image.
+  double density(double distance) const { return std::pow(std::max(distance, kCore) / kCore, -2 * skew_) / mass_; }
+
+ private:
+  static constexpr double kCore = 0.05;
+  static constexpr double kCoreMass = kCore * kCore;  // of density 1, by d(distance^2): the whole image has 1
+
+  double skew_;
+  double exponent_;  // of the mass beyond the core
+  bool is_logarithmic_;
+  double slope_;  // of the mass beyond the core
+  double mass_;   // of the whole image, with density 1 in the core
+};
+
+/// Appends what a trained Gaussian has besides its place: any shape, opacity and colour.
+void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
+  const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
+  const double log_sigma = std::log(median_sigma) + 0.5 * random.normal();
+  for (int k = 0; k < 3; ++k) cloud.log_scales.push_back(static_cast<float>(log_sigma + 0.3 * random.normal()));
+  for (int k = 0; k < 4; ++k) cloud.quats.push_back(static_cast<float>(random.normal()));
+  cloud.logit_opacities.push_back(static_cast<float>(1.5 * random.normal()));
+  for (int k = 0; k < 3; ++k) cloud.sh0.push_back(static_cast<float>(random.normal()));
+  for (int k = 0; k < n_rest; ++k) cloud.shN.push_back(static_cast<float>(0.1 * random.normal()));
+}
+
+/// As splats_from_points() makes it of a point of any colour.
+void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
+  const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
+  cloud.log_scales.insert(cloud.log_scales.end(), 3, static_cast<float>(std::log(sigma)));
+  cloud.quats.insert(cloud.quats.end(), {1, 0, 0, 0});
+  cloud.logit_opacities.push_back(logit(kInitialOpacity));
+  for (int k = 0; k < 3; ++k) cloud.sh0.push_back(sh0_from_color(random.uniform()));
+  cloud.shN.insert(cloud.shN.end(), n_rest, 0.0f);
+}
+
+/// The folder's own Gaussians and cameras; each is read only if it is wanted.
+struct FolderContent {
+  SplatCloud cloud;
+  std::vector<NamedCamera> cameras;
+};
+
+FolderContent read_model(const BenchConfig& config, const ModelFolder& folder) {
+  FolderContent content;
+  if (config.ply.empty()) content.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
+  if (config.cameras.empty()) content.cameras = read_cameras_json(folder.cameras());
+  return content;
+}
+
+FolderContent read_colmap(const BenchConfig& config) {
+  SceneOptions options;
+  options.source_path = config.scene;
+  options.images = config.images;
+  options.load_images = false;
+  const Scene scene = load_scene(options);
+  FolderContent content;
+  if (config.ply.empty()) content.cloud = splats_from_points(scene.points, 3);
+  for (const View& view : scene.train) content.cameras.push_back({view.name, view.camera});
+  return content;
+}
+
+const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::string& name) {
+  if (name.empty()) return cameras.front().camera;
+  const auto found =
+      std::find_if(cameras.begin(), cameras.end(), [&](const NamedCamera& camera) { return camera.name == name; });
+  if (found == cameras.end()) {
+    input_error("command line: view ", name, ": no camera has an image of that name; the first is ",
+                cameras.front().name);
+  }
+  return found->camera;
+}
+
+BenchScene read_bench_scene(const BenchConfig& config) {
+  FolderContent content;
+  if (config.ply.empty() || config.cameras.empty()) {
+    const ModelFolder folder(config.scene);
+    content = folder.ply_iterations().empty() ? read_colmap(config) : read_model(config, folder);
+  }
+  BenchScene scene;
+  scene.name = config.ply.empty() ? config.scene : config.ply;
+  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splat_ply(config.ply);
+  if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
+  scene.view = to_pinhole_view(choose_view(content.cameras, config.view));
+  if (scene.cloud.size() == 0) input_error(scene.name, ": has no points to start from; name a model with --ply");
+  return scene;
+}
+
+}  // namespace
+
+void take_defaults(BenchRun& run) {
+  if (run.device == "auto") run.device = default_bench_device();
+  const TileShape tile = default_tile(run.device);
+  if (run.tile_width == 0) run.tile_width = tile.width;
+  if (run.tile_height == 0) run.tile_height = tile.height;
+}
+
+GaussianArrays BenchScene::arrays() const {
+  return {cloud.size(),       cloud.sh_degree,
+          cloud.means.data(), cloud.log_scales.data(),
+          cloud.quats.data(), cloud.logit_opacities.data(),
+          cloud.sh0.data(),   cloud.shN.data()};
+}
+
+BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
+  constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8;
+  constexpr double kTrainedSigma = 1.7;  // px
+  // Mean distance to the 3 nearest of points that lie at random in a plane, one per unit of area: the k-th of them is
+  // at 1/2, 3/4 and 15/16 on average. Within 1 % of the geometric mean of what training takes, the root of the mean
+  // square.
+  constexpr double kSigmaPerSpacing = (0.5 + 0.75 + 0.9375) / 3;
+  const double pixels_per_point = static_cast<double>(run.width) * run.height / static_cast<double>(spread.points);
+  const SpreadLaw law(spread.skew);
+  Random random(run.seed);
+  BenchScene scene{"balanced", {}, {}};
+  SplatCloud& cloud = scene.cloud;
+  cloud.sh_degree = spread.sh_degree;
+  for (std::int64_t i = 0; i < spread.points; ++i) {
+    const double z = kNearest + kDepthRange * random.uniform();
+    const double u = random.uniform() - 0.5, v = random.uniform() - 0.5;
+    const double even_distance = 2 * std::max({std::abs(u), std::abs(v), 1e-12});
+    const double distance = law.skewed_distance(even_distance);
+    const double scale = distance / even_distance;
+    const double x = scale * u * run.width / kFocal * z, y = scale * v * run.height / kFocal * z;
+    for (const double coordinate : {x, y, z}) cloud.means.push_back(static_cast<float>(coordinate));
+    if (spread.state == SpreadState::kTrained) {
+      append_trained(cloud, kTrainedSigma * z / kFocal, random);
+    } else {
+      const double spacing = std::sqrt(pixels_per_point / law.density(distance));
+      append_untrained(cloud, kSigmaPerSpacing * spacing * z / kFocal, random);
+    }
+  }
+  Camera camera;
+  camera.width = run.width;
+  camera.height = run.height;
+  camera.fx = camera.fy = kFocal;
+  camera.cx = 0.5 * run.width;
+  camera.cy = 0.5 * run.height;
+  scene.view = to_pinhole_view(camera);
+  return scene;
+}
+
+BenchScene make_bench_scene(const BenchConfig& config) {
+  const bool is_street = config.scene == "street", is_made_up = is_street || config.scene == "balanced";
+  if (is_made_up && config.ply.empty() != config.cameras.empty()) {
+    input_error("command line: --ply and --cameras go together, or with a COLMAP or model folder that has the other");
+  }
+  if (!is_made_up || !config.ply.empty()) return read_bench_scene(config);
+  return is_street ? make_street_bench(config)
+                   : make_spread_scene({config.points, config.skew, SpreadConfig().sh_degree}, config);
+}
+
+}  // namespace b3dgs

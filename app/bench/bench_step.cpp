@@ -1,0 +1,232 @@
+// b3dgs bench step: the whole training step on a scene, stage by stage. The steps are the trainer's own: nothing is
+// repeated or left out for the measurement.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <limits>
+#include <numeric>
+#include <optional>
+
+#include "app/bench/bench_report.h"
+#include "app/bench/step_floor.h"
+#include "app/commands.h"
+#include "app/model.h"
+#include "app/terminal/progress.h"
+#include "app/train_setup.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/files/atomic_file.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/device.h"
+#include "train/threads.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct BenchStepOptions {
+  int steps = 100;
+  int warmup = 10;
+  std::string checkpoint;
+  std::string json;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchStepOptions>> visit_fields(Config& c,
+                                                                                             Visitor&& field) {
+  field(Option{"steps"}, c.steps, InRange{1, 100000}, "timed training steps; the median of each stage is shown");
+  field(Option{"warmup"}, c.warmup, InRange{0, 100000}, "steps before them, which are not timed");
+  field(Option{"checkpoint"}, c.checkpoint, Any{},
+        "begin there, with its options unless others are given, instead of at the scene's points or --init_ply");
+  field(Option{"json"}, c.json, Any{}, "write all figures to this file as well");
+}
+
+/// Times of the steps behind the warm-up.
+class StepTimes {
+ public:
+  explicit StepTimes(int n_warmup) : n_warmup_(n_warmup) {}
+
+  void add(const StageTimes& times) {
+    if (times.kind == StageTimes::Kind::kDensityRound) {
+      if (!steps_.empty()) rounds_.push_back(times);
+    } else if (n_warmup_ > 0) {
+      --n_warmup_;
+    } else {
+      steps_.push_back(times);
+    }
+  }
+  const std::vector<StageTimes>& steps() const { return steps_; }
+  const std::vector<StageTimes>& rounds() const { return rounds_; }
+
+ private:
+  int n_warmup_;
+  std::vector<StageTimes> steps_, rounds_;
+};
+
+/// The table of stages, and the same as JSON.
+class StageTable {
+ public:
+  StageTable(double total_ms, bool has_floor) : total_ms_(total_ms), has_floor_(has_floor) {
+    std::printf("\n%-16s %10s %23s %7s%s\n", "stage", "median ms", "min .. max", "share",
+                has_floor ? "   floor ms" : "");
+  }
+
+  /// `ms` of single steps; nothing is shown if there are none.
+  void add(const char* name, const std::vector<double>& ms, std::optional<double> floor_ms) {
+    if (ms.empty()) return;
+    const Timing timing = summarize(ms);
+    const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms_;
+    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%", name, timing.median_ms, timing.min_ms, timing.max_ms,
+                100 * share);
+    Json row = {{"stage", name}};
+    row.update(to_json(timing));
+    row["share"] = share;
+    if (has_floor_ && floor_ms) {
+      std::printf(" %10.3f", *floor_ms);
+      row["floor_ms"] = *floor_ms;
+    }
+    std::printf("\n");
+    rows_.push_back(std::move(row));
+  }
+  const Json& rows() const { return rows_; }
+
+ private:
+  double total_ms_;
+  bool has_floor_;
+  Json rows_ = Json::array();
+};
+
+Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, bool has_floor) {
+  std::vector<double> wall_ms, host_ms;
+  for (const StageTimes& step : steps) {
+    wall_ms.push_back(step.wall_ms);
+    host_ms.push_back(step.host_ms());
+  }
+  double floor_sum = 0;
+  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0), has_floor);
+  for (std::size_t i = 0; i < kStageCount; ++i) {
+    std::vector<double> ms;
+    for (const StageTimes& step : steps) {
+      if (step.ms[i]) ms.push_back(*step.ms[i]);
+    }
+    const std::optional<double> floor_ms = step_floor_ms(static_cast<Stage>(i), size);
+    floor_sum += floor_ms.value_or(0);
+    table.add(kStageNames[i], ms, floor_ms);
+  }
+  table.add("host", host_ms, std::nullopt);
+  table.add("step", wall_ms, floor_sum);
+  return table.rows();
+}
+
+TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options) {
+  TrainConfig config;
+  if (!options.checkpoint.empty()) {
+    const Json header = read_checkpoint_header(options.checkpoint);
+    if (!header.contains("config")) input_error(options.checkpoint, ": holds no config; it is no checkpoint");
+    config_from_json(config, header["config"], options.checkpoint);
+    config.device = TrainConfig{}.device;  // belongs to the machine, not to the training
+  }
+  line.apply(config);
+  if (config.source_path.empty()) input_error("command line: which scene? b3dgs bench step SCENE");
+  config.iterations = std::numeric_limits<int>::max();
+  config.device = device_name(choose_device(config.device));
+  return config;
+}
+
+Json show_rounds(const std::vector<StageTimes>& rounds) {
+  std::vector<double> ms;
+  for (const StageTimes& round : rounds) ms.push_back(round.wall_ms);
+  const Timing timing = summarize(ms);
+  std::printf("%-16s %10.3f %10.3f .. %9.3f  of %zu rounds\n", "density control", timing.median_ms, timing.min_ms,
+              timing.max_ms, ms.size());
+  Json json = {{"count", ms.size()}};
+  json.update(to_json(timing));
+  return json;
+}
+
+double mean_pixels(const Scene& scene) {
+  double sum = 0;
+  for (const View& view : scene.train) sum += static_cast<double>(view.camera.width) * view.camera.height;
+  return sum / static_cast<double>(scene.train.size());
+}
+
+/// Mean wall-clock time of a step, the device's part of the last one included. A signal ends it early.
+double run_steps(Trainer& trainer, int n) {
+  const auto start = std::chrono::steady_clock::now();
+  int done = 0;
+  while (done < n && stop_signal() == 0) {
+    trainer.step();
+    ++done;
+  }
+  trainer.wait();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count() /
+         std::max(1, done);
+}
+
+/// Prints all figures and returns them.
+Json report_steps(const StepTimes& times, const TrainConfig& config, const StepSize& size, double wall_ms) {
+  const torch::Device device = choose_device(config.device);
+  const bool has_floor = device.is_cuda();
+  const TileShape tile = tile_shape(config);
+  std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
+              config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels, tile.width,
+              tile.height, config.kernel.c_str(), size.sh_degree, times.steps().size(),
+              describe_device(device).c_str());
+  Json report;
+  report["stages"] = show_stages(times.steps(), size, has_floor);
+  std::printf("%-16s %10.3f  a step, density control and the gaps between steps included\n", "wall clock", wall_ms);
+  report["wall_ms"] = wall_ms;
+  if (!times.rounds().empty()) report["density_rounds"] = show_rounds(times.rounds());
+  if (has_floor) {
+    std::printf("floor: %s\n", kStepFloorAssumptions);
+    report["floor"] = kStepFloorAssumptions;
+  }
+  report["steps"] = times.steps().size();
+  report["n_gaussians"] = size.n_gaussians;
+  report["n_pixels"] = size.n_pixels;
+  report["sh_degree"] = size.sh_degree;
+  report["device"] = config.device;
+  report["config"] = config_to_json(config);
+  return report;
+}
+
+}  // namespace
+
+int run_bench_step(const std::vector<std::string>& words) {
+  BenchStepOptions options;
+  CommandLine line("bench step", "Times whole training steps by stage, writing no model: b3dgs bench step SCENE.");
+  line.add(options, "Benchmark");
+  line.add(TrainConfig{}, "Training", {"source_path"},
+           {"model_path", "iterations", "test_iterations", "save_iterations", "checkpoint_iterations",
+            "checkpoint_interval", "keep_checkpoints"});
+  if (!line.parse(words)) return 0;
+  line.apply(options);
+  const TrainConfig config = make_config(line, options);
+  set_compute_threads(config.threads);
+
+  StatusLine status = StatusLine::for_stderr(false);
+  const Scene scene = open_scene(scene_options(config), status);
+  StepTimes times(options.warmup);
+  TrainHooks hooks;
+  hooks.on_message = [&](const std::string& message) { status.print(message); };
+  hooks.on_warning = [&](const std::string& message) { status.warn(message); };
+  hooks.on_loading = show_loading(status);
+  hooks.on_stage_times = [&](const StageTimes& known) { times.add(known); };
+  Trainer trainer(config, scene, ModelFolder(""), hooks);
+  status.clear();
+  if (!options.checkpoint.empty()) trainer.resume(options.checkpoint);
+
+  catch_stop_signals();
+  if (options.warmup > 0) run_steps(trainer, options.warmup);
+  const double wall_ms = run_steps(trainer, options.steps);
+  if (times.steps().empty()) return 128 + stop_signal();  // nothing has been timed
+  // As they are at the end: the floor is that of the largest step.
+  const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
+  const Json report = report_steps(times, config, size, wall_ms);
+  if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
+  return stop_signal() == 0 ? 0 : 128 + stop_signal();
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,47 @@
+// b3dgs bench: times the blending kernels and the passes of one view, on the scene and the machine at hand.
+#include <cstdio>
+
+#include "app/bench/bench_devices.h"
+#include "app/commands.h"
+#include "core/command_line.h"
+#include "core/parallel.h"
+
+namespace b3dgs {
+namespace {
+
+int run_bench_kernels(const std::vector<std::string>& words) {
+  BenchConfig config;
+  CommandLine line(
+      "bench",
+      "Times the blending kernels and the passes of one view: b3dgs bench [kernels] [street|balanced|SCENE|"
+      "MODEL]. b3dgs bench step: a training step by stage. b3dgs bench sweep: the forward kernels over a grid of "
+      "numbers and skews.");
+  line.add(config, "Benchmark", {"scene"});
+  if (!line.parse(words)) return 0;
+  line.apply(config);
+  take_defaults(config);
+  set_thread_count(config.threads);
+
+  const BenchScene scene = make_bench_scene(config);
+  std::printf("%s: %lld Gaussians, %d x %d px, tiles of %d x %d px\n", scene.name.c_str(),
+              static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height, config.tile_width,
+              config.tile_height);
+  BenchFile file(config.json);
+  file.set("config", config_to_json(config));
+  file.set("n_gaussians", scene.cloud.size());
+  bench_kernels(config, scene, file);
+  return 0;
+}
+
+}  // namespace
+
+int run_bench(const std::vector<std::string>& words) {
+  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // through a pipe, too, each row shows when it is known
+  const std::string what = words.empty() ? "" : words.front();
+  const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
+  if (what == "sweep") return run_bench_sweep(rest());
+  if (what == "step") return run_bench_step(rest());
+  return run_bench_kernels(what == "kernels" ? rest() : words);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,183 @@
+// CUDA side of b3dgs bench: the paper's table on the GPU at hand. Medians of event times; every alternative is checked
+// against the first, image and gradients.
+#include <cuda_runtime_api.h>
+
+#include <cstdio>
+#include <vector>
+
+#include "app/bench/bench_devices.h"
+#include "app/bench/cuda/bench_cuda_frame.h"
+#include "core/check.h"
+#include "raster/cuda/backward/backward_table.h"
+#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/gpu_support.h"
+
+namespace b3dgs {
+namespace {
+
+using cuda::CudaFrame;
+using cuda::EventTimer;
+
+cudaDeviceProp device_properties() {
+  int n_devices = 0;
+  if (const cudaError_t code = cudaGetDeviceCount(&n_devices); code != cudaSuccess || n_devices == 0) {
+    input_error("--device cuda: no GPU can be used (", cudaGetErrorString(code), "); use --device cpu");
+  }
+  cuda::require_support(cuda::query_gpu_support());
+  cudaDeviceProp properties{};
+  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, 0));
+  return properties;
+}
+
+void check_tile(const BenchRun& run) {
+  if (run.tile_width != 16 || (run.tile_height != 8 && run.tile_height != 16)) {
+    input_error("command line: CUDA kernels have tiles of 16 x 8 or 16 x 16 px, found ", run.tile_width, " x ",
+                run.tile_height);
+  }
+}
+
+const cuda::ForwardRow& row_of(ForwardKernel kernel) {
+  return cuda::kForwardTable[static_cast<std::size_t>(kernel)];
+}
+const cuda::BackwardRow& row_of(BackwardKernel kernel) {
+  return cuda::kBackwardTable[static_cast<std::size_t>(kernel)];
+}
+
+/// The device, one view on it, and its clock.
+struct Session {
+  cuda::DriverMemory memory;
+  cuda::LaunchContext context;
+  CudaFrame frame;
+  EventTimer timer;
+  int repeat;
+
+  Session(const BenchRun& run, const BenchScene& scene)
+      : context(cuda::make_launch_context(nullptr, memory)),
+        frame(run, scene, context),
+        timer(context),
+        repeat(run.repeat) {}
+
+  /// The blend alone, as in the paper's table, without what a training step keeps for its backward pass.
+  Timing time_forward(ForwardKernel kernel) {
+    cuda::BlendForwardCudaArgs alone = frame.forward_args;
+    alone.parts = {};
+    return timer.time(
+        repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(alone, context); });
+  }
+
+  /// As in a training step, where it keeps for each bucket of 32 splats what that adds to each pixel.
+  Timing time_keeping_forward(ForwardKernel kernel) {
+    return timer.time(
+        repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(frame.forward_args, context); });
+  }
+
+  Timing time_backward(BackwardKernel kernel) {
+    return timer.time(
+        repeat, [&] { frame.clear_splat_grads(); }, [&] { row_of(kernel).launch(frame.backward_args, context); });
+  }
+
+  /// The forward pass that the backward pass is to follow.
+  void run_forward(ForwardKernel kernel) {
+    frame.poison_outputs();
+    frame.reset_pool();
+    row_of(kernel).launch(frame.forward_args, context);
+    frame.backward_args.parts = cuda::parts_after(kernel, frame.forward_args);
+  }
+
+  std::vector<NamedArray> run_backward(BackwardKernel kernel) {
+    frame.clear_splat_grads();
+    row_of(kernel).launch(frame.backward_args, context);
+    cuda::project_backward(frame.project_backward_args, context);
+    return frame.gradients();
+  }
+};
+
+void compare_forward(Session& session, BenchFile& file) {
+  const TileShape tile = session.frame.forward_args.blend.grid.tile;
+  ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true, /*keeping=*/true});
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    const Timing timing = session.time_forward(kernel.kernel), keeping = session.time_keeping_forward(kernel.kernel);
+    session.run_forward(kernel.kernel);
+    std::vector<float> image = session.frame.image();
+    table.add({std::string(kernel.name), timing, std::move(image), session.run_backward(BackwardKernel::kPerSplat),
+               row_of(kernel.kernel).resources(tile), keeping});
+    file.set("forward", table.rows());
+  }
+}
+
+void compare_backward(Session& session, BenchFile& file) {
+  const TileShape tile = session.frame.forward_args.blend.grid.tile;
+  session.run_forward(ForwardKernel::kSharedMemory);
+  ComparisonTable table("backward kernel", {/*image=*/false, /*gradients=*/true, /*resources=*/true});
+  for (const BackwardKernelName& kernel : kBackwardKernels) {
+    const Timing timing = session.time_backward(kernel.kernel);
+    table.add({std::string(kernel.name),
+               timing,
+               {},
+               session.run_backward(kernel.kernel),
+               row_of(kernel.kernel).resources(tile)});
+    file.set("backward", table.rows());
+  }
+}
+
+void time_passes(Session& session, BenchFile& file) {
+  CudaFrame& frame = session.frame;
+  const cuda::LaunchContext& context = session.context;
+  PassTable table("pass");
+  const auto add = [&](const char* name, const std::function<void()>& prepare, const std::function<void()>& body) {
+    table.add(name, session.timer.time(session.repeat, prepare, body));
+  };
+  const auto nothing = [] {};
+  add("project", nothing, [&] { cuda::project(frame.project_args, context); });
+  add("bin", nothing, [&] {
+    cuda::list_seen(frame.bin_args.projected, frame.bin_args.n_gaussians, frame.bin_buffers, context);
+    cuda::bin(frame.bin_args, frame.bin_buffers, frame.bin_scratch, context);
+  });
+  table.add("blend forward", session.time_keeping_forward(ForwardKernel::kSharedMemory));
+  table.add("blend backward", session.time_backward(BackwardKernel::kPerSplat));
+  add("project backward", nothing, [&] { cuda::project_backward(frame.project_backward_args, context); });
+  table.print_sum("forward+backward");
+  file.set("passes", table.rows());
+}
+
+}  // namespace
+
+bool has_gpu() {
+  int n_devices = 0;
+  const bool is_there = cudaGetDeviceCount(&n_devices) == cudaSuccess && n_devices > 0;
+  if (!is_there) cudaGetLastError();
+  return is_there;
+}
+
+void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
+  check_tile(run);
+  const cudaDeviceProp properties = device_properties();
+  int driver = 0;
+  B3DGS_CUDA_CHECK(cudaDriverGetVersion(&driver));
+  Session session(run, scene);
+  const nlohmann::ordered_json lists = session.frame.lists();
+  std::printf("%lld seen; %s, CUDA %d.%d of the driver\n", static_cast<long long>(session.frame.found.n_splats),
+              properties.name, driver / 1000, driver % 1000 / 10);
+  print_list_statistics(lists);
+  file.set("gpu", properties.name);
+  file.set("cuda_driver", driver);
+  file.set("lists", lists);
+  file.set("n_splats", session.frame.found.n_splats);
+  compare_forward(session, file);
+  compare_backward(session, file);
+  time_passes(session, file);
+}
+
+ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene) {
+  check_tile(run);
+  ForwardTimes times;
+  times.device = device_properties().name;
+  Session session(run, scene);
+  times.lists = session.frame.lists();
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    times.rows.push_back({std::string(kernel.name), session.time_forward(kernel.kernel)});
+  }
+  return times;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,183 @@
+#include "app/compare/interleaved_training.h"
+
+#include <algorithm>
+#include <iterator>
+
+#include "app/train_setup.h"
+#include "core/files/remove_tree.h"
+#include "report/train_log_reader.h"
+#include "report/train_report.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/device.h"
+#include "train/images/image_store.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+TrainConfig run_config(const Configuration& configuration, const ModelFolder& folder, std::int64_t seed) {
+  TrainConfig config = configuration.config;
+  config.seed = seed;
+  config.model_path = folder.root().string();
+  return config;
+}
+
+class TemporaryFolder {
+ public:
+  explicit TemporaryFolder(fs::path path) : path_(std::move(path)) {}
+  ~TemporaryFolder() { remove_tree(path_); }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+}  // namespace
+
+InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene,
+                                         StatusLine& status)
+    : scene_(scene),
+      status_(status),
+      iterations_(plan.base.iterations),
+      chunk_(plan.chunk),
+      seed_index_(static_cast<std::size_t>(
+          std::distance(plan.seeds.begin(), std::find(plan.seeds.begin(), plan.seeds.end(), seed)))),
+      label_("seed " + std::to_string(seed)) {
+  const std::vector<Configuration> configurations = plan.configurations();
+  // What each would take by itself is half of what is free, the second one less than the first: all get the same here.
+  const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
+                             static_cast<std::int64_t>(configurations.size());
+  for (const Configuration& configuration : configurations) {
+    const bool is_open = configuration.config.image_cache_gb < 0;
+    add(plan, configuration, seed, scene, is_open ? std::optional(share) : std::nullopt);
+  }
+}
+
+void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
+                              const Scene& scene, std::optional<std::int64_t> image_budget) {
+  const ModelFolder folder = plan.folder(configuration, seed);
+  const TrainConfig config = run_config(configuration, folder, seed);
+  const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
+  turns_.push_back(std::make_unique<Turn>(
+      Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, EtaHistory(eta)}));
+  Turn& turn = *turns_.back();
+  TrainHooks hooks;
+  hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
+  hooks.on_message = [this, &turn](const std::string& message) {
+    if (!status_.is_quiet()) status_.print(turn.configuration.name + ", " + label_ + ": " + message);
+  };
+  hooks.on_warning = [this, &turn](const std::string& message) {
+    status_.warn(turn.configuration.name + ", " + label_ + ": " + message);
+  };
+  hooks.stop_signal = &stop_signal();
+  hooks.image_budget = image_budget;
+  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
+  hooks.on_loading = show_loading(status_);
+  turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
+  status_.clear();
+  hooks.on_message("photographs " + turn.trainer->describe_images());
+  const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_warning);
+  if (checkpoint.empty()) return;
+  for (const std::string& change : turn.trainer->resume(checkpoint)) hooks.on_message("changed option " + change);
+}
+
+bool InterleavedTraining::take_turns() {
+  int start = iterations_;
+  for (const auto& turn : turns_) start = std::min(start, turn->trainer->iteration());
+  int n_turns = start / chunk_;  // a resumed comparison keeps the order
+  for (int until = start - start % chunk_; until < iterations_; ++n_turns) {
+    until = std::min(until + chunk_, iterations_);
+    const std::size_t first = first_in_turn(seed_index_, n_turns, turns_.size());
+    for (std::size_t i = 0; i < turns_.size(); ++i) {
+      Turn& turn = *turns_[(first + i) % turns_.size()];
+      turn.result = turn.trainer->run_until(until);
+      if (stop_signal() != 0) return false;
+    }
+  }
+  return true;
+}
+
+void InterleavedTraining::write_checkpoints() {
+  for (const auto& turn : turns_) {
+    const bool has_begun = turn->result.iteration > 0;
+    if (has_begun && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
+      turn->trainer->write_checkpoint();
+    }
+  }
+}
+
+bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& machine) {
+  const bool is_complete = take_turns();
+  status_.clear();
+  if (!is_complete) write_checkpoints();
+  for (const auto& turn : turns_) {
+    if (turn->result.iteration == 0) continue;  // stopped before its first turn
+    record_session({machine, reading_s, turn->result}, *turn->trainer, scene_, turn->folder);
+    write_train_report(turn->folder);
+  }
+  return is_complete;
+}
+
+void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
+  turn.eta.add({progress.iteration, progress.elapsed_s, progress.n_gaussians});
+  std::optional<Eta> all = Eta{};
+  for (const auto& own : turns_) {
+    const std::optional<Eta> eta = own->eta.estimate();
+    if (!eta || !all) {
+      all.reset();
+      break;
+    }
+    all->seconds += eta->seconds;
+    all->is_lower_bound = all->is_lower_bound || eta->is_lower_bound;
+  }
+  status_.show(turn.configuration.name + ", " + label_ + ": " +
+               format_train_progress(progress, turn.eta.iterations_per_second(), all));
+}
+
+std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations) {
+  return (seed_index + 1 + static_cast<std::size_t>(turn)) % n_configurations;
+}
+
+double warm_up(const ComparisonPlan& plan, const Scene& scene) {
+  constexpr std::int64_t kPoints = 10000;
+  Scene part = scene;
+  const auto n = static_cast<std::size_t>(std::min(kPoints, part.points.size()));
+  part.points.positions.resize(3 * n);
+  part.points.colors.resize(3 * n);
+  part.train.resize(std::min<std::size_t>(1, part.train.size()));
+  part.test.clear();
+  const TemporaryFolder folder(plan.root() / ".warm_up");
+  const auto train = [&](const Configuration& configuration) {
+    TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
+    if (n > 0) config.init_ply.clear();  // the part is smaller; without points the PLY is all there is
+    config.iterations = 5;
+    config.densify_from_iter = 0;
+    config.densification_interval = 2;
+    config.kernel_check_interval = 2;  // `paper` has no earlier check
+    Trainer(config, part, ModelFolder(folder.path()), {}).run();
+    double loading_ms = 0;
+    for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {
+      loading_ms += check.warm_up_ms.value_or(0);
+    }
+    return loading_ms;
+  };
+  // All that every training needs is loaded first. Then come those that choose: what fixed kernels load as well is
+  // counted as theirs, which is rather too much than too little.
+  Configuration common{"", plan.base};
+  common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
+  common.config.backward_kernel = kUnmeasuredBackwardKernel;
+  common.config.kernel_times_interval = 0;
+  train(common);
+  double loading_ms = 0;
+  for (const bool chooses : {true, false}) {
+    for (const Configuration& configuration : plan.configurations()) {
+      if (measures_kernels(configuration.config) == chooses) loading_ms = std::max(loading_ms, train(configuration));
+    }
+  }
+  return loading_ms;
+}
+
+}  // namespace b3dgs

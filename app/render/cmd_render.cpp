@@ -1,0 +1,133 @@
+// b3dgs render: colour, depth and alpha images of a model along its views or a path between them.
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+#include <utility>
+
+#include "app/commands.h"
+#include "app/model.h"
+#include "app/render/camera_path.h"
+#include "app/render/depth_colors.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "scene/images/image_io.h"
+#include "train/device.h"
+#include "train/evaluate.h"
+#include "train/gaussians/gaussian_model.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RenderOptions {
+  std::string path = "test";
+  int frames = 120;
+  std::string ply;
+  std::string output;
+  bool depth = true;
+  bool alpha = true;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated"}},
+        "cameras: the test or training views, or a path through the training views by name");
+  field(Option{"frames"}, c.frames, AtLeast{1}, "images of the interpolated path");
+  field(Option{"ply"}, c.ply, Any{}, "render this PLY with the cameras of a scene (-s) instead of a model folder");
+  field(Option{"output"}, c.output, Any{},
+        "folder to write to (default: MODEL/PATH/ours_N, or PLY_PATH beside the PLY)");
+  field(Option{"depth"}, c.depth, Any{},
+        "write depth/: inverse depth in turbo colours, red near, one range for all images");
+  field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: how much of the light is stopped, as grey");
+}
+
+/// A file in place of the model folder is a PLY; one that lies in a model folder is that folder's iteration.
+void take_file(ModelOptions& model, RenderOptions& options) {
+  if (fs::is_regular_file(model.model_path)) options.ply = std::exchange(model.model_path, "");
+  if (options.ply.empty() || !model.source_path.empty()) return;
+  const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
+  const ModelFolder folder(root);
+  if (!fs::exists(root / "config.json")) return;
+  for (const int iteration : folder.ply_iterations()) {
+    std::error_code error;
+    if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;
+    model.model_path = root.string();
+    model.iteration = iteration;
+    options.ply.clear();
+    return;
+  }
+}
+
+std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
+  const std::vector<View>& views = options.path == "test" ? scene.test : scene.train;
+  if (views.empty()) {
+    input_error("command line: path ", options.path,
+                ": no views were held out for testing; use --path train or interpolated");
+  }
+  std::vector<Camera> cameras;
+  for (const View& view : views) cameras.push_back(view.camera);
+  return options.path == "interpolated" ? interpolate_cameras(cameras, options.frames) : cameras;
+}
+
+fs::path output_folder(const LoadedModel& model, const RenderOptions& options) {
+  if (!options.output.empty()) return options.output;
+  if (options.ply.empty()) return image_folder(model, options.path);
+  const fs::path ply = options.ply;
+  return ply.parent_path() / (ply.stem().string() + "_" + options.path);
+}
+
+}  // namespace
+
+int run_render(const std::vector<std::string>& words) {
+  CommandLine line("render",
+                   "Renders images of a trained model, or of any PLY of Gaussians: b3dgs render MODEL, b3dgs render "
+                   "FILE.ply -s SCENE. A model folder needs no photographs.");
+  ModelOptions model_options;
+  RenderOptions options;
+  line.add(model_options, "Model", {"model_path"});
+  line.add(options, "Images");
+  if (!line.parse(words)) return 0;
+  line.apply(model_options);
+  line.apply(options);
+
+  StatusLine status = StatusLine::for_stderr(model_options.quiet);
+  const torch::Device device = choose_device(model_options.device);
+  if (!options.ply.empty() && !model_options.model_path.empty()) {
+    input_error("command line: -m and --ply name two models; give one");
+  }
+  take_file(model_options, options);
+  const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)
+                                                : load_ply_model(options.ply, model_options, status);
+  // A single PLY was held out from nothing: its default is what every scene has.
+  if (!line.was_given("path") && model.scene.test.empty()) options.path = "train";
+  const std::vector<Camera> cameras = choose_cameras(model.scene, options);
+  const fs::path folder = output_folder(model, options);
+
+  const GaussianTensors gaussians = to_tensors(model.splats, model.splats.sh_degree, device);
+  const RenderSettings settings = image_settings(model);
+  const DepthRange range = visible_depth_range(model.splats, cameras, model.config.near_plane);
+  Rasterizer rasterizer(device);
+  const ProgressFn progress = show_loading(status);
+  const double start_s = steady_seconds();
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(cameras[i]), settings);
+    write_image(folder / "renders" / image_name(i), to_image8(rendered.color));
+    if (options.depth) {
+      write_image(folder / "depth" / image_name(i), color_depth(rendered.depth, rendered.alpha, range));
+    }
+    if (options.alpha) write_image(folder / "alpha" / image_name(i), to_image8(rendered.alpha));
+    progress("rendering", i + 1, cameras.size());
+  }
+  status.clear();
+  std::cout << cameras.size() << (cameras.size() == 1 ? " image" : " images") << " of "
+            << format_count(model.splats.size()) << " Gaussians in " << format_duration(steady_seconds() - start_s)
+            << ": " << folder.string() << "/renders" << (options.depth ? ", depth" : "")
+            << (options.alpha ? ", alpha" : "") << "\n";
+  if (options.depth) {
+    std::cout << "depth colours: red " << range.near << " to blue " << range.far << " world units, linear in 1/depth\n";
+  }
+  return 0;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,73 @@
+#include "app/render/depth_colors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kSamples = 20000;   // Gaussians looked at
+constexpr double kLeastLogitOpacity = -2;  // fainter ones do not make a surface
+constexpr double kPercentile = 0.02;
+
+/// The 256 colours, near last.
+cv::Mat turbo_table() {
+  cv::Mat ramp(256, 1, CV_8UC1);
+  for (int i = 0; i < 256; ++i) ramp.at<std::uint8_t>(i) = static_cast<std::uint8_t>(i);
+  cv::Mat colors;
+  cv::applyColorMap(ramp, colors, cv::COLORMAP_TURBO);
+  return colors;
+}
+
+}  // namespace
+
+DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camera>& cameras, double near_plane) {
+  std::vector<double> depths;
+  const std::int64_t stride = std::max<std::int64_t>(1, splats.size() / kSamples);
+  const std::size_t camera_stride = std::max<std::size_t>(1, cameras.size() / 50);
+  for (std::size_t c = 0; c < cameras.size(); c += camera_stride) {
+    const Camera& camera = cameras[c];
+    const std::array<double, 9>& r = camera.cam_from_world.rotation;
+    const std::array<double, 3>& t = camera.cam_from_world.translation;
+    for (std::int64_t i = 0; i < splats.size(); i += stride) {
+      const float* p = &splats.means[static_cast<std::size_t>(3 * i)];
+      const double z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
+      if (z <= near_plane || splats.logit_opacities[static_cast<std::size_t>(i)] < kLeastLogitOpacity) continue;
+      const double x = camera.fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z + camera.cx;
+      const double y = camera.fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z + camera.cy;
+      if (x >= 0 && x < camera.width && y >= 0 && y < camera.height) depths.push_back(z);
+    }
+  }
+  if (depths.empty()) return {near_plane, 2 * near_plane};
+  std::sort(depths.begin(), depths.end());
+  const auto at = [&](double share) {
+    return depths[static_cast<std::size_t>(share * static_cast<double>(depths.size() - 1))];
+  };
+  const double near = at(kPercentile);
+  return {near, std::max(at(1 - kPercentile), 1.001 * near)};
+}
+
+Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range) {
+  static const cv::Mat table = turbo_table();
+  const torch::Tensor depth_cpu = depth.cpu().contiguous(), alpha_cpu = alpha.cpu().contiguous();
+  B3DGS_CHECK(depth_cpu.sizes() == alpha_cpu.sizes() && depth_cpu.dim() == 2, "depth and alpha are [H, W]");
+  Image8 image(static_cast<int>(depth_cpu.size(1)), static_cast<int>(depth_cpu.size(0)), 3);
+  const float* depths = depth_cpu.data_ptr<float>();
+  const float* alphas = alpha_cpu.data_ptr<float>();
+  for (std::size_t i = 0; i < image.pixels.size() / 3; ++i) {
+    if (alphas[i] <= 0 || depths[i] <= 0) continue;
+    const double inverse = alphas[i] / depths[i];
+    const double share = (inverse - 1 / range.far) / (1 / range.near - 1 / range.far);
+    const cv::Vec3b bgr = table.at<cv::Vec3b>(static_cast<int>(std::lround(255 * std::clamp(share, 0.0, 1.0))));
+    for (int c = 0; c < 3; ++c) {
+      image.pixels[3 * i + static_cast<std::size_t>(c)] =
+          static_cast<std::uint8_t>(std::lround(bgr[2 - c] * std::clamp(alphas[i], 0.0f, 1.0f)));
+    }
+  }
+  return image;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,184 @@
+#include "compare/compare_config.h"
+
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <type_traits>
+#include <utility>
+
+#include "core/check.h"
+#include "core/command_line.h"
+
+namespace b3dgs {
+namespace {
+
+/// What has to be the same for all, or the times would not compare.
+constexpr const char* kShared[] = {"source_path", "model_path", "images",     "resolution", "eval",
+                                   "seed",        "device",     "iterations", "threads",    "white_background"};
+
+/// What sets the original trainer apart and has an option here. Its loss, its Adam and its projection have none.
+constexpr const char* kOriginal = "original";
+constexpr std::pair<const char*, const char*> kOriginalOptions[] = {
+    {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
+
+constexpr const char* kForwardKernelOptions[] = {"kernel",
+                                                 "kernel_policy",
+                                                 "kernel_candidates",
+                                                 "kernel_check_interval",
+                                                 "kernel_check_views",
+                                                 "kernel_times_interval"};
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  std::size_t begin = 0;
+  for (std::size_t end; (end = text.find(separator, begin)) != std::string::npos; begin = end + 1) {
+    parts.push_back(text.substr(begin, end - begin));
+  }
+  parts.push_back(text.substr(begin));
+  return parts;
+}
+
+/// The option's own name for one of its names; "" for an unknown one.
+std::string canonical_name(const std::string& key) {
+  const TrainConfig config;
+  std::string name;
+  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
+    if (option.has_name(key)) name = option.name;
+  });
+  return name;
+}
+
+bool is_shared(const std::string& name) {
+  return std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared);
+}
+
+std::string unknown_option(const std::string& key) {
+  const TrainConfig config;
+  std::vector<std::string> names;
+  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
+    if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
+  });
+  const std::string nearest = nearest_name(key, names);
+  return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
+}
+
+bool is_list(const std::string& name) {
+  const TrainConfig config;
+  bool found = false;
+  visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
+    using Value = std::decay_t<decltype(value)>;
+    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
+    found = found || (kIsList && option.name == name);
+  });
+  return found;
+}
+
+using OptionValues = std::map<std::string, std::string>;
+
+/// Reads "tile=16x8", "combined" or "original" into `values`. Commas separate configurations, so lists have slashes.
+void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
+  if (part.empty())
+    input_error("command line: --configs ", entry, ": an empty part; expected a kernel, original or option=value");
+  if (part == kOriginal) {
+    for (const auto& [name, value] : kOriginalOptions) values[name] = value;
+    return;
+  }
+  const std::size_t equals = part.find('=');
+  if (equals == std::string::npos) {
+    values["kernel"] = part;
+    return;
+  }
+  const std::string key = part.substr(0, equals), name = canonical_name(key);
+  if (name.empty()) {
+    input_error("command line: --configs ", entry, ": no training option is called ", key, "; ", unknown_option(key));
+  }
+  if (is_shared(name)) {
+    input_error("command line: --configs ", entry, ": ", name,
+                " has to be the same for all configurations; give it as --", name);
+  }
+  std::string value = part.substr(equals + 1);
+  if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
+  values[name] = value;
+}
+
+/// `configuration` is the entry without its name.
+void check_name(const std::string& entry, const std::string& name, const std::string& configuration) {
+  const auto is_allowed = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-.+=").find(c) != std::string::npos;
+  };
+  if (name.empty() || name[0] == '.' || !std::all_of(name.begin(), name.end(), is_allowed)) {
+    input_error("command line: --configs ", entry, ": \"", name,
+                "\" cannot name a folder; give it a name of letters, digits, _ - . + = instead: NAME:", configuration);
+  }
+}
+
+Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
+  // A colon before the first part's end ends a name; later ones belong to values.
+  const std::size_t colon = entry.find(':');
+  const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
+  const std::string name = is_named ? entry.substr(0, colon) : entry;
+  const std::string parts = is_named ? entry.substr(colon + 1) : entry;
+  OptionValues values;
+  for (const std::string& part : split(parts, '+')) add_part(entry, part, values);
+  std::vector<std::string> words;
+  for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
+  check_name(entry, name, parts);
+  CommandLine line("compare --configs " + name, "");
+  line.add(TrainConfig{}, "Training");
+  line.parse(words);
+  Configuration configuration{name, base};
+  line.apply(configuration.config);
+  return configuration;
+}
+
+}  // namespace
+
+std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base) {
+  std::vector<Configuration> configurations;
+  for (const std::string& entry : split(text, ',')) {
+    const Configuration next = parse_entry(entry, base);
+    for (const Configuration& other : configurations) {
+      if (other.name == next.name) {
+        // The name may be that of an entry as a whole: "naive", or of one that has it before a colon.
+        const std::string parts =
+            entry.compare(0, next.name.size() + 1, next.name + ":") == 0 ? entry.substr(next.name.size() + 1) : entry;
+        input_error("command line: --configs: ", next.name, " occurs twice; give one another name: NAME:", parts);
+      }
+    }
+    configurations.push_back(next);
+  }
+  if (configurations.size() < 2) {
+    input_error("command line: --configs ", text, ": a comparison takes at least two; b3dgs train trains a single one");
+  }
+  return configurations;
+}
+
+Configuration repeat_baseline(const std::vector<Configuration>& configurations) {
+  const Configuration& baseline = configurations.front();
+  const std::string name = baseline.name + "_again";
+  for (const Configuration& other : configurations) {
+    if (other.name == name) {
+      input_error("command line: --configs: ", name, " is the name that --noise gives to ", baseline.name,
+                  " trained once more; name yours differently");
+    }
+  }
+  return {name, baseline.config};
+}
+
+bool measures_kernels(const TrainConfig& config) {
+  return !config.deterministic && (forward_candidates(config).size() > 1 || config.backward_kernel == kAdaptive);
+}
+
+DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
+  const nlohmann::ordered_json before = config_to_json(a), after = config_to_json(b);
+  DifferingOptions options;
+  for (const auto& [name, value] : before.items()) {
+    if (after.at(name) == value) continue;
+    const bool is_kernel = std::find(std::begin(kForwardKernelOptions), std::end(kForwardKernelOptions), name) !=
+                           std::end(kForwardKernelOptions);
+    (is_kernel ? options.forward_kernel : options.others).push_back(name);
+  }
+  return options;
+}
+
+}  // namespace b3dgs

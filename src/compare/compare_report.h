@@ -1,0 +1,13 @@
+// report.html of a comparison.
+#pragma once
+
+#include <string>
+
+#include "compare/comparison.h"
+
+namespace b3dgs {
+
+/// The page; its first line is the verdict.
+std::string comparison_report(const Comparison& comparison);
+
+}  // namespace b3dgs

@@ -1,0 +1,377 @@
+#include "compare/compare_summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "compare/compare_config.h"
+#include "compare/compare_verdict.h"
+#include "core/check.h"
+#include "core/print.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr const char* kForwardPass = "forward";  // as in train.jsonl
+
+using Json = nlohmann::ordered_json;
+
+struct Measure {
+  const char* name;
+  double one_seed_tolerance;  // where the runs say nothing of their own spread
+  bool is_relative;           // to the baseline
+  std::optional<double> (*value)(const LogPoint& point);
+};
+
+constexpr Measure kMeasures[] = {
+    {"PSNR, dB", 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {"SSIM", 0.003, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {"Gaussians", 0.02, true,
+     [](const LogPoint& point) {
+       return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
+     }},
+};
+
+/// Values of one run by iteration.
+std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
+  std::map<int, double> values;
+  for (const LogPoint& point : history.points) {
+    if (const std::optional<double> value = measure.value(point)) values[point.iteration] = *value;
+  }
+  return values;
+}
+
+/// The latest iteration at which a seed was measured in all configurations, and all seeds that were.
+struct CommonMeasurement {
+  int iteration = 0;  // 0: there is none
+  std::vector<std::size_t> seeds;
+};
+
+CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, std::size_t n_seeds,
+                                     const Measure& measure) {
+  CommonMeasurement common;
+  for (std::size_t seed = 0; seed < n_seeds; ++seed) {
+    std::map<int, std::size_t> n_measured;  // configurations by iteration
+    for (const ConfigurationHistory& configuration : configurations) {
+      for (const auto& [iteration, value] : measured(configuration.by_seed[seed], measure)) ++n_measured[iteration];
+    }
+    int last = 0;
+    for (const auto& [iteration, n] : n_measured) {
+      if (n == configurations.size()) last = iteration;
+    }
+    if (last > common.iteration) common = {last, {}};
+    if (last > 0 && last == common.iteration) common.seeds.push_back(seed);
+  }
+  return common;
+}
+
+/// By seed.
+std::vector<double> values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration,
+                              const Measure& measure) {
+  std::vector<double> values;
+  for (const std::size_t seed : common.seeds) {
+    values.push_back(measured(configuration.by_seed[seed], measure).at(common.iteration));
+  }
+  return values;
+}
+
+double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::fabs(a[i] - b[i]));
+  return largest;
+}
+
+/// Of configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures of
+/// different iterations do not compare. `repetition` of the baseline may be null.
+std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
+                                               std::size_t index, const ConfigurationHistory* repetition,
+                                               std::size_t n_seeds) {
+  std::vector<QualityDifference> differences;
+  for (const Measure& measure : kMeasures) {
+    const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
+    if (common.seeds.empty()) continue;
+    QualityDifference difference;
+    difference.measure = measure.name;
+    difference.iteration = common.iteration;
+    difference.baseline = *spread_of(values_at(common, configurations[0], measure));
+    difference.ours = *spread_of(values_at(common, configurations[index], measure));
+    if (repetition != nullptr) {
+      difference.noise =
+          largest_distance(values_at(common, configurations[0], measure), values_at(common, *repetition, measure));
+    }
+    const Spread &baseline = difference.baseline, &ours = difference.ours;
+    difference.tolerance = difference.has_ranges()
+                               ? std::max(baseline.range(), ours.range())
+                               : measure.one_seed_tolerance * (measure.is_relative ? baseline.mean : 1);
+    differences.push_back(difference);
+  }
+  return differences;
+}
+
+KernelPartSummary summarize_part(const std::vector<SavedTime>& by_seed, KernelPart SavedTime::*part) {
+  KernelPartSummary summary;
+  std::vector<double> iterations, saved;
+  for (const SavedTime& seed : by_seed) {
+    const KernelPart& own = seed.*part;
+    summary.kernels.insert(own.kernels.begin(), own.kernels.end());
+    if (own.iterations == 0 || own.baseline_s <= 0) continue;
+    iterations.push_back(own.iterations);
+    saved.push_back(saved_share(own.baseline_s, own.ours_s));
+  }
+  summary.iterations = spread_of(iterations);
+  summary.saved = spread_of(saved);
+  return summary;
+}
+
+/// Whether the check before the first step went over from a balanced kernel because of its time.
+bool was_balanced_slower_from_start(const TrainHistory& history) {
+  return std::any_of(history.checks.begin(), history.checks.end(), [](const KernelCheckEvent& check) {
+    const bool is_refused = std::find(check.refused.begin(), check.refused.end(), check.before) != check.refused.end();
+    return check.iteration == 1 && check.pass == kForwardPass && check.has_changed() && !is_refused &&
+           is_balanced_kernel(check.before) && !is_balanced_kernel(check.after);
+  });
+}
+
+void keep_larger(const std::optional<double>& value, std::optional<double>& largest) {
+  if (value && (!largest || *value > *largest)) largest = value;
+}
+
+/// Two configurations that are one and the same; null without such.
+struct RepeatedConfiguration {
+  const ConfigurationHistory *first = nullptr, *second = nullptr;
+  std::optional<RepeatedRun> run(std::size_t seed) const {
+    if (first == nullptr || second == nullptr) return std::nullopt;
+    return RepeatedRun{first->by_seed[seed], second->by_seed[seed]};
+  }
+};
+
+/// Over the seeds that have begun.
+ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
+                                    const RepeatedConfiguration& repeated, const std::vector<int>& done_by_seed) {
+  ComparedConfiguration compared;
+  compared.name = ours.name;
+  const DifferingOptions differing = differing_options(baseline.config, ours.config);
+  compared.differs_in = differing.others;
+  compared.has_own_kernel = !differing.forward_kernel.empty();
+  std::vector<double> overall, before, after, inflection;
+  compared.was_slower_from_start = true;
+  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+    if (done_by_seed[seed] == 0) continue;
+    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
+    if (!saved) continue;
+    compared.by_seed.push_back(*saved);
+    compared.was_slower_from_start =
+        compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
+    overall.push_back(saved->overall);
+    keep_larger(saved->noise.overall, compared.noise.overall);
+    keep_larger(saved->noise.before, compared.noise.before);
+    keep_larger(saved->noise.after, compared.noise.after);
+    if (saved->inflection) inflection.push_back(*saved->inflection);
+    if (!saved->before || !saved->after) continue;
+    before.push_back(*saved->before);
+    after.push_back(*saved->after);
+  }
+  compared.overall = spread_of(overall);
+  compared.before = spread_of(before);
+  compared.after = spread_of(after);
+  compared.inflection = spread_of(inflection);
+  compared.balanced = summarize_part(compared.by_seed, &SavedTime::balanced);
+  compared.others = summarize_part(compared.by_seed, &SavedTime::others);
+  return compared;
+}
+
+/// Iterations that all configurations have done, by seed.
+std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int wanted) {
+  std::vector<int> done(configurations[0].by_seed.size(), wanted);
+  for (const ConfigurationHistory& configuration : configurations) {
+    B3DGS_CHECK(configuration.by_seed.size() == done.size(), configuration.name, " has ", configuration.by_seed.size(),
+                " seeds, ", configurations[0].name, " has ", done.size());
+    for (std::size_t seed = 0; seed < done.size(); ++seed) {
+      done[seed] = std::min(done[seed], configuration.by_seed[seed].last_iteration());
+    }
+  }
+  return done;
+}
+
+/// What the comparison is for: the first adaptive one after the baseline, else the first that may balance, else the
+/// second.
+const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>& configurations) {
+  const auto is_adaptive = [](const ConfigurationHistory& own) { return own.config.kernel == kAdaptive; };
+  const auto balances = [](const ConfigurationHistory& own) { return may_balance(own.config); };
+  auto ours = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
+  if (ours == configurations.end()) ours = std::find_if(configurations.begin() + 1, configurations.end(), balances);
+  return ours == configurations.end() ? configurations[1] : *ours;
+}
+
+Json to_json(const std::optional<Spread>& spread) {
+  if (!spread) return nullptr;
+  return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
+}
+
+Json to_json(const KernelPartSummary& part) {
+  return {{"names", part.kernels},
+          {"iterations", to_json(part.iterations)},
+          {"saved_against_baseline", to_json(part.saved)}};
+}
+
+Json to_json(const std::optional<double>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+Json to_json(const MachineSpread& noise) {
+  return {{"overall", to_json(noise.overall)}, {"before", to_json(noise.before)}, {"after", to_json(noise.after)}};
+}
+
+Json to_json(const BalancingSteps& steps, const std::optional<double>& noise) {
+  return {{"name", steps.name},
+          {"naive", steps.naive},
+          {"unbalanced", steps.unbalanced},
+          {"saved_naive_to_unbalanced", to_json(std::optional(steps.to_unbalanced))},
+          {"saved_by_balancing", to_json(std::optional(steps.balancing))},
+          {"saved_whole", to_json(std::optional(steps.whole))},
+          {"machine_spread", to_json(noise)}};
+}
+
+Json times_json(const ComparedConfiguration& own) {
+  return {{"name", own.name},
+          {"differs_in", own.differs_in},
+          {"saved_overall", to_json(own.overall)},
+          {"saved_before_inflection", to_json(own.before)},
+          {"saved_after_inflection", to_json(own.after)},
+          {"machine_spread", to_json(own.noise)},
+          {"inflection", to_json(own.inflection)}};
+}
+
+}  // namespace
+
+bool QualityDifference::is_equal() const {
+  return std::fabs(difference()) <= tolerance;
+}
+
+bool QualityDifference::is_within_noise() const {
+  return noise && std::fabs(difference()) <= *noise;
+}
+
+int ComparisonSummary::seeds_begun() const {
+  return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
+}
+
+const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
+  const auto it = std::find_if(compared.begin(), compared.end(), [&](const auto& own) { return own.name == name; });
+  return it == compared.end() ? nullptr : &*it;
+}
+
+const BalancingSteps* ComparisonSummary::find_balancing(const std::string& name) const {
+  const auto it = std::find_if(balancing.begin(), balancing.end(), [&](const auto& own) { return own.name == name; });
+  return it == balancing.end() ? nullptr : &*it;
+}
+
+std::optional<double> ComparisonSummary::noise() const {
+  const ComparedConfiguration* const own = find(repetition);
+  return own == nullptr ? std::nullopt : own->noise.overall;
+}
+
+ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations) {
+  B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
+  const ConfigurationHistory& baseline = configurations[0];
+  const ConfigurationHistory& ours = choose_ours(configurations);
+  const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
+    return differing_options(baseline.config, own.config).empty();
+  });
+  const RepeatedConfiguration repeated{&baseline, again == configurations.end() ? nullptr : &*again};
+
+  ComparisonSummary summary;
+  summary.baseline = baseline.name;
+  summary.ours = ours.name;
+  if (repeated.second != nullptr) summary.repetition = repeated.second->name;
+  summary.iterations = iterations;
+  summary.done_by_seed = common_iterations(configurations, iterations);
+  for (const int done : summary.done_by_seed) {
+    if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
+  }
+  for (std::size_t i = 1; i < configurations.size(); ++i) {
+    summary.compared.push_back(compare_times(baseline, configurations[i], repeated, summary.done_by_seed));
+    summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
+  }
+  for (std::size_t i = 0; i < configurations.size(); ++i) {
+    if (const auto steps = balancing_steps(configurations, i, summary.done_by_seed)) {
+      summary.balancing.push_back(*steps);
+    }
+  }
+  if (may_balance(ours.config)) summary.missing_kernels = missing_unbalanced_kernels(configurations, ours.config);
+  for (const ConfigurationHistory& own : configurations) {
+    for (const ConfigurationHistory& other : configurations) {
+      if (!is_paper_pair(own.config, other.config)) continue;
+      summary.beside_paper.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
+    }
+  }
+  return summary;
+}
+
+std::string quality_criterion(const ComparisonSummary& summary) {
+  bool some_have_ranges = false, some_have_none = false;
+  for (const ComparedConfiguration& compared : summary.compared) {
+    for (const QualityDifference& difference : compared.quality) {
+      (difference.has_ranges() ? some_have_ranges : some_have_none) = true;
+    }
+  }
+  std::string text;
+  if (some_have_ranges) {
+    text = "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+  }
+  if (some_have_none) {
+    std::string limits;
+    for (const Measure& measure : kMeasures) {
+      limits += (limits.empty() ? "" : "; ") + std::string(measure.name) + " " +
+                (measure.is_relative ? format_whole_percent(measure.one_seed_tolerance)
+                                     : print_to_string("%g", measure.one_seed_tolerance));
+    }
+    text += (text.empty() ? "" : " ") +
+            ("One seed says nothing of the spread between runs (--seeds would): called equal up to " + limits + ".");
+  }
+  return text;
+}
+
+Json to_json(const ComparisonSummary& summary) {
+  Json compared = Json::array();
+  for (const ComparedConfiguration& own : summary.compared) {
+    Json quality = Json::array(), by_seed = Json::array();
+    for (const SavedTime& saved : own.by_seed) {
+      by_seed.push_back({{"until", saved.until}, {"baseline_s", saved.baseline_s}, {"ours_s", saved.ours_s}});
+    }
+    for (const QualityDifference& difference : own.quality) {
+      quality.push_back({{"measure", difference.measure},
+                         {"iteration", difference.iteration},
+                         {"baseline", to_json(std::optional(difference.baseline))},
+                         {"ours", to_json(std::optional(difference.ours))},
+                         {"difference", difference.difference()},
+                         {"machine_spread", to_json(difference.noise)},
+                         {"tolerance", difference.tolerance},
+                         {"equal", difference.is_equal()}});
+    }
+    compared.push_back(times_json(own));
+    compared.back().update({{"balanced_kernels", to_json(own.balanced)},
+                            {"other_kernels", to_json(own.others)},
+                            {"by_seed", by_seed},
+                            {"quality", quality}});
+  }
+  Json balancing = Json::array(), beside_paper = Json::array();
+  for (const BalancingSteps& steps : summary.balancing) balancing.push_back(to_json(steps, summary.noise()));
+  for (const PaperComparison& own : summary.beside_paper) {
+    beside_paper.push_back(times_json(own.compared));
+    beside_paper.back()["baseline"] = own.baseline;
+  }
+  return {{"verdict", verdict(summary)},
+          {"baseline", summary.baseline},
+          {"ours", summary.ours},
+          {"repetition", summary.repetition},
+          {"machine_spread", to_json(summary.noise())},
+          {"iterations", summary.iterations},
+          {"done", summary.done},
+          {"done_by_seed", summary.done_by_seed},
+          {"balancing", balancing},
+          {"beside_paper", beside_paper},
+          {"compared", compared}};
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,266 @@
+#include "compare/comparison.h"
+
+#include <cstdio>
+
+#include "adaptive/load_statistics.h"
+#include "compare/compare_report.h"
+#include "compare/compare_verdict.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/files/atomic_file.h"
+#include "core/print.h"
+#include "report/report_sections.h"
+#include "report/svg/svg_axis.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+fs::path plan_path(const fs::path& root) {
+  return root / "compare.json";
+}
+
+void write_json(const fs::path& path, const Json& json) {
+  write_file(path, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+Json to_json(const ComparisonPlan& plan) {
+  return {{"configs", plan.configs},
+          {"seeds", plan.seeds},
+          {"noise", plan.has_repetition},
+          {"chunk", plan.chunk},
+          {"reading_s", plan.reading_s},
+          {"loading_ms", plan.loading_ms},
+          {"config", config_to_json(plan.base)}};
+}
+
+template <class Value>
+Json to_json(const std::optional<Value>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+Json to_json(const NamedTimes& times) {
+  Json json = Json::object();
+  for (const auto& [name, ms] : times) json[name] = ms;
+  return json;
+}
+
+/// A column for each figure: short, and what plotting programs take.
+Json curves_of(const TrainHistory& history) {
+  Json curves = {{"iteration", Json::array()}, {"elapsed_s", Json::array()}, {"ms", Json::array()},
+                 {"loss", Json::array()},      {"count", Json::array()},     {"test_psnr", Json::array()},
+                 {"test_ssim", Json::array()}, {"kernel", Json::array()},    {"backward_kernel", Json::array()}};
+  for (const LogPoint& point : history.points) {
+    curves["iteration"].push_back(point.iteration);
+    curves["elapsed_s"].push_back(point.elapsed_s);
+    curves["ms"].push_back(to_json(point.ms));
+    curves["loss"].push_back(to_json(point.loss));
+    curves["count"].push_back(to_json(point.count));
+    curves["test_psnr"].push_back(to_json(point.test_psnr));
+    curves["test_ssim"].push_back(to_json(point.test_ssim));
+    curves["kernel"].push_back(point.kernel);
+    curves["backward_kernel"].push_back(point.backward_kernel);
+  }
+  return curves;
+}
+
+Json checks_of(const TrainHistory& history) {
+  Json checks = Json::array();
+  for (const KernelCheckEvent& check : history.checks) {
+    checks.push_back({{"iteration", check.iteration},
+                      {"pass", check.pass},
+                      {"times_ms", to_json(check.times_ms)},
+                      {"spread_ms", to_json(check.spread_ms)},
+                      {"views", to_json(check.views)},
+                      {"before", check.before},
+                      {"after", check.after},
+                      {"reason", check.reason},
+                      {"refused", check.refused},
+                      {"cost_ms", to_json(check.cost_ms)},
+                      {"warm_up_ms", to_json(check.warm_up_ms)}});
+  }
+  return checks;
+}
+
+Json to_json(const std::optional<LoadFigures>& load) {
+  if (!load) return nullptr;
+  Json json;
+  visit_load_figures(*load, [&](const char* name, const auto& value) { json[name] = value; });
+  return json;
+}
+
+Json loads_of(const TrainHistory& history) {
+  Json loads = Json::array();
+  for (const LoadEvent& own : history.loads) {
+    loads.push_back({{"iteration", own.iteration},
+                     {"tile_lists", to_json(own.tile_lists)},
+                     {"pixel_processed", to_json(own.pixel_processed)},
+                     {"pixel_contributing", to_json(own.pixel_contributing)}});
+  }
+  return loads;
+}
+
+Json to_json(const Comparison& comparison) {
+  Json json = {{"plan", to_json(comparison.plan)}, {"summary", to_json(comparison.summary)}};
+  json["machine"] = Json::object();
+  json["runs"] = Json::array();
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    const Configuration& configuration = comparison.configurations[i];
+    for (const ComparedRun& run : comparison.runs[i]) {
+      if (!run.record.machine.empty()) json["machine"] = run.record.machine;
+      const fs::path folder = comparison.plan.folder(configuration, run.seed).root();
+      json["runs"].push_back({{"configuration", configuration.name},
+                              {"seed", run.seed},
+                              {"folder", folder.lexically_relative(comparison.plan.root()).string()},
+                              {"differs", config_differences(comparison.plan.base, configuration.config)},
+                              {"output_s", run.record.output_s},
+                              {"stages_ms", to_json(mean_stages(run.history))},
+                              {"curves", curves_of(run.history)},
+                              {"kernel_checks", checks_of(run.history)},
+                              {"load_statistics", loads_of(run.history)}});
+    }
+  }
+  return json;
+}
+
+/// Mean over seeds of a quality, or an empty cell.
+std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
+                         const char* format) {
+  const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
+  for (const QualityDifference& difference : compared.quality) {
+    if (difference.measure != measure) continue;
+    return print_to_string(format, (configuration == 0 ? difference.baseline : difference.ours).mean);
+  }
+  return "-";
+}
+
+}  // namespace
+
+std::vector<Configuration> ComparisonPlan::configurations() const {
+  std::vector<Configuration> all = parse_configurations(configs, base);
+  if (has_repetition) all.push_back(repeat_baseline(all));
+  return all;
+}
+
+ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
+  return ModelFolder(root() / configuration.name / ("seed_" + std::to_string(seed)));
+}
+
+double Comparison::output_s() const {
+  double sum = 0;
+  for (const std::vector<ComparedRun>& of_configuration : runs) {
+    for (const ComparedRun& run : of_configuration) sum += run.record.output_s;
+  }
+  return sum;
+}
+
+std::string describe_loading(const Comparison& comparison) {
+  std::string names;
+  for (const Configuration& own : comparison.configurations) {
+    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
+  }
+  return detail::concat("in the times of ", names, ": ", format_figure(comparison.plan.loading_ms),
+                        " ms for loading the candidates' code, which a fresh process pays before its first check");
+}
+
+void write_plan(const ComparisonPlan& plan) {
+  write_json(plan_path(plan.root()), {{"plan", to_json(plan)}});
+}
+
+bool holds_comparison(const fs::path& root) {
+  return fs::exists(plan_path(root));
+}
+
+ComparisonPlan read_plan(const fs::path& root) {
+  const fs::path path = plan_path(root);
+  if (!holds_comparison(root)) input_error(root.string(), ": holds no comparison (no compare.json) to go on with");
+  const Json json = read_json_file(path.string());
+  ComparisonPlan plan;
+  try {
+    const Json& own = json.at("plan");
+    plan.configs = own.at("configs").get<std::string>();
+    plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
+    plan.chunk = own.at("chunk").get<int>();
+    plan.reading_s = own.at("reading_s").get<double>();
+    plan.has_repetition = own.value("noise", false);  // these two are not in the first comparisons
+    plan.loading_ms = own.value("loading_ms", 0.0);
+    config_from_json(plan.base, own.at("config"), path.string());
+  } catch (const nlohmann::json::exception& error) {
+    input_error(path.string(), ": is no comparison of b3dgs compare: ", error.what());
+  }
+  plan.base.model_path = root.string();     // where it lies now
+  plan.base.device = TrainConfig{}.device;  // belongs to the machine, not to the comparison
+  return plan;
+}
+
+Comparison load_comparison(const ComparisonPlan& plan) {
+  Comparison comparison{plan, plan.configurations(), {}, {}};
+  std::vector<ConfigurationHistory> histories;
+  for (const Configuration& configuration : comparison.configurations) {
+    histories.push_back({configuration.name, configuration.config, {}});
+    comparison.runs.emplace_back();
+    for (const std::int64_t seed : plan.seeds) {
+      const ModelFolder folder = plan.folder(configuration, seed);
+      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
+      if (measures_kernels(configuration.config)) {
+        for (LogPoint& point : comparison.runs.back().back().history.points) point.elapsed_s += 1e-3 * plan.loading_ms;
+      }
+      histories.back().by_seed.push_back(comparison.runs.back().back().history);
+    }
+  }
+  comparison.summary = summarize_comparison(histories, plan.base.iterations);
+  return comparison;
+}
+
+void write_comparison(const Comparison& comparison) {
+  write_json(plan_path(comparison.plan.root()), to_json(comparison));
+  write_file(comparison.plan.root() / "report.html", comparison_report(comparison));
+}
+
+void print_comparison(const Comparison& comparison) {
+  const ComparisonSummary& summary = comparison.summary;
+  std::size_t columns = 13;
+  for (const Configuration& configuration : comparison.configurations) {
+    columns = std::max(columns, configuration.name.size());
+  }
+  const int width = static_cast<int>(columns), share_width = summary.noise() ? 15 : 11;
+  std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "saved",
+              share_width, "before infl", share_width, "after infl", "PSNR dB", "SSIM", "Gaussians");
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    double elapsed_s = 0;
+    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // the mean over those that have begun
+      elapsed_s +=
+          elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
+    }
+    const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
+                           std::optional<double> MachineSpread::*noise) {
+      if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
+      return format_percent((summary.compared[i - 1].*field)->mean) +
+             format_noise(summary.compared[i - 1].noise.*noise);
+    };
+    std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
+                share_width, share(&ComparedConfiguration::overall, &MachineSpread::overall).c_str(), share_width,
+                share(&ComparedConfiguration::before, &MachineSpread::before).c_str(), share_width,
+                share(&ComparedConfiguration::after, &MachineSpread::after).c_str(),
+                quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(), quality_cell(summary, i, "SSIM", "%.4f").c_str(),
+                quality_cell(summary, i, "Gaussians", "%.0f").c_str());
+  }
+  for (const ComparedConfiguration& compared : summary.compared) {
+    const int n_seeds = static_cast<int>(compared.by_seed.size());
+    if (!compared.before || compared.before->n == n_seeds) continue;
+    std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
+                in_seeds(compared.before->n, n_seeds).c_str());
+  }
+  for (const BalancingSteps& steps : summary.balancing) {
+    std::printf("%s: %s\n", steps.name.c_str(), describe(steps, summary.noise()).c_str());
+  }
+  if (!summary.repetition.empty()) std::printf("%s\n", describe_repetition(summary).c_str());
+  if (comparison.plan.loading_ms > 0) std::printf("%s\n", describe_loading(comparison).c_str());
+  std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
+              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
+  std::printf("%s\n", verdict(summary).c_str());
+}
+
+}  // namespace b3dgs

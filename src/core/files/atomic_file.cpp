@@ -1,0 +1,155 @@
+#include "core/files/atomic_file.h"
+
+#include <fcntl.h>
+#include <ftw.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char *kTemporaryPrefix = ".b3dgs-", *kTemporarySuffix = ".tmp";
+
+// A short name of its own: the target's name may already have the greatest length that the file system allows.
+fs::path temporary_name(const fs::path& folder) {
+  static std::atomic<unsigned> counter{0};
+  return folder / (kTemporaryPrefix + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)) +
+                   kTemporarySuffix);
+}
+
+// The process of a temporary file's name, 0 for other names.
+pid_t process_of(const std::string& name) {
+  int process = 0, length = 0;
+  unsigned number = 0;
+  const std::string pattern = std::string(kTemporaryPrefix) + "%d-%u" + kTemporarySuffix + "%n";
+  const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &process, &number, &length) == 2;
+  return fits && length == static_cast<int>(name.size()) && process > 0 ? process : 0;
+}
+
+int remove_if_left_behind(const char* path, const struct stat*, int type, FTW* place) {
+  const pid_t process = type == FTW_F ? process_of(path + place->base) : 0;
+  // One with the id of this process is of an earlier one, since no file is being written yet.
+  if (process == ::getpid() || (process > 0 && ::kill(process, 0) != 0 && errno == ESRCH)) ::unlink(path);
+  return 0;
+}
+
+// A rename is on disk once the folder is. Some network file systems cannot sync a folder, and say EINVAL.
+void sync_folder(const fs::path& folder, const std::string& target) {
+  const int file = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (file < 0) io_error(target, ": cannot open its folder to sync it: ", std::strerror(errno));
+  const int failed = ::fsync(file) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
+  ::close(file);
+  if (failed) io_error(target, ": cannot sync its folder: ", std::strerror(failed));
+}
+
+// Nor is a new folder on disk before the one above it is.
+void create_folders(const fs::path& folder, const std::string& target) {
+  std::vector<fs::path> holders;  // of new folders
+  std::error_code error;
+  const fs::path absolute = fs::absolute(folder).lexically_normal();
+  for (fs::path path = absolute; !fs::exists(path, error) && path.has_relative_path(); path = path.parent_path()) {
+    if (path.has_filename()) holders.push_back(path.parent_path());
+  }
+  fs::create_directories(folder, error);
+  if (error) io_error(target, ": cannot create the folder ", folder.string(), ": ", error.message());
+  for (const fs::path& holder : holders) {
+    if (::access(holder.c_str(), R_OK) == 0) sync_folder(holder, target);  // else it cannot be opened to be synced
+  }
+}
+
+}  // namespace
+
+AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
+  const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
+  create_folders(folder, target_.string());
+  do {  // a file left by a killed process with the same id may have the name
+    temporary_ = temporary_name(folder);
+    // 0666 less the umask, as any other new file.
+    file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  } while (file_ < 0 && (errno == EEXIST || errno == EINTR));
+  if (file_ < 0) io_error(target_.string(), ": cannot write in ", folder.string(), ": ", std::strerror(errno));
+}
+
+AtomicFile::~AtomicFile() {
+  if (file_ >= 0) ::close(file_);
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+/// Calls write_some(from, n) -> written until all is written.
+template <class WriteSome>
+void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& write_some) {
+  B3DGS_CHECK(file_ >= 0, target_.string(), " is written after commit()");
+  const char* from = static_cast<const char*>(data);
+  std::size_t left = bytes;
+  while (left > 0) {
+    const ssize_t written = write_some(from, left);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) {
+      const char* reason = written < 0 ? std::strerror(errno) : "nothing was accepted";
+      io_error(target_.string(), ": cannot write ", bytes, " bytes: ", reason, "; the file was left as it was");
+    }
+    from += written;
+    left -= static_cast<std::size_t>(written);
+  }
+}
+
+void AtomicFile::write(const void* data, std::size_t bytes) {
+  write_all(data, bytes, [this](const char* from, std::size_t n) { return ::write(file_, from, n); });
+}
+
+void AtomicFile::rewrite(std::uint64_t offset, const void* data, std::size_t bytes) {
+  write_all(data, bytes, [&](const char* from, std::size_t n) {
+    const ssize_t written = ::pwrite(file_, from, n, static_cast<off_t>(offset));
+    if (written > 0) offset += static_cast<std::uint64_t>(written);
+    return written;
+  });
+}
+
+void AtomicFile::commit() {
+  B3DGS_CHECK(file_ >= 0, target_.string(), " is committed twice");
+  int failed = 0;
+  while (::fsync(file_) != 0) {
+    if (errno == EINTR) continue;
+    if (errno != EINVAL && errno != ENOTSUP) failed = errno;  // those two: not a file that can be synced
+    break;
+  }
+  if (::close(file_) != 0 && failed == 0 && errno != EINTR) failed = errno;
+  file_ = -1;
+  if (failed) io_error(target_.string(), ": cannot finish writing: ", std::strerror(failed));
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
+    io_error(target_.string(), ": cannot be replaced: ", std::strerror(errno));
+  }
+  const fs::path folder = temporary_.parent_path();
+  temporary_.clear();
+  sync_folder(folder, target_.string());
+}
+
+void write_file(const fs::path& path, std::string_view content) {
+  AtomicFile file(path);
+  file.write(content);
+  file.commit();
+}
+
+void create_folder(const fs::path& folder) {
+  create_folders(folder, folder.string());
+}
+
+void remove_unfinished_files(const fs::path& folder) {
+  constexpr int kOpenFolders = 16;
+  ::nftw(folder.c_str(), remove_if_left_behind, kOpenFolders, FTW_PHYS);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,139 @@
+#include "core/files/file_reader.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
+
+}  // namespace
+
+FileReader::FileReader(std::filesystem::path path)
+    : path_(std::move(path)), buffer_(kBufferBytes), data_(buffer_.data()) {
+  file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file_ < 0) input_error(name(), ": cannot be read: ", std::strerror(errno));
+  struct stat status {};
+  const int failed = ::fstat(file_, &status) != 0 ? errno : 0;
+  if (failed || !S_ISREG(status.st_mode)) {
+    ::close(file_);
+    input_error(name(), ": cannot be read: ", failed ? std::strerror(failed) : "it is no regular file");
+  }
+  size_ = static_cast<std::uint64_t>(status.st_size);
+}
+
+FileReader::FileReader(std::string name, std::string_view bytes)
+    : path_(std::move(name)), size_(bytes.size()), data_(bytes.data()), end_(bytes.size()) {}
+
+FileReader::~FileReader() {
+  if (file_ >= 0) ::close(file_);
+}
+
+void FileReader::begin_record(const char* kind, std::uint64_t index, std::uint64_t total) {
+  record_kind_ = kind;
+  record_ = index + 1;
+  record_count_ = total;
+}
+
+void FileReader::expect_records(const char* kind, std::uint64_t count, std::uint64_t min_bytes_each) const {
+  if (count <= remaining() / min_bytes_each) return;
+  input_error(name(), ": says that ", count, " ", kind, " follow, at least ", min_bytes_each, " bytes each, but only ",
+              remaining(), " bytes do; the file is truncated, damaged or of another kind: copy or export it again");
+}
+
+void FileReader::expect_end() const {
+  if (remaining() == 0) return;
+  input_error(name(), ": ", remaining(), " bytes follow after the last record at byte ", position_,
+              ", expected the end of the file; it is damaged or of another kind: copy or export it again");
+}
+
+bool FileReader::fill() {
+  if (file_ < 0) return false;
+  next_ = end_ = 0;
+  for (;;) {
+    const ssize_t bytes = ::read(file_, buffer_.data(), buffer_.size());
+    if (bytes < 0 && errno == EINTR) continue;
+    if (bytes < 0) input_error(name(), ": cannot be read: ", std::strerror(errno));
+    end_ = static_cast<std::size_t>(bytes);
+    return bytes > 0;
+  }
+}
+
+void FileReader::fail_truncated(std::uint64_t wanted) const {
+  const std::string record =
+      record_ > 0 ? detail::concat("in ", record_kind_, " ", record_, " of ", record_count_) : "in its header";
+  input_error(name(), ": ends ", record, ", at byte ", size_, "; expected ", wanted,
+              " more bytes; the file is truncated: copy or export it again");
+}
+
+void FileReader::read_bytes(void* to, std::size_t bytes) {
+  if (bytes > remaining()) fail_truncated(bytes - remaining());
+  char* out = static_cast<char*>(to);
+  while (bytes > 0) {
+    if (next_ == end_ && !fill()) fail_truncated(bytes);  // shrunk while it was read
+    const std::size_t part = std::min(bytes, end_ - next_);
+    std::memcpy(out, data_ + next_, part);
+    out += part;
+    bytes -= part;
+    next_ += part;
+    position_ += part;
+  }
+}
+
+void FileReader::skip(std::uint64_t bytes) {
+  if (bytes > remaining()) fail_truncated(bytes - remaining());
+  position_ += bytes;
+  const std::uint64_t buffered = std::min<std::uint64_t>(bytes, end_ - next_);
+  next_ += buffered;
+  if (bytes > buffered && ::lseek(file_, static_cast<off_t>(bytes - buffered), SEEK_CUR) < 0) {
+    input_error(name(), ": cannot be read: ", std::strerror(errno));
+  }
+}
+
+std::string FileReader::read_c_string() {
+  std::string text;
+  for (char c = read<char>(); c != '\0'; c = read<char>()) text += c;
+  return text;
+}
+
+bool FileReader::read_line(std::string_view& line) {
+  long_line_.clear();
+  for (;;) {
+    if (next_ == end_ && !fill()) {
+      if (long_line_.empty()) return false;
+      line = long_line_;
+      break;
+    }
+    const char* begin = data_ + next_;
+    const char* newline = static_cast<const char*>(std::memchr(begin, '\n', end_ - next_));
+    const std::size_t length = newline ? static_cast<std::size_t>(newline - begin) : end_ - next_;
+    const std::size_t taken = length + (newline ? 1 : 0);
+    next_ += taken;
+    position_ += std::min<std::uint64_t>(taken, remaining());
+    if (newline && long_line_.empty()) {
+      line = std::string_view(begin, length);
+      break;
+    }
+    long_line_.append(begin, length);
+    if (newline) {
+      line = long_line_;
+      break;
+    }
+  }
+  ++line_number_;
+  if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
+  return true;
+}
+
+std::string FileReader::place() const {
+  return detail::concat(name(), ":", line_number_);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,84 @@
+#include "core/files/folder_lock.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_all(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+/// "b3dgs train -s scene" of a process, "" where the system does not say.
+std::string command_of(const std::string& process) {
+  constexpr std::size_t kMost = 200;
+  std::string words = read_all(fs::path("/proc") / process / "cmdline");  // with a zero byte after each
+  while (!words.empty() && words.back() == '\0') words.pop_back();
+  std::replace_if(
+      words.begin(), words.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
+  return words.size() > kMost ? words.substr(0, kMost) + "..." : words;
+}
+
+[[noreturn]] void refuse(const fs::path& folder, const fs::path& path) {
+  std::string process = read_all(path);
+  process.erase(std::find_if(process.begin(), process.end(), [](char c) { return c < '0' || c > '9'; }), process.end());
+  const std::string command = process.empty() ? "" : command_of(process);
+  input_error(folder.string(), ": ", process.empty() ? "another process" : "process " + process,
+              command.empty() ? "" : " (" + command + ")",
+              " is training into this folder; wait until it has ended, or name another folder with -m");
+}
+
+/// Whether the open file is still the one at `path`: its holder removes it before it lets go of the lock.
+bool is_at(int file, const fs::path& path) {
+  struct stat own {
+  }, there{};
+  return ::fstat(file, &own) == 0 && ::stat(path.c_str(), &there) == 0 && own.st_ino == there.st_ino &&
+         own.st_dev == there.st_dev;
+}
+
+}  // namespace
+
+FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".b3dgs-lock") {
+  create_folder(folder);
+  for (;;) {
+    file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (file_ < 0) io_error(folder.string(), ": cannot be written to: ", std::strerror(errno));
+    int failed = 0;
+    while (::flock(file_, LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
+    }
+    if (failed == EWOULDBLOCK) {
+      ::close(file_);
+      file_ = -1;
+      refuse(folder, path_);
+    }
+    if (is_at(file_, path_)) break;
+    ::close(file_);
+  }
+  const std::string process = std::to_string(::getpid()) + "\n";
+  // For messages only: a disk that is full is not noticed here.
+  if (::ftruncate(file_, 0) != 0 || ::write(file_, process.data(), process.size()) < 0) errno = 0;
+  remove_unfinished_files(folder);
+}
+
+FolderLock::~FolderLock() {
+  ::unlink(path_.c_str());
+  ::close(file_);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,56 @@
+#include "model/disk_space.h"
+
+#include <sys/statvfs.h>
+
+#include <algorithm>
+#include <cstdio>
+
+#include "core/check.h"
+#include "model/splat_cloud.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kFloatBytes = 4;
+
+/// Of a Gaussian's parameters.
+std::int64_t parameter_floats(int sh_degree) {
+  return 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
+}
+
+std::string in_megabytes(std::int64_t bytes) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f MB", 1e-6 * static_cast<double>(bytes));
+  return text;
+}
+
+}  // namespace
+
+std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
+  struct statvfs system {};
+  if (::statvfs(folder.c_str(), &system) != 0) return -1;
+  return static_cast<std::int64_t>(system.f_bavail) * static_cast<std::int64_t>(system.f_frsize);
+}
+
+std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {
+  constexpr std::int64_t kNormals = 3;
+  return kFloatBytes * n_gaussians * (parameter_floats(sh_degree) + kNormals);
+}
+
+std::int64_t checkpoint_bytes(std::int64_t n_gaussians, int sh_degree) {
+  constexpr std::int64_t kStatistics = 3;
+  return kFloatBytes * n_gaussians * (3 * parameter_floats(sh_degree) + kStatistics);
+}
+
+std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, std::int64_t n_gaussians,
+                         int sh_degree, int n_checkpoints) {
+  const std::int64_t wanted =
+      ply_bytes(n_gaussians, sh_degree) + (n_checkpoints + 1) * checkpoint_bytes(n_gaussians, sh_degree);
+  if (free_bytes < 0 || free_bytes >= wanted) return "";
+  return detail::concat(folder.string(), ": ", in_megabytes(free_bytes), " are free on this disk; the PLY and ",
+                        n_checkpoints + 1, " checkpoints of the ", n_gaussians,
+                        " Gaussians that training starts with take ", in_megabytes(wanted),
+                        ", and more as their number grows; make room, or lower --keep_checkpoints or --max_gaussians");
+}
+
+}  // namespace b3dgs

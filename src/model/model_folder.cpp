@@ -1,0 +1,174 @@
+#include "model/model_folder.h"
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/json_text.h"
+#include "model/cameras_json.h"
+#include "model/ply.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+/// N of "iteration_N" + suffix, -1 for other names.
+int iteration_of(const std::string& name, const std::string& suffix) {
+  const std::string prefix = "iteration_";
+  if (name.size() <= prefix.size() + suffix.size() || name.compare(0, prefix.size(), prefix) != 0) return -1;
+  if (name.compare(name.size() - suffix.size(), suffix.size(), suffix) != 0) return -1;
+  int iteration = -1;
+  const char *begin = name.data() + prefix.size(), *end = name.data() + name.size() - suffix.size();
+  const auto result = std::from_chars(begin, end, iteration);
+  return result.ec == std::errc() && result.ptr == end ? iteration : -1;
+}
+
+/// Iterations named by the entries of a folder, ascending; none if it does not exist.
+std::vector<int> list_iterations(const fs::path& folder, const std::string& suffix) {
+  std::vector<int> iterations;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    if (const int iteration = iteration_of(it->path().filename().string(), suffix); iteration >= 0) {
+      iterations.push_back(iteration);
+    }
+  }
+  std::sort(iterations.begin(), iterations.end());
+  return iterations;
+}
+
+void write_json(const fs::path& path, const Json& json, int indent) {
+  write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+/// A results file as it is, or an empty one: it can be measured again, so a damaged one is no reason to stop.
+Json read_results(const fs::path& path) {
+  std::ifstream file(path);
+  Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  return json.is_object() ? json : Json::object();
+}
+
+Json to_json(const EvaluationSource& source) {
+  return {{"split", source.split},           {"width", source.width},   {"height", source.height},
+          {"resolution", source.resolution}, {"images", source.images}, {"source_path", source.source_path}};
+}
+
+/// A Python string literal.
+std::string python_string(const std::string& text) {
+  std::string literal = "'";
+  for (const char c : text) {
+    if (c == '\\' || c == '\'') literal += '\\';
+    literal += c;
+  }
+  return literal + "'";
+}
+
+/// What the original's scripts and the SIBR viewer read: a namespace as Python prints it.
+std::string cfg_args(const TrainConfig& config) {
+  const auto boolean = [](bool value) { return value ? "True" : "False"; };
+  std::ostringstream text;
+  text << "Namespace(sh_degree=" << config.sh_degree << ", source_path=" << python_string(config.source_path)
+       << ", model_path=" << python_string(config.model_path) << ", images=" << python_string(config.images)
+       << ", depths='', resolution=" << config.resolution << ", white_background=" << boolean(config.white_background)
+       << ", train_test_exp=False, data_device='cpu', eval=" << boolean(config.eval) << ")";
+  return text.str();
+}
+
+}  // namespace
+
+fs::path ModelFolder::ply(int iteration) const {
+  return root_ / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
+}
+
+fs::path ModelFolder::checkpoint(int iteration) const {
+  return root_ / "checkpoints" / ("iteration_" + std::to_string(iteration) + ".b3dgs");
+}
+
+std::vector<int> ModelFolder::ply_iterations() const {
+  std::vector<int> iterations = list_iterations(root_ / "point_cloud", "");
+  const auto has_no_ply = [&](int iteration) { return !fs::exists(ply(iteration)); };
+  iterations.erase(std::remove_if(iterations.begin(), iterations.end(), has_no_ply), iterations.end());
+  return iterations;
+}
+
+std::vector<int> ModelFolder::checkpoint_iterations() const {
+  return list_iterations(root_ / "checkpoints", ".b3dgs");
+}
+
+std::string ModelFolder::course() const {
+  std::ifstream file(root_ / "course.json");
+  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const bool is_named = json.is_object() && json.contains("course") && json["course"].is_string();
+  return is_named ? json["course"].get<std::string>() : "";
+}
+
+void ModelFolder::write_course(const std::string& id) const {
+  write_json(root_ / "course.json", {{"course", id}}, 2);
+}
+
+void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
+  write_point_ply(root_ / "input.ply", scene.points);
+  write_json(cameras(), cameras_to_json(scene), -1);
+  write_file(root_ / "cfg_args", cfg_args(config));
+  write_json(root_ / "config.json", config_to_json(config), 2);
+}
+
+TrainConfig ModelFolder::read_config() const {
+  const fs::path path = root_ / "config.json";
+  std::ifstream file(path);
+  if (!file) input_error(path.string(), ": cannot be opened; is ", root_.string(), " a model folder of b3dgs train?");
+  const Json json = parse_json(file);
+  if (json.is_discarded()) input_error(path.string(), ": is no JSON");
+  TrainConfig config;
+  config_from_json(config, json, path.string());
+  return config;
+}
+
+EvaluationSource evaluation_source(const TrainConfig& config, const std::vector<View>& views,
+                                   const std::string& split) {
+  EvaluationSource source{config.source_path, config.images, config.resolution, 0, 0, split};
+  for (const View& view : views) {
+    source.width = std::max(source.width, view.camera.width);
+    source.height = std::max(source.height, view.camera.height);
+  }
+  return source;
+}
+
+std::string ModelFolder::results_key(int iteration, const std::string& variant, const EvaluationSource& source) const {
+  const std::string own = "ours_" + std::to_string(iteration);
+  if (variant.empty()) return own;
+  const Json results = read_results(root_ / "results.json"), wanted = to_json(source);
+  const auto is_free = [&](const std::string& key) {
+    if (!results.contains(key) || !results[key].is_object()) return true;
+    for (const auto& [name, value] : wanted.items()) {
+      if (results[key].value(name, Json()) != value) return false;
+    }
+    return true;
+  };
+  std::string key = own + "_" + variant;
+  for (int n = 2; !is_free(key); ++n) key = own + "_" + variant + "_" + std::to_string(n);
+  return key;
+}
+
+void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
+                                const EvaluationSource& source) const {
+  const auto [results_path, per_view_path] = results();
+  Json means = read_results(results_path), per_view = read_results(per_view_path);
+  means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
+  means[key].update(to_json(source));
+  Json ssim = Json::object(), psnr = Json::object();
+  for (const ViewQuality& view : evaluation.views) {
+    ssim[view.name] = view.quality.ssim;
+    psnr[view.name] = view.quality.psnr;
+  }
+  per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
+  write_json(results_path, means, 2);
+  write_json(per_view_path, per_view, 2);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,259 @@
+// The properties of Gaussians and of points in PLY files. The one place that knows that files hold the spherical
+// harmonics channel by channel, the transpose of memory.
+#include "model/ply.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "model/ply_reader.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kRowsPerBlock = 4096;
+constexpr int kMaxShDegree = 3;
+
+#if defined(__BYTE_ORDER__)
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are written as memory is");
+#endif
+
+std::vector<std::string> numbered(const char* prefix, int count) {
+  std::vector<std::string> names;
+  for (int i = 0; i < count; ++i) names.push_back(prefix + std::to_string(i));
+  return names;
+}
+
+// Number of f_rest properties for a degree.
+int rest_count(int degree) {
+  return 3 * (sh_coefficient_count(degree) - 1);
+}
+
+// Calls visit(names of properties, their array, row by row) in the order of the files. Normals are not among them: they
+// are written as 0 and not read.
+template <class Cloud, class Visit>
+void visit_fields(Cloud& cloud, Visit&& visit) {
+  visit(std::vector<std::string>{"x", "y", "z"}, cloud.means);
+  visit(numbered("f_dc_", 3), cloud.sh0);
+  visit(numbered("f_rest_", rest_count(cloud.sh_degree)), cloud.shN);
+  visit(std::vector<std::string>{"opacity"}, cloud.logit_opacities);
+  visit(numbered("scale_", 3), cloud.log_scales);
+  visit(numbered("rot_", 4), cloud.quats);
+}
+
+// Place in memory of the f_rest property `index`: [coefficient, channel] there, [channel, coefficient] in the file.
+int memory_index(int index, int degree) {
+  const int n_coefficients = sh_coefficient_count(degree) - 1;
+  return (index % n_coefficients) * 3 + index / n_coefficients;
+}
+
+std::string header(std::int64_t count, const std::vector<std::pair<std::string, const char*>>& properties) {
+  std::string text = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) + "\n";
+  for (const auto& [name, type] : properties) text += std::string("property ") + type + " " + name + "\n";
+  return text + "end_header\n";
+}
+
+/// Names the formats of other programs that look like a file of Gaussians. @throws InputError
+void refuse_other_formats(const PlyReader& reader) {
+  const PlyElement& vertices = reader.vertices();
+  if (vertices.find("packed_position")) {
+    input_error(reader.name(), ": is a compressed PLY as SuperSplat writes it; open it there and export it as PLY");
+  }
+  if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
+    input_error(reader.name(),
+                ": holds Gaussians with two scales, a model of 2D Gaussian Splatting; expected one of 3D Gaussian "
+                "Splatting, with scale_0 to scale_2");
+  }
+}
+
+int sh_degree_of(const PlyReader& reader) {
+  const PlyElement& vertices = reader.vertices();
+  const auto n_rest = static_cast<int>(
+      std::count_if(vertices.properties.begin(), vertices.properties.end(),
+                    [](const PlyProperty& property) { return property.name.rfind("f_rest_", 0) == 0; }));
+  for (int degree = 0; degree <= kMaxShDegree; ++degree) {
+    if (rest_count(degree) == n_rest) return degree;
+  }
+  input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
+}
+
+void check_splat_row(const PlyReader& reader, const std::vector<std::string>& columns, std::uint64_t row,
+                     const double* values) {
+  const std::string remedy = "; remove this Gaussian or export the file again";
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    if (!std::isfinite(static_cast<float>(values[i]))) {
+      input_error(reader.name(), ": row ", row, " (counted from 0): expected a finite ", columns[i], ", found ",
+                  values[i], remedy);
+    }
+  }
+  const double* quat = values + columns.size() - 4;
+  if (quat[0] == 0 && quat[1] == 0 && quat[2] == 0 && quat[3] == 0) {
+    input_error(reader.name(), ": row ", row, " (counted from 0): its rotation rot_0..3 is a quaternion of length 0",
+                remedy);
+  }
+}
+
+}  // namespace
+
+SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree)
+    : count_(count), sh_degree_(sh_degree), file_(path) {
+  B3DGS_CHECK(sh_degree >= 0 && sh_degree <= kMaxShDegree, "SH degree ", sh_degree);
+  std::vector<std::pair<std::string, const char*>> properties;
+  SplatCloud none;
+  none.sh_degree = sh_degree;
+  visit_fields(none, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+    for (const std::string& name : names) properties.emplace_back(name, "float");
+    if (&values == &none.means) {
+      for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
+    }
+  });
+  file_.write(header(count, properties));
+}
+
+void SplatPlyWriter::append(const SplatCloud& rows) {
+  constexpr std::size_t kNormals = 3;
+  const std::int64_t n = rows.size();
+  B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "a PLY of ", count_, " rows of SH degree ",
+              sh_degree_, " is given ", n_written_ + n, " of degree ", rows.sh_degree);
+  std::size_t n_properties = kNormals;
+  visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), "a cloud of ", n, " has ", values.size(),
+                " values for ", names.size(), " properties");
+    n_properties += names.size();
+  });
+  std::vector<float> block;
+  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
+    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
+    block.assign(static_cast<std::size_t>(end - begin) * n_properties, 0.0f);
+    std::size_t column = 0;
+    visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+      const auto width = static_cast<int>(names.size());
+      for (int i = 0; i < width; ++i, ++column) {
+        const int source = &values == &rows.shN ? memory_index(i, sh_degree_) : i;
+        for (std::int64_t row = begin; row < end; ++row) {
+          block[static_cast<std::size_t>(row - begin) * n_properties + column] = values[row * width + source];
+        }
+      }
+      if (&values == &rows.means) column += kNormals;  // they stay 0
+    });
+    file_.write(block.data(), block.size() * sizeof(float));
+  }
+  n_written_ += n;
+}
+
+void SplatPlyWriter::commit() {
+  B3DGS_CHECK(n_written_ == count_, "a PLY of ", count_, " rows was given ", n_written_);
+  file_.commit();
+}
+
+void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
+  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree);
+  file.append(cloud);
+  file.commit();
+}
+
+bool is_splat_ply(const std::filesystem::path& path) {
+  FileReader file(path);
+  const PlyReader reader(file);
+  refuse_other_formats(reader);
+  return reader.vertices().find("f_dc_0") && reader.vertices().find("opacity");
+}
+
+SplatCloud read_splat_ply(const std::filesystem::path& path) {
+  FileReader file(path);
+  return read_splat_ply(file);
+}
+
+SplatCloud read_splat_ply(FileReader& file) {
+  PlyReader reader(file);
+  refuse_other_formats(reader);
+  SplatCloud cloud;
+  cloud.sh_degree = sh_degree_of(reader);
+  const std::uint64_t n = reader.vertices().count;
+  std::vector<std::string> columns;
+  visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {
+    columns.insert(columns.end(), names.begin(), names.end());
+    values.resize(n * names.size());
+  });
+  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
+    for (std::uint64_t i = 0; i < n_rows; ++i) check_splat_row(reader, columns, first + i, rows + i * columns.size());
+    std::size_t column = 0;
+    visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {
+      const auto width = static_cast<int>(names.size());
+      for (int k = 0; k < width; ++k, ++column) {
+        const int target = &values == &cloud.shN ? memory_index(k, cloud.sh_degree) : k;
+        for (std::uint64_t i = 0; i < n_rows; ++i) {
+          values[(first + i) * width + target] = static_cast<float>(rows[i * columns.size() + column]);
+        }
+      }
+    });
+  });
+  return cloud;
+}
+
+void write_point_ply(const std::filesystem::path& path, const PointCloud& points) {
+  const std::int64_t n = points.size();
+  B3DGS_CHECK(points.positions.size() == points.colors.size(), points.positions.size(), " coordinates, ",
+              points.colors.size(), " colour values");
+  constexpr std::size_t kPositionBytes = 3 * sizeof(float), kRowBytes = kPositionBytes + 3;
+  AtomicFile file(path);
+  file.write(header(
+      n, {{"x", "float"}, {"y", "float"}, {"z", "float"}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
+  std::vector<char> block;
+  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
+    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
+    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
+    char* to = block.data();
+    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
+      std::memcpy(to, points.positions.data() + 3 * row, kPositionBytes);
+      std::memcpy(to + kPositionBytes, points.colors.data() + 3 * row, 3);
+    }
+    file.write(block.data(), block.size());
+  }
+  file.commit();
+}
+
+PointCloud read_point_ply(const std::filesystem::path& path) {
+  FileReader file(path);
+  return read_point_ply(file);
+}
+
+PointCloud read_point_ply(FileReader& file) {
+  PlyReader reader(file);
+  refuse_other_formats(reader);
+  const PlyElement& vertices = reader.vertices();
+  std::vector<std::string> columns{"x", "y", "z"};
+  const PlyProperty* red = vertices.find("red");
+  double to_8_bits = 0;
+  if (red) {
+    for (const char* name : {"red", "green", "blue"}) columns.emplace_back(name);
+    to_8_bits = red->type >= PlyType::kFloat32 ? 255.0 : red->type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
+  }
+  PointCloud points;
+  points.positions.resize(vertices.count * 3);
+  points.colors.assign(vertices.count * 3, 128);
+  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
+    for (std::uint64_t i = 0; i < n_rows; ++i) {
+      const double* row = rows + i * columns.size();
+      for (std::size_t k = 0; k < columns.size(); ++k) {
+        if (!std::isfinite(static_cast<float>(row[k]))) {
+          input_error(reader.name(), ": row ", first + i, " (counted from 0): expected a finite ", columns[k],
+                      ", found ", row[k], "; remove this point or export the file again");
+        }
+        const std::uint64_t at = (first + i) * 3;
+        if (k < 3) {
+          points.positions[at + k] = static_cast<float>(row[k]);
+        } else {
+          points.colors[at + k - 3] =
+              static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));
+        }
+      }
+    }
+  });
+  return points;
+}
+
+}  // namespace b3dgs

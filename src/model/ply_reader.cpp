@@ -1,0 +1,293 @@
+#include "model/ply_reader.h"
+
+#include <algorithm>
+#include <array>
+
+#include "core/check.h"
+#include "core/text_fields.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::uint64_t kRowsPerBlock = 4096;
+constexpr int kMaxHeaderLines = 4096;  // more, and the file is no PLY that was made on purpose
+
+struct PlyTypeRow {
+  PlyType type;
+  const char *name, *other_name;
+  int bytes;
+};
+
+constexpr std::array<PlyTypeRow, 8> kTypes{{{PlyType::kInt8, "char", "int8", 1},
+                                            {PlyType::kUint8, "uchar", "uint8", 1},
+                                            {PlyType::kInt16, "short", "int16", 2},
+                                            {PlyType::kUint16, "ushort", "uint16", 2},
+                                            {PlyType::kInt32, "int", "int32", 4},
+                                            {PlyType::kUint32, "uint", "uint32", 4},
+                                            {PlyType::kFloat32, "float", "float32", 4},
+                                            {PlyType::kFloat64, "double", "float64", 8}}};
+
+int bytes_of(PlyType type) {
+  return kTypes[static_cast<std::size_t>(type)].bytes;
+}
+
+PlyType type_from_name(std::string_view name, const std::string& place) {
+  for (const PlyTypeRow& row : kTypes) {
+    if (name == row.name || name == row.other_name) return row.type;
+  }
+  input_error(place, ": expected a property type such as float or uchar, found \"", name, "\"");
+}
+
+template <class T>
+double to_double(const char* bytes) {
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return static_cast<double>(value);
+}
+
+double decode(PlyType type, const char* bytes) {
+  switch (type) {
+    case PlyType::kInt8:
+      return to_double<std::int8_t>(bytes);
+    case PlyType::kUint8:
+      return to_double<std::uint8_t>(bytes);
+    case PlyType::kInt16:
+      return to_double<std::int16_t>(bytes);
+    case PlyType::kUint16:
+      return to_double<std::uint16_t>(bytes);
+    case PlyType::kInt32:
+      return to_double<std::int32_t>(bytes);
+    case PlyType::kUint32:
+      return to_double<std::uint32_t>(bytes);
+    case PlyType::kFloat32:
+      return to_double<float>(bytes);
+    case PlyType::kFloat64:
+      break;
+  }
+  return to_double<double>(bytes);
+}
+
+double decode(PlyType type, const char* bytes, PlyFormat format) {
+  if (format != PlyFormat::kBigEndian) return decode(type, bytes);
+  std::array<char, 8> swapped{};
+  std::reverse_copy(bytes, bytes + bytes_of(type), swapped.begin());
+  return decode(type, swapped.data());
+}
+
+// Smallest number of bytes that a row takes: lists empty, ASCII values of one digit with a separator.
+std::uint64_t min_row_bytes(const PlyElement& element, PlyFormat format) {
+  std::uint64_t bytes = 0;
+  for (const PlyProperty& property : element.properties) {
+    bytes += format == PlyFormat::kAscii ? 2 : bytes_of(property.is_list ? property.count_type : property.type);
+  }
+  return bytes;
+}
+
+PlyProperty parse_property(TextFields& fields, const std::string& place) {
+  PlyProperty property;
+  std::string_view type = fields.word();
+  property.is_list = type == "list";
+  if (property.is_list) {
+    property.count_type = type_from_name(fields.word(), place);
+    if (property.count_type >= PlyType::kFloat32) input_error(place, ": the length of a list must be a whole number");
+    type = fields.word();
+  }
+  property.type = type_from_name(type, place);
+  property.name = fields.word();
+  if (property.name.empty()) input_error(place, ": expected the property's name, found the end of the line");
+  return property;
+}
+
+/// `most` is how many entries there can be.
+std::uint64_t list_length(double length, std::uint64_t most, const FileReader& file) {
+  if (!(length >= 0 && length <= static_cast<double>(most))) {
+    input_error(file.name(), ": a list has the length ", length, ", expected 0 to ", most, "; the file is damaged");
+  }
+  return static_cast<std::uint64_t>(length);
+}
+
+}  // namespace
+
+const PlyProperty* PlyElement::find(const std::string& property) const {
+  const auto found = std::find_if(properties.begin(), properties.end(),
+                                  [&](const PlyProperty& candidate) { return candidate.name == property; });
+  return found == properties.end() ? nullptr : &*found;
+}
+
+PlyReader::PlyReader(FileReader& file) : file_(file) {
+  read_header();
+  check_size();
+}
+
+void PlyReader::read_header() {
+  std::string_view line;
+  if (!file_.read_line(line) || line != "ply") {
+    input_error(name(), ": expected a PLY file, which begins with the line \"ply\"; it is of another kind or damaged");
+  }
+  bool has_format = false;
+  for (int n_lines = 0;; ++n_lines) {
+    if (n_lines == kMaxHeaderLines || !file_.read_line(line)) {
+      input_error(file_.place(), ": the PLY header has no line \"end_header\"; the file is truncated or damaged");
+    }
+    TextFields fields(line);
+    const std::string_view keyword = fields.word();
+    if (keyword == "end_header") break;
+    if (keyword == "format") {
+      const std::string_view format = fields.word();
+      has_format = true;
+      if (format == "ascii") {
+        format_ = PlyFormat::kAscii;
+      } else if (format == "binary_little_endian") {
+        format_ = PlyFormat::kLittleEndian;
+      } else if (format == "binary_big_endian") {
+        format_ = PlyFormat::kBigEndian;
+      } else {
+        input_error(file_.place(), ": expected the format ascii, binary_little_endian or binary_big_endian, found \"",
+                    format, "\"");
+      }
+    } else if (keyword == "element") {
+      PlyElement element;
+      element.name = fields.word();
+      element.count = fields.number<std::uint64_t>("the element's count", [this] { return file_.place(); });
+      elements_.push_back(std::move(element));
+    } else if (keyword == "property") {
+      if (elements_.empty()) input_error(file_.place(), ": a property stands before the first element");
+      elements_.back().properties.push_back(parse_property(fields, file_.place()));
+    } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
+      input_error(file_.place(), ": expected a PLY header line, found \"", keyword.substr(0, 40), "\"");
+    }
+  }
+  if (!has_format) input_error(name(), ": the PLY header has no line \"format\"");
+}
+
+void PlyReader::check_size() const {
+  for (const PlyElement& element : elements_) {
+    if (element.count == 0) continue;
+    if (element.properties.empty()) input_error(name(), ": element ", element.name, " has no properties");
+    file_.expect_records(("rows of element " + element.name).c_str(), element.count, min_row_bytes(element, format_));
+  }
+}
+
+const PlyElement& PlyReader::vertices() const {
+  std::string names;
+  for (const PlyElement& element : elements_) {
+    if (element.name == "vertex") return element;
+    names += (names.empty() ? "" : ", ") + element.name;
+  }
+  input_error(name(), ": expected an element vertex, found ", names.empty() ? "none" : names);
+}
+
+std::vector<PlyReader::Column> PlyReader::layout(const PlyElement& element,
+                                                 const std::vector<std::string>& columns) const {
+  std::vector<Column> layout;
+  for (const PlyProperty& property : element.properties) {
+    layout.push_back({property.type, -1, property.is_list, property.count_type});
+  }
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const PlyProperty* property = element.find(columns[i]);
+    if (!property || property->is_list) {
+      input_error(name(), ": element ", element.name, property ? " has a list as property " : " has no property ",
+                  columns[i], property ? ", expected a number" : "; the file is damaged or of another kind");
+    }
+    layout[static_cast<std::size_t>(property - element.properties.data())].target = static_cast<std::ptrdiff_t>(i);
+  }
+  return layout;
+}
+
+void PlyReader::read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows) {
+  const PlyElement& wanted = vertices();
+  const std::vector<Column> wanted_layout = layout(wanted, columns);
+  for (const PlyElement& element : elements_) {
+    if (&element == &wanted) {
+      read_element(element, wanted_layout, columns.size(), on_rows);
+      break;
+    }
+    read_element(element, layout(element, {}), 0, {});
+  }
+  if (&wanted == &elements_.back() && format_ != PlyFormat::kAscii) file_.expect_end();
+}
+
+void PlyReader::read_element(const PlyElement& element, const std::vector<Column>& layout, std::size_t n_columns,
+                             const RowsFn& on_rows) {
+  const std::string kind = "row of element " + element.name + ",";
+  const bool has_lists = std::any_of(layout.begin(), layout.end(), [](const Column& column) { return column.is_list; });
+  std::vector<double> block(kRowsPerBlock * n_columns);
+  for (std::uint64_t first = 0; first < element.count; first += kRowsPerBlock) {
+    const std::uint64_t n_rows = std::min(kRowsPerBlock, element.count - first);
+    file_.begin_record(kind.c_str(), first, element.count);
+    if (format_ != PlyFormat::kAscii && !has_lists) {
+      read_fixed_rows(layout, n_rows, n_columns, block.data());
+    } else {
+      for (std::uint64_t i = 0; i < n_rows; ++i) {
+        double* const values = block.data() + i * n_columns;
+        file_.begin_record(kind.c_str(), first + i, element.count);
+        if (format_ == PlyFormat::kAscii) {
+          read_row_ascii(element, layout, first + i, values);
+        } else {
+          read_row_binary(layout, values);
+        }
+      }
+    }
+    if (on_rows) on_rows(first, n_rows, block.data());
+  }
+}
+
+void PlyReader::read_fixed_rows(const std::vector<Column>& layout, std::uint64_t n_rows, std::size_t n_columns,
+                                double* values) {
+  std::size_t row_bytes = 0;
+  for (const Column& column : layout) row_bytes += static_cast<std::size_t>(bytes_of(column.type));
+  row_buffer_.resize(n_rows * row_bytes);
+  file_.read_bytes(row_buffer_.data(), row_buffer_.size());
+  const char* from = row_buffer_.data();
+  for (std::uint64_t row = 0; row < n_rows; ++row, values += n_columns) {
+    for (const Column& column : layout) {
+      if (column.target >= 0) values[column.target] = decode(column.type, from, format_);
+      from += bytes_of(column.type);
+    }
+  }
+}
+
+void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Column>& layout, std::uint64_t row,
+                               double* values) {
+  std::string_view line;
+  do {
+    if (!file_.read_line(line)) {
+      input_error(file_.place(), ": ends at row ", row + 1, " of ", element.count, " of element ", element.name,
+                  "; the file is truncated: copy or export it again");
+    }
+  } while (line.find_first_not_of(" \t") == std::string_view::npos);
+  TextFields fields(line);
+  const auto place = [this] { return file_.place(); };
+  for (std::size_t i = 0; i < layout.size(); ++i) {
+    const Column& column = layout[i];
+    const char* what = element.properties[i].name.c_str();
+    if (column.is_list) {
+      const std::uint64_t length = list_length(fields.number<double>(what, place), line.size(), file_);
+      for (std::uint64_t k = 0; k < length; ++k) fields.number<double>(what, place);
+      continue;
+    }
+    const double value = fields.number<double>(what, place);
+    if (column.target >= 0) values[column.target] = value;
+  }
+}
+
+void PlyReader::read_row_binary(const std::vector<Column>& layout, double* values) {
+  for (const Column& column : layout) {
+    if (column.is_list) {
+      const std::uint64_t length = list_length(read_value(column.count_type), file_.remaining(), file_);
+      file_.skip(length * static_cast<std::uint64_t>(bytes_of(column.type)));
+    } else if (column.target >= 0) {
+      values[column.target] = read_value(column.type);
+    } else {
+      file_.skip(static_cast<std::uint64_t>(bytes_of(column.type)));
+    }
+  }
+}
+
+double PlyReader::read_value(PlyType type) {
+  std::array<char, 8> bytes{};
+  file_.read_bytes(bytes.data(), static_cast<std::size_t>(bytes_of(type)));
+  return decode(type, bytes.data(), format_);
+}
+
+}  // namespace b3dgs

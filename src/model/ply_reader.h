@@ -1,0 +1,73 @@
+// The PLY container: header, and columns of numbers by name, whatever their type, order and company.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "core/files/file_reader.h"
+
+namespace b3dgs {
+
+enum class PlyFormat { kAscii, kLittleEndian, kBigEndian };
+enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
+
+struct PlyProperty {
+  std::string name;
+  PlyType type = PlyType::kFloat32;  // of the value, or of a list's entries
+  bool is_list = false;
+  PlyType count_type = PlyType::kUint8;  // of a list's length
+};
+
+struct PlyElement {
+  std::string name;
+  std::uint64_t count = 0;
+  std::vector<PlyProperty> properties;
+
+  /// Null if there is none of that name.
+  const PlyProperty* find(const std::string& property) const;
+};
+
+class PlyReader {
+ public:
+  /// Reads the header of `file`, which has to outlive the reader. @throws InputError
+  explicit PlyReader(FileReader& file);
+
+  std::string name() const { return file_.name(); }
+
+  /// The element "vertex". @throws InputError if the file has none.
+  const PlyElement& vertices() const;
+
+  /// `values` is [n_rows, columns.size()] for the rows from `first_row` on.
+  using RowsFn = std::function<void(std::uint64_t first_row, std::uint64_t n_rows, const double* values)>;
+
+  /// Reads the vertices once, front to back, and hands them over in blocks of some thousand rows.
+  /// @throws InputError if a column is missing, is a list, or the file ends too early or too late.
+  void read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows);
+
+ private:
+  struct Column {
+    PlyType type;
+    std::ptrdiff_t target;  // among the columns asked for; -1: not asked for
+    bool is_list;
+    PlyType count_type;
+  };
+
+  void read_header();
+  std::vector<Column> layout(const PlyElement& element, const std::vector<std::string>& columns) const;
+  void check_size() const;
+  void read_element(const PlyElement& element, const std::vector<Column>& layout, std::size_t n_columns,
+                    const RowsFn& on_rows);
+  void read_fixed_rows(const std::vector<Column>& layout, std::uint64_t n_rows, std::size_t n_columns, double* values);
+  void read_row_ascii(const PlyElement& element, const std::vector<Column>& layout, std::uint64_t row, double* values);
+  void read_row_binary(const std::vector<Column>& layout, double* values);
+  double read_value(PlyType type);
+
+  FileReader& file_;
+  PlyFormat format_ = PlyFormat::kLittleEndian;
+  std::vector<PlyElement> elements_;
+  std::vector<char> row_buffer_;
+};
+
+}  // namespace b3dgs

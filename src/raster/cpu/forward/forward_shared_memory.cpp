@@ -1,0 +1,43 @@
+// Forward blend, shared-memory: lanes over pixels, tiles from the pool, splats staged in batches
+// (staged_splats-inl.h). The fastest schedule on a CPU, where a core has no idle lanes that Gaussian-wise work could
+// fill.
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_shared_memory.cpp"
+#include <hwy/foreach_target.h>
+// Once per target from here.
+#include "raster/cpu/forward/staged_splats-inl.h"
+
+#include "core/parallel.h"
+#include "raster/cpu/forward/forward_table.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace b3dgs {
+namespace HWY_NAMESPACE {
+
+void run_forward_shared_memory(const BlendForwardArgs& args, std::int64_t index) {
+  TilePixels tile;
+  tile.begin(args.grid, static_cast<std::int32_t>(index));
+  blend_staged(args, index, 0, args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index], tile);
+  tile.finish(args);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace b3dgs
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace b3dgs {
+HWY_EXPORT(run_forward_shared_memory);
+
+namespace cpu {
+
+void blend_forward_shared_memory(const BlendForwardArgs& args) {
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
+    HWY_DYNAMIC_DISPATCH(run_forward_shared_memory)(args, tile);
+  });
+}
+
+}  // namespace cpu
+}  // namespace b3dgs
+#endif

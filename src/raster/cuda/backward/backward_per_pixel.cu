@@ -1,0 +1,85 @@
+// Backward blend, per pixel: a block owns a tile, a thread a pixel, splats back to front. A warp adds up its
+// pixels' gradients before one lane goes to memory. The reference on the device: simple, and as unbalanced as the
+// naive forward pass.
+
+#include "raster/cuda/backward/backward_table.h"
+#include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/forward/tile_blend.cuh"
+#include "raster/cuda/launch.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
+  __shared__ float4 places[kThreads], conics[kThreads], colors[kThreads];
+  __shared__ std::int32_t ids[kThreads];
+  __shared__ std::int32_t tile_last;
+  const BlendBackwardArgs& blend = args.blend;
+  const auto tile = static_cast<std::int32_t>(blockIdx.x);
+  const TilePixel at = tile_pixel(blend.grid, tile, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
+  const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
+  const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
+  const PixelGrad g = at.inside ? load_pixel_grad(blend, pixel) : PixelGrad{};
+  ReverseState<float> state{1, 0};
+  if (at.inside) {
+    state.transmittance = blend.transmittance[pixel];
+    state.behind = light_behind_all(blend, pixel, g);
+  }
+
+  if (threadIdx.x == 0) tile_last = -1;
+  __syncthreads();
+  atomicMax(&tile_last, last);
+  __syncthreads();  // tile_last is complete
+  const std::int64_t first = blend.bins.tile_offsets[tile];
+  const std::int32_t n = tile_last + 1;
+  // Batches from the end of the list; within one, place j holds the entry j before `end`.
+  for (std::int32_t end = n - 1; end >= 0; end -= kThreads) {
+    __syncthreads();  // the previous batch has been read
+    const std::int32_t entry = end - static_cast<std::int32_t>(threadIdx.x);
+    if (entry >= 0) {
+      const std::int32_t id = blend.bins.splat_ids[first + entry];
+      ids[threadIdx.x] = id;
+      places[threadIdx.x] = load_place(blend.splats, id).v;
+      conics[threadIdx.x] = load_conic(blend.splats, id).v;
+      colors[threadIdx.x] = load_color(blend.splats, id).v;
+    }
+    __syncthreads();  // the new one is complete
+    const int count = end + 1 < kThreads ? end + 1 : kThreads;
+    for (int j = 0; j < count; ++j) {
+      const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
+      const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
+      const bool blended = reach.contributes && end - j <= last;
+      if (__ballot_sync(kFullWarp, blended) == 0) continue;
+      SplatGrad grad{};
+      if (blended) {
+        const float4 color = colors[j];
+        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
+        const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
+        accumulate(grad, reach, part, g.color, g.depth);
+      }
+      grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
+              warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
+      if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad);
+    }
+  }
+}
+
+}  // namespace
+
+void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  B3DGS_CHECK(args.isect_grads == nullptr, "the per-pixel backward pass has no fixed order of sums; per-splat has");
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources backward_per_pixel_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(
+      tile, [&](auto pixels) { resources = kernel_resources(backward_per_pixel_kernel<pixels.value>, pixels.value); });
+  return resources;
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,231 @@
+// Backward blend, per splat: a warp owns a bucket of 32 list entries, a lane one splat, and the tile's pixels stream
+// through the lanes. A pixel enters the last lane with its state behind the bucket; each step hands (transmittance,
+// behind) to the lane before, so that every splat sees the pixel in the reverse order of the list. Gradients stay in
+// registers until the end, and a splat's tile costs three vector atomics.
+//
+// Buckets are of one size whatever the tile's list, so the launch is balanced by construction. Pixels that finished
+// before the bucket, and sub-tiles of 8 x 4 that no splat of it reaches, never enter the stream.
+//
+// A first kernel sums each pixel's bucket parts from the back, to what lies behind each bucket.
+
+#include "raster/cuda/backward/backward_table.h"
+#include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/forward/tile_blend.cuh"
+#include "raster/cuda/launch.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kWarps = 4;
+constexpr int kRing = 128;  // entries: 31 still in the lanes before the last, up to 31 left ahead, 32 just added
+
+/// Pixels on their way through the lanes of one warp.
+struct PixelRing {
+  float2 center[kRing];
+  std::int32_t last[kRing];
+  float2 state[kRing];  // transmittance, behind
+  float4 color[kRing];  // gradient by red, green, blue; by depth
+};
+
+constexpr int kChunks = 8;  // of a pixel's buckets, summed at the same time
+
+/// Light of a pixel before the segments of its list, by which what is kept of their buckets has to be multiplied.
+template <int kTilePixels>
+class LightBefore {
+ public:
+  __device__ __forceinline__ LightBefore(const BucketParts& parts, std::int32_t tile, std::int32_t pixel_index) {
+    const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
+    if (first >= 0) before_ = parts.before_segment + std::int64_t{first} * kTilePixels + pixel_index;
+  }
+  __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
+    constexpr int kBuckets = kSegmentEntries / kWarpSize;
+    return before_ != nullptr ? __ldg(before_ + std::int64_t{bucket / kBuckets} * kTilePixels) : 1.0f;
+  }
+
+ private:
+  const float* before_ = nullptr;  // null: the list is not cut
+};
+
+/// What a bucket shows at a pixel, seen through the loss.
+template <bool kWithDepth>
+__device__ __forceinline__ float seen_through_loss(const BlendBackwardCudaArgs& args, std::int64_t kept, float4 part,
+                                                   const PixelGrad& g) {
+  float seen = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
+  if constexpr (kWithDepth) seen += g.depth * __ldg(args.parts.depth + kept);
+  return seen;
+}
+
+/// What lies behind each bucket of each pixel. A block takes 32 pixels of a tile, a lane each; its warps take one chunk
+/// of the pixel's buckets each, first for the chunk's sum, then, knowing what lies behind the chunk, bucket by bucket.
+template <int kTilePixels, bool kWithDepth>
+__global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const BlendBackwardCudaArgs args) {
+  constexpr int kGroups = kTilePixels / kWarpSize;
+  __shared__ float chunk_sums[kChunks][kWarpSize];
+  const BlendBackwardArgs& blend = args.blend;
+  const auto tile = static_cast<std::int32_t>(blockIdx.x) / kGroups;
+  const int chunk = static_cast<int>(threadIdx.x) / kWarpSize, lane = lane_id();
+  const TilePixel at = tile_pixel(blend.grid, tile, static_cast<std::int32_t>(blockIdx.x) % kGroups * kWarpSize + lane);
+  const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
+  const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
+  const PixelGrad g = last >= 0 ? load_pixel_grad(blend, pixel) : PixelGrad{};
+
+  const std::int32_t n = last >= 0 ? last / kWarpSize + 1 : 0, per_chunk = (n + kChunks - 1) / kChunks;
+  const std::int32_t begin = chunk * per_chunk, end = begin + per_chunk < n ? begin + per_chunk : n;
+  const std::int64_t first = args.buckets.offsets[tile] * kTilePixels + at.index;
+  const LightBefore<kTilePixels> light_before(args.parts, tile, at.index);
+  float sum = 0;
+#pragma unroll 8
+  for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
+    const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
+    sum +=
+        light_before.of_bucket(bucket) * seen_through_loss<kWithDepth>(args, kept, __ldg(args.parts.light + kept), g);
+  }
+  chunk_sums[chunk][lane] = sum;
+  __syncthreads();
+  if (last < 0) return;
+  float behind = light_behind_all(blend, pixel, g);
+  for (int later = kChunks - 1; later > chunk; --later) behind += chunk_sums[later][lane];
+#pragma unroll 8
+  for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
+    const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
+    const float4 part = __ldg(args.parts.light + kept);
+    const float before = light_before.of_bucket(bucket);
+    args.bucket_ends[kept] = make_float2(before * part.x, behind);
+    behind += before * seen_through_loss<kWithDepth>(args, kept, part, g);
+  }
+}
+
+template <int kTilePixels, bool kWithDepth>
+__global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(const BlendBackwardCudaArgs args) {
+  __shared__ PixelRing rings[kWarps];
+  PixelRing& ring = rings[threadIdx.x / kWarpSize];
+  const BlendBackwardArgs& blend = args.blend;
+  const int lane = lane_id();
+
+  const std::int64_t bucket = static_cast<std::int64_t>(blockIdx.x) * kWarps + threadIdx.x / kWarpSize;
+  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
+  const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
+  const auto start = static_cast<std::int32_t>((bucket - args.buckets.offsets[tile]) * kWarpSize);
+  const std::int64_t first = blend.bins.tile_offsets[tile];
+  const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
+  const std::int32_t own_position = start + lane;
+
+  constexpr int kGroups = kTilePixels / kWarpSize;
+  SplatShape<float> shape{};
+  float4 color{};
+  float depth = 0;
+  std::int32_t id = -1;
+  unsigned reached_groups = 0;  // sub-tiles of 8 x 4 pixels that the splat reaches, a bit each
+  if (own_position < n) {
+    id = blend.bins.splat_ids[first + own_position];
+    const SplatPlace place = load_place(blend.splats, id);
+    shape = make_splat_shape(place, load_conic(blend.splats, id));
+    color = load_color(blend.splats, id).v;
+    depth = place.v.w;
+    const float2 extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
+#pragma unroll
+    for (int group = 0; group < kGroups; ++group) {
+      const TilePixel corner = tile_pixel(blend.grid, tile, sub_tile_pixel(group * kWarpSize));
+      if (reaches_sub_tile(place.v.x, place.v.y, extent, corner.center_x(), corner.center_y())) {
+        reached_groups |= 1u << group;
+      }
+    }
+  }
+  reached_groups = warp_or(reached_groups);  // by any splat of the bucket
+
+  SplatGrad sum{};
+  ReverseState<float> state{};
+  int step = 0;      // entry that is in the last lane
+  int produced = 0;  // entries in the ring so far
+
+  const auto add_group = [&] {
+    const int group = __ffs(reached_groups) - 1;
+    reached_groups &= reached_groups - 1;
+    const TilePixel at = tile_pixel(blend.grid, tile, sub_tile_pixel(group * kWarpSize + lane));
+    const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
+    const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
+    const bool alive = last >= start;
+    const unsigned living = __ballot_sync(kFullWarp, alive);
+    if (alive) {
+      const PixelGrad g = load_pixel_grad(blend, pixel);
+      const int slot = (produced + __popc(living & ((1u << lane) - 1))) % kRing;
+      ring.center[slot] = make_float2(at.center_x(), at.center_y());
+      ring.last[slot] = last;
+      ring.state[slot] = args.bucket_ends[bucket * kTilePixels + at.index];
+      ring.color[slot] = make_float4(g.color.x, g.color.y, g.color.z, g.depth);
+    }
+    produced += __popc(living);
+    __syncwarp();  // entries are visible to all lanes
+  };
+
+  const auto advance = [&] {
+    state.transmittance = __shfl_down_sync(kFullWarp, state.transmittance, 1);
+    state.behind = __shfl_down_sync(kFullWarp, state.behind, 1);
+    const int entry = step - (kWarpSize - 1 - lane);
+    const int slot = entry & (kRing - 1);
+    ++step;
+    if (entry < 0 || entry >= produced) return;
+    if (lane == kWarpSize - 1) {
+      const float2 entering = ring.state[slot];
+      state = {entering.x, entering.y};
+    }
+    const float2 center = ring.center[slot];
+    const Reach<float> reach = evaluate_reach(shape, center.x, center.y);
+    if (!reach.contributes || own_position > ring.last[slot]) return;
+    const float4 g = ring.color[slot];
+    float value = g.x * color.x + g.y * color.y + g.z * color.z;
+    if constexpr (kWithDepth) value += g.w * depth;
+    const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
+    accumulate(sum, reach, part, make_float3(g.x, g.y, g.z), g.w);
+  };
+
+  while (true) {
+    while (reached_groups != 0 && produced - step < kWarpSize) add_group();
+    if (step >= produced) break;
+    for (const int end = produced; step < end;) advance();
+    __syncwarp();  // everyone is done with entries that the next group may overwrite
+  }
+  if (produced > 0) {
+    for (const int end = produced + kWarpSize - 1; step < end;) advance();
+  }
+  if (id < 0) return;
+  if (sum.q == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
+  if (args.isect_grads != nullptr) {
+    args.isect_grads[blend.bins.isect_slots[first + own_position]] = {sum, {0, 0}};
+  } else {
+    atomic_add(args.splat_grads + id, sum);
+  }
+}
+
+template <int kTilePixels, bool kWithDepth>
+void launch(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  const int n_groups = args.blend.grid.n_tiles() * (kTilePixels / kWarpSize);
+  sum_behind_kernel<kTilePixels, kWithDepth><<<n_groups, kChunks * kWarpSize, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  const auto blocks = static_cast<unsigned>((args.buckets.n_max + kWarps - 1) / kWarps);
+  backward_per_splat_kernel<kTilePixels, kWithDepth><<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace
+
+void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  if (args.buckets.n_max == 0) return;
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    if (args.blend.grad.depth != nullptr) {
+      launch<pixels.value, true>(args, context);
+    } else {
+      launch<pixels.value, false>(args, context);
+    }
+  });
+}
+
+KernelResources backward_per_splat_resources(const TileShape& tile) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(backward_per_splat_kernel<pixels.value, false>, kWarps * kWarpSize);
+  });
+  return resources;
+}
+
+}  // namespace b3dgs::cuda

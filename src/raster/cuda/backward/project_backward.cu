@@ -1,0 +1,55 @@
+// Projection backward: one thread per Gaussian turns its splat's sums into gradients of the stored parameters.
+// Harmonics' gradients, 45 floats a Gaussian, go through shared memory so that a block writes them side by side.
+
+#include "raster/cuda/backward/project_backward.cuh"
+#include "raster/cuda/launch.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 128;
+
+template <int kShDegree>
+__global__ void __launch_bounds__(kThreads) project_backward_kernel(const ProjectBackwardCudaArgs args, int n_rest) {
+  extern __shared__ float rests[];  // [kThreads, n_rest]
+  const std::int64_t n = args.gaussians.n_gaussians;
+  const std::int64_t block_first = static_cast<std::int64_t>(blockIdx.x) * kThreads;
+  const std::int64_t i = block_first + threadIdx.x;
+  float* const rest = rests + threadIdx.x * n_rest;
+  for (int k = 0; k < n_rest; ++k) rest[k] = 0;
+  if (i < n) {
+    GaussianGrad grad{};
+    if (args.radii[i] > 0) {
+      grad = gaussian_grad<kShDegree>(args, i);
+      sh_rest_grad(kShDegree, grad.dir, grad.color, rest);
+    }
+    store3(args.grad.means, i, grad.mean);
+    store3(args.grad.log_scales, i, grad.log_scales);
+    store4(args.grad.quats, i, grad.quat);
+    args.grad.logit_opacities[i] = grad.logit_opacity;
+    store3(args.grad.sh0, i, grad.sh0());
+    reinterpret_cast<float2*>(args.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
+  }
+  __syncthreads();  // all rows are in shared memory
+  const std::int64_t rows = n - block_first < kThreads ? n - block_first : kThreads;
+  float* const out = args.grad.shN + block_first * n_rest;
+  for (int k = static_cast<int>(threadIdx.x); k < rows * n_rest; k += kThreads) out[k] = rests[k];
+}
+
+}  // namespace
+
+void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context) {
+  const std::int64_t n = args.gaussians.n_gaussians;
+  if (n == 0) return;
+  const int n_rest = rest_floats(args.gaussians.sh_degree_max);
+  static_assert(sizeof(float) * kThreads * rest_floats(kShDegreeMax) <= 48 * 1024,
+                "fits without asking for more shared memory");
+  const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
+  const std::size_t shared_bytes = sizeof(float) * kThreads * static_cast<std::size_t>(n_rest);
+  with_sh_degree(args.sh_degree, [&](auto degree) {
+    project_backward_kernel<degree.value><<<blocks, kThreads, shared_bytes, context.stream>>>(args, n_rest);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace b3dgs::cuda

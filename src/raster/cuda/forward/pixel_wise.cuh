@@ -1,0 +1,65 @@
+// Pixel-wise blending of a tile as the paper's baseline does it: a thread for each pixel, the list, centres and conics
+// staged in shared memory batch by batch, colours and depths read from global memory where a splat contributes.
+#pragma once
+
+#include "raster/cuda/forward/tile_blend.cuh"
+
+namespace b3dgs::cuda {
+
+/// A batch of splats in shared memory, one for each thread of the block.
+template <int kThreads>
+struct StagedBatch {
+  float4 place[kThreads];
+  float4 conic[kThreads];
+  std::int32_t id[kThreads];
+};
+
+/// Blends a tile. Barriers: each batch begins with one that counts finished pixels, which also tells that everyone has
+/// read the last batch; the second says that the new one is complete. All threads reach both, finished or not.
+template <int kThreads>
+__device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs& args, StagedBatch<kThreads>& batch,
+                                                     std::int32_t tile) {
+  const BlendForwardArgs& blend = args.blend;
+  const TilePixel at = tile_pixel(blend.grid, tile, static_cast<std::int32_t>(threadIdx.x));
+  const float center_x = at.center_x(), center_y = at.center_y();
+  const std::int64_t first = blend.bins.tile_offsets[tile], last = blend.bins.tile_offsets[tile + 1];
+
+  PixelState<float> pixel{1, 0, 0, 0, 0};
+  std::int32_t last_blended = -1;
+  bool done = !at.inside;
+  for (std::int64_t start = first; start < last; start += kThreads) {
+    if (__syncthreads_count(done) == kThreads) break;
+    if (start + threadIdx.x < last) {
+      const std::int32_t id = blend.bins.splat_ids[start + threadIdx.x];
+      batch.id[threadIdx.x] = id;
+      batch.place[threadIdx.x] = load_place(blend.splats, id).v;
+      batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
+    }
+    __syncthreads();
+
+    const int n = static_cast<int>(last - start < kThreads ? last - start : kThreads);
+    for (int bucket = 0; bucket < n && !done; bucket += kWarpSize) {
+      const int bucket_end = bucket + kWarpSize < n ? bucket + kWarpSize : n;
+      PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
+      for (int j = bucket; j < bucket_end; ++j) {
+        const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
+        const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
+        if (!reach.contributes) continue;
+        const float alpha = evaluate_alpha(reach.power).alpha;
+        const float4 color = load_color(blend.splats, batch.id[j]).v;
+        const float depth = __ldg(&blend.splats[batch.id[j]].depth);
+        done = !blend_over(part, true, alpha, color.x, color.y, color.z, depth);
+        if (done) break;
+        last_blended = static_cast<std::int32_t>(start - first) + j;
+      }
+      pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
+               pixel.depth + part.depth};
+      if (args.parts.light != nullptr) {
+        store_bucket_part(args, tile, start - first + bucket, at.index, part);
+      }
+    }
+  }
+  if (at.inside) store_pixel(blend, at, pixel, last_blended);
+}
+
+}  // namespace b3dgs::cuda

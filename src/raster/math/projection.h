@@ -1,0 +1,146 @@
+// From the world to one image: the centre by perspective, the shape by the local affine approximation of EWA splatting
+// (Zwicker et al. 2001), and the gradients of both.
+#pragma once
+
+#include <cmath>
+
+#include "core/vec.h"
+#include "raster/args.h"
+#include "raster/constants.h"
+#include "raster/math/covariance.h"
+
+namespace b3dgs {
+
+/// PinholeView in the scalar of the computation, with the limits of the linearisation.
+template <class Real>
+struct ViewTransform {
+  Mat3<Real> rotation;
+  Vec3<Real> translation;
+  Real fx, fy, cx, cy;
+  // Range of x/z and y/z in which the projection is linearised where the Gaussian is; beyond, at the limit.
+  Real x_min, x_max, y_min, y_max;
+};
+
+template <class Real>
+B3DGS_HD ViewTransform<Real> make_view_transform(const PinholeView& view) {
+  ViewTransform<Real> t;
+  for (int i = 0; i < 9; ++i) t.rotation.m[i] = view.rotation.m[i];
+  t.translation = {view.translation.x, view.translation.y, view.translation.z};
+  t.fx = view.fx;
+  t.fy = view.fy;
+  t.cx = view.cx;
+  t.cy = view.cy;
+  const Real margin_x = Real(kFrustumMargin) * view.width / (2 * t.fx);
+  const Real margin_y = Real(kFrustumMargin) * view.height / (2 * t.fy);
+  t.x_min = -t.cx / t.fx - margin_x;
+  t.x_max = (view.width - t.cx) / t.fx + margin_x;
+  t.y_min = -t.cy / t.fy - margin_y;
+  t.y_max = (view.height - t.cy) / t.fy + margin_y;
+  return t;
+}
+
+template <class Real>
+B3DGS_HD Vec3<Real> to_camera(const ViewTransform<Real>& view, Vec3<Real> mean) {
+  return view.rotation * mean + view.translation;
+}
+
+/// A Gaussian's ellipse in the image and what its gradient needs again.
+template <class Real>
+struct Projection {
+  Vec2<Real> mean2d;  // px
+  Sym2<Real> cov;     // px^2, blur included
+  Real det;           // of cov, at least kCovarianceBlur^2
+  Sym2<Real> conic;   // inverse of cov, 1/px^2
+
+  Vec3<Real> axis_x, axis_y;      // rows of J W: image directions in world coordinates, px per world unit
+  Vec3<Real> spread_x, spread_y;  // M^T axis: cov.xy = spread_x . spread_y
+  Real slope_x, slope_y;          // x/z and y/z where the projection is linearised
+  bool slope_x_clamped, slope_y_clamped;
+};
+
+/// `point` is the centre in camera coordinates, `factor` the M of make_shape. The determinant is a sum of positive
+/// terms (Lagrange's identity), so thin splats keep an invertible covariance in single precision.
+template <class Real>
+B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, Vec3<Real> point,
+                                           const Mat3<Real>& factor) {
+  Projection<Real> p;
+  const Real inverse_z = 1 / point.z;
+  const Real u = point.x * inverse_z, v = point.y * inverse_z;
+  p.mean2d = {view.fx * u + view.cx, view.fy * v + view.cy};
+
+  p.slope_x = u < view.x_min ? view.x_min : (u > view.x_max ? view.x_max : u);
+  p.slope_y = v < view.y_min ? view.y_min : (v > view.y_max ? view.y_max : v);
+  p.slope_x_clamped = u < view.x_min || u > view.x_max;
+  p.slope_y_clamped = v < view.y_min || v > view.y_max;
+  const Vec3<Real> row_x{view.rotation(0, 0), view.rotation(0, 1), view.rotation(0, 2)};
+  const Vec3<Real> row_y{view.rotation(1, 0), view.rotation(1, 1), view.rotation(1, 2)};
+  const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
+  p.axis_x = (view.fx * inverse_z) * (row_x - p.slope_x * row_z);
+  p.axis_y = (view.fy * inverse_z) * (row_y - p.slope_y * row_z);
+  p.spread_x = transpose_times(factor, p.axis_x);
+  p.spread_y = transpose_times(factor, p.axis_y);
+
+  const Real blur = Real(kCovarianceBlur);
+  const Real xx = dot(p.spread_x, p.spread_x), yy = dot(p.spread_y, p.spread_y);
+  const Vec3<Real> a = p.spread_x, b = p.spread_y;
+  const Vec3<Real> cross{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  p.cov = {xx + blur, dot(a, b), yy + blur};
+  p.det = dot(cross, cross) + blur * (xx + yy) + blur * blur;
+  const Real inverse_det = 1 / p.det;
+  p.conic = {p.cov.yy * inverse_det, -p.cov.xy * inverse_det, p.cov.xx * inverse_det};
+  return p;
+}
+
+/// Larger standard deviation of the ellipse, px.
+template <class Real>
+B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
+  using std::sqrt;
+  const Real half_difference = (cov.xx - cov.yy) / 2;
+  return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
+}
+
+template <class Real>
+struct ProjectionGrad {
+  Vec3<Real> point;   // by the centre in camera coordinates
+  Mat3<Real> factor;  // by M
+  Vec2<Real> mean2d;  // by the projected centre, 1/px
+};
+
+/// Gradients from the sums that blending leaves for a splat (SplatGrad): moments of q with the pull p.
+///
+/// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and q = dL/d(ln alpha) = -dL/d(sigma):
+///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
+template <class Real>
+B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
+                                               const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
+                                               Sym2<Real> q_pp, Real grad_depth) {
+  ProjectionGrad<Real> grad;
+  const Real scale = 1 / Real(kConicScale);
+  grad.mean2d = {scale * q_p.x, scale * q_p.y};
+  // cov.xx = a . a, cov.xy = a . b, cov.yy = b . b with a, b = spread_x, spread_y = M^T axis.
+  const Sym2<Real> twice{scale * scale * q_pp.xx, scale * scale * q_pp.xy, scale * scale * q_pp.yy};  // 2 dL/dcov
+  const Vec3<Real> grad_a = twice.xx * p.spread_x + twice.xy * p.spread_y;
+  const Vec3<Real> grad_b = twice.xy * p.spread_x + twice.yy * p.spread_y;
+  const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
+  for (int row = 0; row < 3; ++row) {
+    grad.factor(row, 0) = axis_x[row] * grad_a.x + axis_y[row] * grad_b.x;
+    grad.factor(row, 1) = axis_x[row] * grad_a.y + axis_y[row] * grad_b.y;
+    grad.factor(row, 2) = axis_x[row] * grad_a.z + axis_y[row] * grad_b.z;
+  }
+  const Vec3<Real> grad_axis_x = factor * grad_a, grad_axis_y = factor * grad_b;
+
+  // axis = f / z (row - slope row_z), with slope = x / z unless it is clamped.
+  const Real inverse_z = 1 / point.z;
+  const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
+  const Real grad_slope_x = p.slope_x_clamped ? Real(0) : -view.fx * inverse_z * dot(row_z, grad_axis_x);
+  const Real grad_slope_y = p.slope_y_clamped ? Real(0) : -view.fy * inverse_z * dot(row_z, grad_axis_y);
+  // The centre moves with x/z whether or not the shape's linearisation is clamped.
+  const Real grad_u = grad_slope_x + view.fx * grad.mean2d.x;
+  const Real grad_v = grad_slope_y + view.fy * grad.mean2d.y;
+  const Real through_axes = dot(p.axis_x, grad_axis_x) + dot(p.axis_y, grad_axis_y);
+  grad.point = {grad_u * inverse_z, grad_v * inverse_z,
+                grad_depth - inverse_z * (through_axes + (grad_u * point.x + grad_v * point.y) * inverse_z)};
+  return grad;
+}
+
+}  // namespace b3dgs

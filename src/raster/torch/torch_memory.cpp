@@ -1,0 +1,56 @@
+#include "raster/torch/torch_memory.h"
+
+#include <c10/cuda/CUDACachingAllocator.h>
+#include <c10/cuda/CUDAFunctions.h>
+#if __has_include(<c10/core/AllocatorConfig.h>)
+#include <c10/core/AllocatorConfig.h>
+#define B3DGS_HAS_ALLOCATOR_CONFIG 1
+#else
+#define B3DGS_HAS_ALLOCATOR_CONFIG 0
+#endif
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "core/cuda_check.h"
+
+namespace b3dgs {
+
+namespace allocator = c10::cuda::CUDACachingAllocator;
+
+TorchMemoryUse torch_memory_use() {
+  constexpr std::size_t kAll = 0;  // of the allocator's pools together
+  const auto stats = allocator::getDeviceStats(c10::cuda::current_device());
+  const auto& reserved = stats.reserved_bytes[kAll];
+  return {stats.allocated_bytes[kAll].current, reserved.current, reserved.peak, stats.segment[kAll].allocated};
+}
+
+DeviceMemorySize device_memory_size() {
+  std::size_t free = 0, total = 0;
+  B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
+  return {static_cast<std::int64_t>(free), static_cast<std::int64_t>(total)};
+}
+
+void release_unused_torch_memory() {
+  allocator::emptyCache();
+}
+
+void limit_torch_memory(std::int64_t bytes) {
+  const auto total = static_cast<double>(device_memory_size().total);
+  const double share = bytes > 0 ? std::min(1.0, static_cast<double>(bytes) / total) : 1.0;
+  allocator::setMemoryFraction(share, c10::cuda::current_device());
+}
+
+void extend_torch_memory_in_place() {
+  for (const char* name : {"PYTORCH_CUDA_ALLOC_CONF", "PYTORCH_ALLOC_CONF"}) {
+    if (std::getenv(name) != nullptr) return;
+  }
+  constexpr const char* kSetting = "expandable_segments:True";
+#if B3DGS_HAS_ALLOCATOR_CONFIG
+  c10::CachingAllocator::setAllocatorSettings(kSetting);
+#else
+  allocator::setAllocatorSettings(kSetting);
+#endif
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,39 @@
+// Photographs of a distorted camera turned into those of a pinhole, which is what the rasterizer knows.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "scene/cameras/distortion.h"
+#include "scene/images/image.h"
+
+namespace b3dgs {
+
+/// Maps images of one camera and size to the pinhole with the same focal lengths, principal point and size. What the
+/// photograph does not show is black and not valid. Immutable: threads may share it.
+class Undistorter {
+ public:
+  /// `lens` is in pixels of an image of this size. @throws InputError, beginning with `place`, if no pixel is valid.
+  Undistorter(const Lens& lens, int width, int height, const std::string& place);
+
+  /// Bilinear, as COLMAP's own undistorter: sharper filters ring at edges.
+  Image8 apply(const Image8& image) const;
+  /// The same, written to as many bytes as the image has.
+  void apply_into(const Image8& image, std::uint8_t* rgb) const;
+
+  /// One channel, 255 where an output pixel comes from inside the image; null if all do.
+  const std::shared_ptr<const Image8>& valid() const { return valid_; }
+  double valid_share() const { return valid_share_; }  // in (0, 1]
+
+ private:
+  int width_, height_;
+  std::vector<float> source_;  // [height, width, 2] px in OpenCV's convention: pixel centres at integers
+  std::shared_ptr<const Image8> valid_;
+  double valid_share_ = 1;
+};
+
+/// A mask for a smaller image: a pixel is valid only if all that it covers is.
+Image8 shrink_mask(const Image8& mask, int width, int height);
+
+}  // namespace b3dgs

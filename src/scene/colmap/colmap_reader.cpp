@@ -1,0 +1,170 @@
+// A COLMAP model from its folder: which files, and whether their values make a model.
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "core/check.h"
+#include "scene/colmap/colmap.h"
+#include "scene/colmap/colmap_format.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<const char*, 3> kFiles{"cameras", "images", "points3D"};
+constexpr std::uint64_t kMaxImageSide = 1u << 20;  // px; more is a damaged file
+constexpr double kMaxCoordinate = 1e12;  // world units; beyond any scene, and its square is finite in single precision
+
+const char* extension_of(ColmapFormat format) {
+  return format == ColmapFormat::kBinary ? ".bin" : ".txt";
+}
+
+fs::path file_of(const fs::path& folder, const char* stem, ColmapFormat format) {
+  return folder / (std::string(stem) + extension_of(format));
+}
+
+int files_there(const fs::path& folder, ColmapFormat format) {
+  return static_cast<int>(std::count_if(kFiles.begin(), kFiles.end(), [&](const char* stem) {
+    std::error_code error;
+    return fs::is_regular_file(file_of(folder, stem, format), error);
+  }));
+}
+
+void check_camera(const std::string& file, const ColmapCamera& camera) {
+  const std::string place = detail::concat(file, ": camera ", camera.id);
+  if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
+    input_error(place, " has the size ", camera.width, " x ", camera.height, ", expected 1 to ", kMaxImageSide,
+                " px a side; the file is damaged");
+  }
+  for (const double value : camera.params) {
+    if (!std::isfinite(value)) {
+      input_error(place, " (", camera_model_name(camera.model), "): expected finite parameters ",
+                  camera_model_params(camera.model), ", found ", value, "; reconstruct the scene again");
+    }
+  }
+}
+
+// Outputs are named after images too, so a name must not lead out of a folder.
+bool leads_outside(const std::string& name) {
+  std::string path = name;
+  std::replace(path.begin(), path.end(), '\\', '/');
+  const fs::path relative(path);
+  return relative.is_absolute() ||
+         std::any_of(relative.begin(), relative.end(), [](const fs::path& part) { return part == ".."; });
+}
+
+void check_image(const std::string& file, const ColmapImage& image, const ColmapModel& model) {
+  const std::string place = detail::concat(file, ": image ", image.id, " (", image.name, ")");
+  const auto is_finite = [](double value) { return std::isfinite(value); };
+  if (!std::all_of(image.quat.begin(), image.quat.end(), is_finite) ||
+      !std::all_of(image.translation.begin(), image.translation.end(), is_finite)) {
+    input_error(place, ": its pose is not finite; remove the image from the model or reconstruct the scene again");
+  }
+  double squared_length = 0;
+  for (const double value : image.quat) squared_length += value * value;
+  if (!(squared_length > 1e-12 && squared_length < 1e12)) {
+    input_error(place, ": its rotation is a quaternion of length ", std::sqrt(squared_length),
+                ", expected 1; remove the image from the model or reconstruct the scene again");
+  }
+  for (const double value : image.translation) {
+    if (std::abs(value) > kMaxCoordinate) {
+      input_error(place, ": its translation has the component ", value, ", expected at most ", kMaxCoordinate,
+                  "; scale the model down or reconstruct the scene again");
+    }
+  }
+  if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
+  if (image.name.find('\0') != std::string::npos || leads_outside(image.name)) {
+    input_error(place, ": expected a name below the image folder, without \"..\"; rename the image in the model");
+  }
+  if (model.cameras.count(image.camera_id) == 0) {
+    std::string known;
+    std::size_t listed = 0;
+    for (const auto& [id, camera] : model.cameras) {
+      if (++listed > 8) {
+        known += ", ...";
+        break;
+      }
+      known += (known.empty() ? "" : ", ") + std::to_string(id);
+    }
+    input_error(place, ": its camera ", image.camera_id, " is not in the cameras file, which has ",
+                known.empty() ? "none" : known, "; the files are of different models");
+  }
+}
+
+void check_images(const std::string& file, const ColmapModel& model) {
+  std::set<std::uint32_t> ids;
+  std::set<std::string> names;
+  for (const ColmapImage& image : model.images) {
+    check_image(file, image, model);
+    if (!ids.insert(image.id).second) input_error(file, ": two images have the id ", image.id);
+    if (!names.insert(image.name).second) input_error(file, ": two images have the name ", image.name);
+  }
+}
+
+void check_points(const std::string& file, const std::vector<ColmapPoint>& points) {
+  std::vector<std::uint64_t> ids;
+  ids.reserve(points.size());
+  for (const ColmapPoint& point : points) {
+    for (const double value : point.position) {
+      if (!(std::abs(value) <= kMaxCoordinate)) {
+        input_error(file, ": point ", point.id, ": expected coordinates of at most ", kMaxCoordinate, ", found ", value,
+                    "; remove the point or reconstruct the scene again");
+      }
+    }
+    ids.push_back(point.id);
+  }
+  std::sort(ids.begin(), ids.end());
+  const auto twice = std::adjacent_find(ids.begin(), ids.end());
+  if (twice != ids.end()) input_error(file, ": two points have the id ", *twice, "; the file is damaged");
+}
+
+}  // namespace
+
+void colmap::add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCamera camera, const std::string& place) {
+  const std::uint32_t id = camera.id;
+  if (!cameras.emplace(id, std::move(camera)).second) input_error(place, ": two cameras have the id ", id);
+}
+
+ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format) {
+  const bool binary = format == ColmapFormat::kBinary;
+  ColmapModel model;
+  model.cameras = binary ? read_cameras_binary(files.cameras) : read_cameras_text(files.cameras);
+  for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
+  model.images = binary ? read_images_binary(files.images) : read_images_text(files.images);
+  check_images(files.images.name(), model);
+  model.points = binary ? read_points_binary(files.points) : read_points_text(files.points);
+  check_points(files.points.name(), model.points);
+  return model;
+}
+
+std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
+  const int binary = files_there(folder, ColmapFormat::kBinary), text = files_there(folder, ColmapFormat::kText);
+  if (std::max(binary, text) < 2) return std::nullopt;  // a single file of such a name may be anything
+  return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
+}
+
+std::uint64_t count_colmap_images(const fs::path& folder) {
+  const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
+  FileReader file(file_of(folder, "images", format));
+  return format == ColmapFormat::kBinary ? colmap::count_images_binary(file) : colmap::read_images_text(file).size();
+}
+
+ColmapModel read_colmap_model(const fs::path& folder) {
+  const std::optional<ColmapFormat> format = colmap_format(folder);
+  if (!format) {
+    input_error(folder.string(), ": expected a COLMAP model (cameras, images and points3D, .bin or .txt), found none");
+  }
+  for (const char* stem : kFiles) {
+    const fs::path file = file_of(folder, stem, *format);
+    if (!fs::exists(file)) {
+      input_error(file.string(), ": is missing; a COLMAP model has cameras, images and points3D, all ",
+                  extension_of(*format));
+    }
+  }
+  FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
+      points(file_of(folder, "points3D", *format));
+  return colmap::read_model({cameras, images, points}, *format);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,87 @@
+#include "scene/colmap/model_search.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Candidate {
+  fs::path folder;
+  std::uint64_t n_images = 0;
+};
+
+// 2 before 10.
+bool by_number_then_name(const fs::path& a, const fs::path& b) {
+  const std::string left = a.filename().string(), right = b.filename().string();
+  const auto is_number = [](const std::string& text) {
+    return text.find_first_not_of("0123456789") == std::string::npos;
+  };
+  if (is_number(left) && is_number(right) && left.size() != right.size()) return left.size() < right.size();
+  return left < right;
+}
+
+std::vector<fs::path> folders_to_look_in(const fs::path& source) {
+  std::vector<fs::path> folders;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(source / "sparse", error)) {
+    if (entry.is_directory(error)) folders.push_back(entry.path());
+  }
+  std::sort(folders.begin(), folders.end(), by_number_then_name);
+  folders.push_back(source / "sparse");
+  folders.push_back(source);
+  return folders;
+}
+
+}  // namespace
+
+SparseModelFolder find_model_folder(const fs::path& source) {
+  if (!fs::is_directory(source)) {
+    input_error(source.string(), ": is no folder; expected a scene folder with images/ and sparse/0/ (-s)");
+  }
+  std::vector<Candidate> candidates;
+  for (const fs::path& folder : folders_to_look_in(source)) {
+    if (colmap_format(folder)) candidates.push_back({folder, 0});
+  }
+  if (candidates.empty()) {
+    const bool is_blender = fs::exists(source / "transforms_train.json") || fs::exists(source / "transforms.json");
+    input_error(source.string(), ": expected a COLMAP model (cameras, images and points3D, .bin or .txt) in sparse/0, ",
+                "sparse/N or sparse/, found none; ",
+                is_blender ? "transforms.json files are not read: convert the scene to COLMAP"
+                           : "reconstruct the scene with COLMAP, or name its folder with -s");
+  }
+  SparseModelFolder found;
+  if (candidates.size() == 1) {
+    found.folder = candidates.front().folder;
+    found.format = *colmap_format(found.folder);
+    return found;
+  }
+  for (Candidate& candidate : candidates) {
+    try {
+      candidate.n_images = count_colmap_images(candidate.folder);
+    } catch (const InputError& error) {  // another model may be whole; if not, reading this one says it again
+      found.notes.push_back(error.what());
+    }
+  }
+  const auto best = std::max_element(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
+    return a.n_images < b.n_images;  // the first of equals
+  });
+  found.folder = best->folder;
+  found.format = *colmap_format(best->folder);
+  std::string others;
+  for (const Candidate& candidate : candidates) {
+    if (candidate.folder == best->folder) continue;
+    others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " with ",
+                             candidate.n_images);
+  }
+  found.notes.push_back(detail::concat(candidates.size(), " models: took ",
+                                       best->folder.lexically_relative(source).string(), " with ", best->n_images,
+                                       " images, the most; left out: ", others));
+  return found;
+}
+
+}  // namespace b3dgs

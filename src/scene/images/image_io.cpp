@@ -1,0 +1,169 @@
+#include "scene/images/image_io.h"
+
+#include <algorithm>
+#include <cctype>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string>
+#include <vector>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
+#include "scene/images/image_header.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr std::size_t kHeaderBytes = std::size_t{1}
+                                     << 16;  // most sizes stand in here; a long EXIF part pushes some out
+
+Bytes read_bytes(FileReader& file, std::size_t at_most) {
+  Bytes bytes(std::min<std::uint64_t>(file.remaining(), at_most));
+  file.read_bytes(bytes.data(), bytes.size());
+  return bytes;
+}
+
+// The file's own channels and depth: decoders reduce neither as documented here. The result lies in the memory of
+// `target` if it has that size and type.
+cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target = {}) {
+  const std::string damage = image_damage(bytes);
+  if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
+  cv::Mat image = target;
+  std::string reason;
+  try {
+    // Unchanged also means: not turned as EXIF says.
+    cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
+  } catch (const cv::Exception& error) {
+    reason = error.err.empty() ? "" : " (" + error.err + ")";
+  }
+  if (image.empty()) {
+    input_error(path.string(), ": cannot be decoded", reason,
+                "; it is damaged or not of a known image format: convert it to PNG or JPEG, or remove it");
+  }
+  return image;
+}
+
+cv::Mat reduce_to_8_bits(const fs::path& path, const cv::Mat& image) {
+  if (image.depth() == CV_8U) return image;
+  if (image.depth() != CV_16U) {
+    input_error(path.string(), ": expected 8 or 16 bits a channel, found another number format; convert it to PNG");
+  }
+  cv::Mat reduced;
+  image.convertTo(reduced, CV_8U, 1.0 / 257.0);  // 65535 -> 255, rounded to nearest
+  return reduced;
+}
+
+// Straight (not premultiplied) alpha, as PNG has it.
+void composite(const cv::Mat& bgra, bool white_background, std::uint8_t* to) {
+  const int background = white_background ? 255 : 0;
+  for (int row = 0; row < bgra.rows; ++row) {
+    const std::uint8_t* from = bgra.ptr<std::uint8_t>(row);
+    for (int column = 0; column < bgra.cols; ++column, from += 4, to += 3) {
+      const int alpha = from[3];
+      for (int c = 0; c < 3; ++c) {
+        to[c] = static_cast<std::uint8_t>((from[2 - c] * alpha + background * (255 - alpha) + 127) / 255);
+      }
+    }
+  }
+}
+
+// Any decoded image as 8-bit RGB.
+void convert(const fs::path& path, const cv::Mat& decoded, bool white_background, std::uint8_t* rgb) {
+  const cv::Mat image = reduce_to_8_bits(path, decoded);
+  if (image.channels() == 4) {
+    composite(image, white_background, rgb);
+    return;
+  }
+  if (image.channels() != 1 && image.channels() != 3) {
+    input_error(path.string(), ": expected 1, 3 or 4 channels, found ", image.channels(), "; convert it to PNG");
+  }
+  // May be the memory of `decoded`: a pixel is read before it is written.
+  cv::Mat to(image.rows, image.cols, CV_8UC3, rgb);
+  cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
+}
+
+}  // namespace
+
+Image8 read_image(const fs::path& path, bool white_background) {
+  FileReader file(path);
+  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()));
+  Image8 result(decoded.cols, decoded.rows, 3);
+  convert(path, decoded, white_background, result.pixels.data());
+  return result;
+}
+
+void read_image_into(const fs::path& path, bool white_background, ImageSize size, std::uint8_t* rgb) {
+  FileReader file(path);
+  const cv::Mat target(size.height, size.width, CV_8UC3, rgb);  // what most files decode to
+  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()), target);
+  if (decoded.cols != size.width || decoded.rows != size.height) {
+    input_error(path.string(), ": its header said ", size.width, " x ", size.height, " px when the scene was loaded, ",
+                "decoded it has ", decoded.cols, " x ", decoded.rows, "; the file is damaged or was replaced");
+  }
+  convert(path, decoded, white_background, rgb);
+}
+
+ImageSize read_image_size(const fs::path& path) {
+  FileReader file(path);
+  Bytes bytes = read_bytes(file, kHeaderBytes);
+  if (const auto size = image_size_from_header(bytes)) return *size;
+  const Bytes more = read_bytes(file, file.remaining());
+  bytes.insert(bytes.end(), more.begin(), more.end());
+  if (const auto size = image_size_from_header(bytes)) return *size;
+  const cv::Mat image = decode(path, bytes);
+  return {image.cols, image.rows};
+}
+
+Image8 resize_image(const Image8& image, int width, int height) {
+  Image8 result(width, height, image.channels);
+  resize_image_into(image, {width, height}, result.pixels.data());
+  return result;
+}
+
+void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels) {
+  const auto [width, height] = size;
+  B3DGS_CHECK(width > 0 && height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
+  if (width == image.width && height == image.height) {
+    std::copy(image.pixels.begin(), image.pixels.end(), pixels);
+    return;
+  }
+  const bool is_smaller = width <= image.width && height <= image.height;
+  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
+  cv::Mat to(height, width, CV_8UC(image.channels), pixels);
+  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+}
+
+void write_image(const fs::path& path, const Image8& image) {
+  B3DGS_CHECK(image.channels == 1 || image.channels == 3, "an image of ", image.channels, " channels");
+  B3DGS_CHECK(image.width > 0 && image.height > 0, "an empty image");
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
+    input_error(path.string(), ": expected a name that ends in .png, .jpg or .jpeg");
+  }
+  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
+  cv::Mat bgr;
+  if (image.channels == 3) {
+    cv::cvtColor(from, bgr, cv::COLOR_RGB2BGR);
+  } else {
+    bgr = from;
+  }
+  Bytes bytes;
+  bool is_encoded = false;
+  try {
+    is_encoded = cv::imencode(extension, bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, 95});
+  } catch (const cv::Exception& error) {
+    io_error(path.string(), ": cannot be encoded (", error.err, ")");
+  }
+  if (!is_encoded) io_error(path.string(), ": cannot be encoded as ", extension);
+  AtomicFile file(path);
+  file.write(bytes.data(), bytes.size());
+  file.commit();
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,58 @@
+#include "scene/images/image_memory.h"
+
+#include <algorithm>
+
+#include "core/check.h"
+
+namespace b3dgs {
+
+std::int64_t image_memory_limit(double host_memory_gb, std::int64_t available_bytes) {
+  if (host_memory_gb < 0) return available_bytes / 5 * 4;
+  return static_cast<std::int64_t>(std::min(1e9 * host_memory_gb, 9e18));
+}
+
+ImageMemory::ImageMemory(const Plan& plan)
+    : plan_(plan), hold_limit_(plan.limit), held_(plan.fixed), peak_(plan.fixed) {
+  B3DGS_CHECK(plan.limit >= 0 && plan.n_readers >= 1, "limit ", plan.limit, ", readers ", plan.n_readers);
+  if (plan.largest == 0) return;
+  const std::int64_t left = std::max<std::int64_t>(0, plan.limit - plan.fixed);
+  const std::int64_t wanted = left / 4 / plan.n_readers / plan.largest;
+  n_buffers_ = static_cast<int>(std::clamp<std::int64_t>(wanted, 1, kMaxBuffers));
+  if (plan.photographs > left) hold_limit_ -= plan.n_readers * n_buffers_ * plan.largest;
+}
+
+bool ImageMemory::try_hold(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (bytes > hold_limit_ - held_) return false;
+  held_ += bytes;
+  note_peak();
+  return true;
+}
+
+void ImageMemory::release_held(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  held_ -= bytes;
+}
+
+void ImageMemory::take_buffers(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  buffers_ += bytes;
+  note_peak();
+}
+
+void ImageMemory::give_buffers_back(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  buffers_ -= bytes;
+}
+
+std::int64_t ImageMemory::used() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return held_ + buffers_;
+}
+
+std::int64_t ImageMemory::peak() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return peak_;
+}
+
+}  // namespace b3dgs

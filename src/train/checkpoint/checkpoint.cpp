@@ -1,0 +1,231 @@
+#include "train/checkpoint/checkpoint.h"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <system_error>
+
+#include "core/check.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint_header.h"
+#include "train/gaussians/gaussian_model.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// {"bytes", "crc32"} of a photograph, or null where there is none to be read.
+Json photograph_fingerprint(const std::string& path) {
+  constexpr std::size_t kRead = std::size_t{64} << 10;
+  std::ifstream file(path, std::ios::binary);
+  std::error_code error;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  if (path.empty() || !file || error) return nullptr;
+  std::string start(kRead, '\0');
+  file.read(start.data(), static_cast<std::streamsize>(start.size()));
+  const auto n = static_cast<std::size_t>(file.gcount());
+  return {{"bytes", bytes}, {"crc32", ::crc32_z(0, reinterpret_cast<const Bytef*>(start.data()), n)}};
+}
+
+/// The same up to rounding: the order of a sum may change from version to version.
+bool is_same_extent(const Json& before, const Json& after) {
+  constexpr double kTolerance = 1e-6;
+  const auto a = before.get<double>(), b = after.get<double>();
+  return std::abs(a - b) <= kTolerance * std::max(std::abs(a), std::abs(b));
+}
+
+/// A text as it comes back from a file: bytes that are no UTF-8 are replaced on the way.
+Json as_read_back(const Json& json) {
+  return Json::parse(json.dump(-1, ' ', false, Json::error_handler_t::replace));
+}
+
+Json describe_views(const Scene& scene) {
+  Json views = Json::array();
+  for (const View& view : scene.train) {
+    views.push_back({{"name", view.name}, {"width", view.camera.width}, {"height", view.camera.height}});
+  }
+  return as_read_back(views);
+}
+
+/// Calls field(name, tensor) for each tensor of a state, in the order of the file.
+template <class State, class Field>
+void visit_tensors(State& state, Field&& field) {
+  const auto visit_groups = [&](const std::string& prefix, auto& groups) {
+    for (std::size_t i = 0; i < groups.kNames.size(); ++i) field(prefix + groups.kNames[i], *groups.all()[i]);
+  };
+  visit_groups("gaussians.", state.gaussians);
+  visit_groups("adam_m.", state.adam.m);
+  visit_groups("adam_v.", state.adam.v);
+  visit_groups("statistics.", state.statistics);
+}
+
+/// All tensors have the rows and columns that the header and the config ask for.
+void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
+  const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
+  visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
+    std::vector<std::int64_t> wanted{n};
+    torch::ScalarType type = torch::kFloat32;
+    const auto is = [&](const char* group) { return name.substr(name.find('.') + 1) == group; };
+    if (is("means") || is("log_scales")) wanted = {n, 3};
+    if (is("quats")) wanted = {n, 4};
+    if (is("sh0")) wanted = {n, 1, 3};
+    if (is("shN")) wanted = {n, rest, 3};
+    if (is("view_count") || is("max_radii")) type = torch::kInt32;
+    if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
+      input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
+                  torch::IntArrayRef(wanted), " ", type);
+    }
+  });
+}
+
+/// Counts and sums of squares are not negative. Tensors are on the CPU.
+void check_values(const TrainState& state, const std::string& place) {
+  visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
+    if (tensor.scalar_type() == torch::kInt32) {
+      check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
+    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum") {
+      check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
+    }
+  });
+}
+
+}  // namespace
+
+Json scene_fingerprint(const Scene& scene) {
+  Json photographs = Json::array();
+  for (const View& view : scene.train) photographs.push_back(photograph_fingerprint(view.file));
+  return {{"extent", scene.extent}, {"train_views", describe_views(scene)}, {"photographs", std::move(photographs)}};
+}
+
+void check_scene(const Json& header, const Scene& scene, const std::string& place) {
+  const std::string remedy = "; resume with the -s, -i, -r and --eval that it was trained with";
+  try {
+    const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
+    if (before.size() != after.size()) {
+      input_error(place, ": was trained on ", before.size(), " views, the scene has ", after.size(), remedy);
+    }
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      if (before[i] != after[i]) {
+        input_error(place, ": training view ", i, " was ", before[i].dump(), ", in the scene it is ", after[i].dump(),
+                    remedy);
+      }
+    }
+    if (!is_same_extent(saved.at("extent"), scene.extent)) {
+      input_error(place, ": was trained on a scene of extent ", saved.at("extent").dump(), ", this one has ",
+                  Json(scene.extent).dump(), remedy);
+    }
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": the header is not what this program writes: ", error.what());
+  }
+}
+
+std::vector<std::string> changed_photographs(const Json& header, const Json& fingerprint) {
+  std::vector<std::string> names;
+  const Json saved = header.value("scene", Json::object()).value("photographs", Json::array());
+  const Json &now = fingerprint.at("photographs"), &views = fingerprint.at("train_views");
+  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
+    if (!saved[i].is_null() && saved[i] != now[i]) names.push_back(views[i].at("name").get<std::string>());
+  }
+  return names;
+}
+
+Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
+  return {{"iteration", state.iteration},
+          {"n_gaussians", state.gaussians.size()},
+          {"sh_degree", state.sh_degree},
+          {"adam_steps", state.adam.steps},
+          {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
+          {"loss_average", state.loss_average},
+          {"elapsed_s", state.elapsed_s},
+          {"course", state.course},
+          {"is_density_pending", state.is_density_pending},
+          {"n_removed", state.n_removed},
+          {"held_at", state.held_at},
+          {"kernel_selection", state.kernel_selection},
+          {"config", config_to_json(config)},
+          {"scene", fingerprint}};
+}
+
+std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
+  std::vector<std::pair<std::string, torch::Tensor>> tensors;
+  visit_tensors(state, [&](const std::string& name, const torch::Tensor& t) { tensors.emplace_back(name, t); });
+  return tensors;
+}
+
+void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
+                      const Scene& scene) {
+  write_checkpoint_file(path, {checkpoint_header(config, state, scene_fingerprint(scene)), checkpoint_tensors(state)});
+}
+
+Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device) {
+  const std::string place = path.string();
+  CheckpointFile file = read_checkpoint_file(path);
+  CheckpointHeader header = parse_checkpoint_header(file.header, place);
+  check_scene(file.header, scene, place);
+  Checkpoint checkpoint;
+  checkpoint.config = std::move(header.config);
+  TrainState& state = checkpoint.state;
+  state.iteration = header.iteration;
+  state.sh_degree = header.sh_degree;
+  state.adam.steps = header.adam_steps;
+  state.view_order = std::move(header.view_order);
+  state.loss_average = header.loss_average;
+  state.elapsed_s = header.elapsed_s;
+  state.course = std::move(header.course);
+  state.is_density_pending = header.is_density_pending;
+  state.n_removed = header.n_removed;
+  state.held_at = header.held_at;
+  state.kernel_selection = std::move(header.kernel_selection);
+  std::size_t next = 0;
+  visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
+    if (next == file.tensors.size() || file.tensors[next].first != name) {
+      input_error(place, ": tensor ", name, " is missing",
+                  next < file.tensors.size() ? ", found " + file.tensors[next].first : std::string());
+    }
+    tensor = file.tensors[next++].second;
+  });
+  if (next != file.tensors.size()) input_error(place, ": has the unknown tensor ", file.tensors[next].first);
+  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
+  check_values(state, place);
+  visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
+  return checkpoint;
+}
+
+void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& course, int iteration, int keep) {
+  std::vector<std::filesystem::path> own;  // the newest first
+  const std::vector<int> iterations = folder.checkpoint_iterations();
+  for (auto it = iterations.rbegin(); it != iterations.rend(); ++it) {
+    if (*it > iteration) continue;
+    try {
+      const Json header = read_checkpoint_header(folder.checkpoint(*it));
+      const std::string other = header.value("course", "");
+      if (other.empty() || other == course) own.push_back(folder.checkpoint(*it));
+    } catch (const std::exception&) {
+      continue;  // whose it was cannot be known
+    }
+  }
+  for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) {
+    std::error_code error;  // one that cannot be removed does no harm
+    std::filesystem::remove(own[i], error);
+  }
+}
+
+std::filesystem::path newest_valid_checkpoint(const ModelFolder& folder,
+                                              const std::function<void(const std::string&)>& on_message) {
+  const std::vector<int> iterations = folder.checkpoint_iterations();
+  for (auto it = iterations.rbegin(); it != iterations.rend(); ++it) {
+    const std::filesystem::path path = folder.checkpoint(*it);
+    try {
+      verify_checkpoint_file(path);
+      return path;
+    } catch (const InputError& error) {
+      if (on_message) on_message(std::string("not used: ") + error.what());
+    }
+  }
+  return {};
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,96 @@
+#include "train/checkpoint/checkpoint_header.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/json_text.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::int64_t kMaxGaussians = std::numeric_limits<std::int32_t>::max() - 1;  // as many as 32-bit indices reach
+
+double finite_number(const Json& json, const char* what, const std::string& place) {
+  if (!json.is_number() || !std::isfinite(json.get<double>())) {
+    input_error(place, ": ", what, " must be a finite number, found ", json_excerpt(json));
+  }
+  return json.get<double>();
+}
+
+const Json& object_at(const Json& json, const char* key, const std::string& place) {
+  const Json& value = json.at(key);
+  if (!value.is_object()) input_error(place, ": ", key, " must be an object, found ", json_excerpt(value));
+  return value;
+}
+
+ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::string& place) {
+  ViewOrder order;
+  order.n_refills = json_integer<std::uint32_t>(json.at("n_refills"), "view_order.n_refills", place);
+  std::vector<bool> is_there(n_views);
+  for (const Json& entry : json.at("remaining").get_ref<const Json::array_t&>()) {
+    const auto view = json_integer<std::int32_t>(entry, "a view of view_order.remaining", place, 0);
+    if (static_cast<std::size_t>(view) >= n_views) {
+      input_error(place, ": the view order names view ", view, ", there are ", n_views);
+    }
+    if (is_there[static_cast<std::size_t>(view)]) input_error(place, ": the view order names view ", view, " twice");
+    is_there[static_cast<std::size_t>(view)] = true;
+    order.remaining.push_back(view);
+  }
+  return order;
+}
+
+template <class Number>
+void refuse_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
+  const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
+  if (bad == values + count) return;
+  input_error(place, ": tensor ", name, " holds ", *bad, " at place ", bad - values,
+              ", expected at least 0; resume from another checkpoint");
+}
+
+}  // namespace
+
+CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& place) {
+  CheckpointHeader header;
+  try {
+    config_from_json(header.config, json.at("config"), place);
+    header.iteration = json_integer<int>(json.at("iteration"), "iteration", place, 0);
+    header.n_gaussians = json_integer<std::int64_t>(json.at("n_gaussians"), "n_gaussians", place, 1, kMaxGaussians);
+    header.sh_degree = json_integer<int>(json.at("sh_degree"), "sh_degree", place, 0, header.config.sh_degree);
+    header.adam_steps = json_integer<std::int64_t>(json.at("adam_steps"), "adam_steps", place, 0, header.iteration);
+    header.loss_average = finite_number(json.at("loss_average"), "loss_average", place);
+    if (const auto it = json.find("elapsed_s"); it != json.end()) {  // not in the first checkpoints
+      header.elapsed_s = finite_number(*it, "elapsed_s", place);
+      if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
+    }
+    header.course = json.value("course", std::string());
+    header.is_density_pending = json.value("is_density_pending", false);
+    if (const auto it = json.find("n_removed"); it != json.end()) {
+      header.n_removed = json_integer<std::int64_t>(*it, "n_removed", place, 0);
+    }
+    if (const auto it = json.find("held_at"); it != json.end()) {
+      header.held_at = json_integer<std::int64_t>(*it, "held_at", place, 0);
+    }
+    header.kernel_selection = object_at(json, "kernel_selection", place);
+    header.scene = object_at(json, "scene", place);
+    finite_number(header.scene.at("extent"), "scene.extent", place);
+    const std::size_t n_views = header.scene.at("train_views").get_ref<const Json::array_t&>().size();
+    header.view_order = parse_view_order(json.at("view_order"), n_views, place);
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": the header is not what this program writes: ", error.what());
+  }
+  return header;
+}
+
+void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place) {
+  refuse_negative(values, count, name, place);
+}
+
+void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
+                        const std::string& place) {
+  refuse_negative(values, count, name, place);
+}
+
+}  // namespace b3dgs

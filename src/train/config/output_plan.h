@@ -1,0 +1,37 @@
+// What a run writes, and when.
+#pragma once
+
+#include <algorithm>
+
+#include "train/config/train_config.h"
+
+namespace b3dgs {
+
+struct OutputPlan {
+  bool log = false;           // a line in train.jsonl
+  bool statistics = false;    // a line there about the load
+  bool kernel_times = false;  // lines there about the candidates for the blends
+  bool evaluate = false;      // the test views
+  bool save = false;          // a PLY
+  bool checkpoint = false;
+};
+
+inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has_test_views) {
+  constexpr int kLogInterval = 10;
+  const auto is_in = [&](const std::vector<int>& list) {
+    return std::find(list.begin(), list.end(), iteration) != list.end();
+  };
+  const bool is_last = iteration == config.iterations;
+  OutputPlan plan;
+  plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
+  plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
+  // The first iteration is where the load is least even.
+  plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
+  plan.kernel_times = config.kernel_times_interval > 0 && iteration % config.kernel_times_interval == 0;
+  plan.save = is_last || is_in(config.save_iterations);
+  plan.checkpoint = is_last || is_in(config.checkpoint_iterations) ||
+                    (config.checkpoint_interval > 0 && iteration % config.checkpoint_interval == 0);
+  return plan;
+}
+
+}  // namespace b3dgs

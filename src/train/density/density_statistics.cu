@@ -1,0 +1,29 @@
+// Adds one view to the statistics of density control, one thread per Gaussian.
+
+#include "core/cuda_check.h"
+#include "train/density/density_statistics_cuda.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+
+__global__ void __launch_bounds__(kThreads) add_view_kernel(const AddViewArgs args) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i >= args.n_gaussians || args.radii[i] <= 0) return;
+  const float2 grad = reinterpret_cast<const float2*>(args.means2d_grad)[i];
+  const float dx = grad.x * args.half_width, dy = grad.y * args.half_height;
+  args.grad_norm_sum[i] += sqrtf(dx * dx + dy * dy);
+  args.view_count[i] += 1;
+  args.max_radii[i] = max(args.max_radii[i], args.radii[i]);
+}
+
+}  // namespace
+
+void add_view(const AddViewArgs& args, cudaStream_t stream) {
+  if (args.n_gaussians == 0) return;
+  add_view_kernel<<<static_cast<unsigned>((args.n_gaussians + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace b3dgs::cuda

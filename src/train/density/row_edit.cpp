@@ -1,0 +1,149 @@
+#include "train/density/row_edit.h"
+
+#include <torch/torch.h>
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+std::int64_t row_elements(const torch::Tensor& tensor) {
+  std::int64_t n = 1;
+  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) n *= tensor.size(axis);
+  return n;
+}
+
+std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
+  std::vector<std::int64_t> sizes = tensor.sizes().vec();
+  sizes[0] = n_rows;
+  return sizes;
+}
+
+/// Rows of the memory that the tensor lies in, from its first on.
+std::int64_t stored_rows(const torch::Tensor& tensor) {
+  const auto n = static_cast<std::int64_t>(tensor.storage().nbytes() / tensor.itemsize()) - tensor.storage_offset();
+  return row_elements(tensor) > 0 ? n / row_elements(tensor) : std::numeric_limits<std::int64_t>::max();
+}
+
+/// The first n_rows of that memory, whatever the tensor's own size.
+torch::Tensor with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
+  B3DGS_CHECK(tensor.is_contiguous() && n_rows <= stored_rows(tensor), n_rows, " rows in room for ",
+              stored_rows(tensor));
+  return tensor.as_strided(sizes_with_rows(tensor, n_rows), tensor.strides());
+}
+
+template <class Visit>
+void visit_tensors(GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics, Visit&& visit) {
+  for (torch::Tensor* parameter : gaussians.all()) visit(*parameter);
+  for (GaussianTensors* moments : {&adam.m, &adam.v}) {
+    for (torch::Tensor* moment : moments->all()) visit(*moment);
+  }
+  for (torch::Tensor* statistic : statistics.all()) visit(*statistic);
+}
+
+void check_edit(const RowEdit& edit) {
+  const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept;
+  B3DGS_CHECK(n_new >= 0 && edit.new_means.size(0) == n_new && edit.new_log_scales.size(0) == n_new, "the edit keeps ",
+              edit.n_kept, " of ", n_rows, " rows and brings ", edit.new_means.size(0), " means and ",
+              edit.new_log_scales.size(0), " scales");
+}
+
+/// Rows that are moved at a time.
+std::int64_t piece_rows(const torch::Tensor& tensor, std::int64_t piece_elements) {
+  return std::max<std::int64_t>(1, piece_elements / std::max<std::int64_t>(1, row_elements(tensor)));
+}
+
+/// Elements of scratch for one tensor: its new rows, which are read before their sources move, and a piece.
+std::int64_t scratch_elements(const RowEdit& edit, const torch::Tensor& tensor, std::int64_t piece_elements) {
+  const std::int64_t n_new = edit.sources.size(0) - edit.n_kept;
+  return (n_new + std::min(edit.n_kept, piece_rows(tensor, piece_elements))) * row_elements(tensor);
+}
+
+/// Gives the tensor the edit's rows in its own memory, `piece` rows at a time.
+void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& scratch, torch::Tensor& tensor,
+                 bool copies_new) {
+  const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept, per_row = row_elements(tensor);
+  const torch::Tensor elements = scratch.view(tensor.scalar_type());
+  /// Rows of sources [begin, end) in the scratch, from row `at` on.
+  const auto gather = [&](std::int64_t at, std::int64_t begin, std::int64_t end) {
+    torch::Tensor rows =
+        elements.slice(0, at * per_row, (at + end - begin) * per_row).view(sizes_with_rows(tensor, end - begin));
+    torch::index_select_out(rows, tensor, 0, edit.sources.slice(0, begin, end));
+    return rows;
+  };
+  torch::Tensor new_rows;
+  if (copies_new) new_rows = gather(0, edit.n_kept, n_rows);
+  torch::Tensor result = with_rows(tensor, n_rows);
+  // Sources of kept rows lie where the rows go or behind: no piece overwrites what a later one reads.
+  for (std::int64_t begin = 0; begin < edit.n_kept; begin += piece) {
+    const std::int64_t end = std::min(begin + piece, edit.n_kept);
+    result.slice(0, begin, end).copy_(gather(n_new, begin, end));
+  }
+  torch::Tensor added = result.slice(0, edit.n_kept);
+  if (copies_new) {
+    added.copy_(new_rows);
+  } else {
+    added.zero_();
+  }
+  tensor = result;
+}
+
+}  // namespace
+
+torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+  try {
+    return torch::empty(sizes, options);
+  } catch (const c10::OutOfMemoryError& error) {
+    throw OutOfMemoryError(error.what_without_backtrace());
+  }
+}
+
+std::int64_t RowEditor::capacity(const torch::Tensor& tensor) const {
+  return made_.count(tensor.data_ptr()) > 0 ? stored_rows(tensor) : tensor.size(0);
+}
+
+void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensors& gaussians, AdamState& adam,
+                        DensityStatistics& statistics) {
+  check_edit(edit);
+  const std::int64_t n_rows = edit.sources.size(0);
+  B3DGS_CHECK(n_room >= n_rows, "room for ", n_room, " of ", n_rows, " rows");
+  std::int64_t n_scratch = 0;
+  visit_tensors(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
+    n_scratch = std::max(n_scratch, scratch_elements(edit, tensor, piece_elements_));
+    if (capacity(tensor) >= n_rows) return;
+    const torch::Tensor larger = allocate_(sizes_with_rows(tensor, n_room), tensor.options());
+    larger.slice(0, 0, tensor.size(0)).copy_(tensor);
+    made_.erase(tensor.data_ptr());
+    tensor = larger.slice(0, 0, tensor.size(0));
+    if (row_elements(tensor) > 0) made_.insert(tensor.data_ptr());
+  });
+  scratch_ = allocate_({n_scratch}, gaussians.means.options());
+}
+
+void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {
+  B3DGS_CHECK(scratch_.defined(), "an edit without room for it");
+  const torch::Tensor scratch = std::exchange(scratch_, {});
+  const auto edit_all = [&](auto& group, bool copies_new) {
+    for (torch::Tensor* tensor : group.all())
+      edit_tensor(edit, piece_rows(*tensor, piece_elements_), scratch, *tensor, copies_new);
+  };
+  edit_all(gaussians, true);
+  edit_all(adam.m, false);
+  edit_all(adam.v, false);
+  edit_all(statistics, false);
+  gaussians.means.slice(0, edit.n_kept).copy_(edit.new_means);
+  gaussians.log_scales.slice(0, edit.n_kept).copy_(edit.new_log_scales);
+}
+
+void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {
+  RowEditor editor;
+  editor.reserve(edit, edit.sources.size(0), gaussians, adam, statistics);
+  editor.apply(edit, gaussians, adam, statistics);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,38 @@
+// Where the parts of a split Gaussian go: samples of the Gaussian itself. One arithmetic for CPU and GPU.
+#pragma once
+
+#include <cstdint>
+
+#include "core/random.h"
+#include "raster/math/covariance.h"
+
+namespace b3dgs {
+
+inline constexpr int kSplitSamples = 2;  // parts of a split Gaussian
+
+/// All arrays lie on one device.
+struct SplitSampleArgs {
+  std::int64_t n_rows = 0;
+  const std::int64_t* rows = nullptr;  // [n_rows] Gaussians that are split
+  const float* means = nullptr;        // [N, 3] world
+  const float* log_scales = nullptr;   // [N, 3]
+  const float* quats = nullptr;        // [N, 4] w x y z
+  RandomKey key{};
+  int sample = 0;        // in [0, kSplitSamples): tells samples of the same row apart
+  float* out = nullptr;  // [n_rows, 3] out, world
+};
+
+/// Sample i. In double, so that devices differ by a last digit at most.
+B3DGS_HD void draw_split_sample(const SplitSampleArgs& args, std::int64_t i) {
+  const std::int64_t row = args.rows[i];
+  const float *mean = args.means + 3 * row, *log_scale = args.log_scales + 3 * row, *quat = args.quats + 4 * row;
+  const auto normal = random_normal(args.key, static_cast<std::uint64_t>(kSplitSamples * row + args.sample));
+  const Shape<double> shape =
+      make_shape<double>({log_scale[0], log_scale[1], log_scale[2]}, {quat[0], quat[1], quat[2], quat[3]});
+  const Vec3<double> offset = shape.factor * Vec3<double>{normal[0], normal[1], normal[2]};
+  args.out[3 * i] = static_cast<float>(mean[0] + offset.x);
+  args.out[3 * i + 1] = static_cast<float>(mean[1] + offset.y);
+  args.out[3 * i + 2] = static_cast<float>(mean[2] + offset.z);
+}
+
+}  // namespace b3dgs

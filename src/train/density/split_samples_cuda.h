@@ -1,0 +1,13 @@
+// The door to split_samples.cu.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "train/density/split_samples.h"
+
+namespace b3dgs::cuda {
+
+/// Draws all samples. Does not wait.
+void draw_split_samples(const SplitSampleArgs& args, cudaStream_t stream);
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,89 @@
+#include "train/gaussians/gaussian_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "model/neighbors.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr double kShC0 = 0.28209479177387814;  // the constant harmonic, 1 / (2 sqrt(pi))
+
+torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64_t> sizes) {
+  torch::Tensor tensor = torch::empty(sizes, torch::kFloat32);
+  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(), " values for a tensor ",
+              tensor.sizes());
+  std::copy(values.begin(), values.end(), tensor.data_ptr<float>());
+  return tensor;
+}
+
+std::vector<float> to_vector(const torch::Tensor& tensor) {
+  const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
+  return {host.data_ptr<float>(), host.data_ptr<float>() + host.numel()};
+}
+
+}  // namespace
+
+SplatCloud splats_from_points(const PointCloud& points, int sh_degree) {
+  const auto n = static_cast<std::size_t>(points.size());
+  const std::vector<float> distances = mean_squared_neighbor_distances(points.positions);
+  SplatCloud cloud;
+  cloud.sh_degree = sh_degree;
+  cloud.means = points.positions;
+  cloud.quats.assign(4 * n, 0.0f);
+  cloud.logit_opacities.assign(n, static_cast<float>(std::log(kInitialOpacity / (1 - kInitialOpacity))));
+  cloud.shN.assign(3 * n * static_cast<std::size_t>(sh_coefficient_count(sh_degree) - 1), 0.0f);
+  cloud.log_scales.reserve(3 * n);
+  cloud.sh0.reserve(3 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    cloud.quats[4 * i] = 1.0f;
+    for (int axis = 0; axis < 3; ++axis) {
+      cloud.log_scales.push_back(static_cast<float>(0.5 * std::log(static_cast<double>(distances[i]))));
+    }
+    for (std::size_t channel = 0; channel < 3; ++channel) {
+      cloud.sh0.push_back(static_cast<float>((points.colors[3 * i + channel] / 255.0 - 0.5) / kShC0));
+    }
+  }
+  return cloud;
+}
+
+GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device) {
+  const std::int64_t n = cloud.size();
+  const std::int64_t own = sh_coefficient_count(cloud.sh_degree) - 1, wanted = sh_coefficient_count(sh_degree) - 1;
+  GaussianTensors gaussians;
+  gaussians.means = to_tensor(cloud.means, {n, 3}).to(device);
+  gaussians.log_scales = to_tensor(cloud.log_scales, {n, 3}).to(device);
+  gaussians.quats = to_tensor(cloud.quats, {n, 4}).to(device);
+  gaussians.logit_opacities = to_tensor(cloud.logit_opacities, {n}).to(device);
+  gaussians.sh0 = to_tensor(cloud.sh0, {n, 1, 3}).to(device);
+  const torch::Tensor shN = to_tensor(cloud.shN, {n, own, 3});
+  torch::Tensor resized = torch::zeros({n, wanted, 3}, torch::kFloat32);
+  const std::int64_t common = std::min(own, wanted);
+  resized.slice(1, 0, common).copy_(shN.slice(1, 0, common));
+  gaussians.shN = resized.to(device);
+  return gaussians;
+}
+
+SplatCloud to_splat_cloud(const GaussianTensors& gaussians) {
+  SplatCloud cloud;
+  cloud.sh_degree = sh_degree_of(gaussians);
+  cloud.means = to_vector(gaussians.means);
+  cloud.log_scales = to_vector(gaussians.log_scales);
+  cloud.quats = to_vector(gaussians.quats);
+  cloud.logit_opacities = to_vector(gaussians.logit_opacities);
+  cloud.sh0 = to_vector(gaussians.sh0);
+  cloud.shN = to_vector(gaussians.shN);
+  return cloud;
+}
+
+int sh_degree_of(const GaussianTensors& gaussians) {
+  const std::int64_t coefficients = gaussians.shN.size(1) + 1;
+  for (int degree = 0; degree <= 3; ++degree) {
+    if (sh_coefficient_count(degree) == coefficients) return degree;
+  }
+  throw LogicError(detail::concat("shN holds ", coefficients - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
+}
+
+}  // namespace b3dgs

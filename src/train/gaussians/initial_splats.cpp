@@ -1,0 +1,29 @@
+#include "train/gaussians/initial_splats.h"
+
+#include "core/check.h"
+#include "model/ply.h"
+#include "train/gaussians/gaussian_model.h"
+
+namespace b3dgs {
+
+SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
+  PointCloud points;
+  std::string place = scene.source_path + ": the COLMAP model";
+  if (config.init_ply.empty()) {
+    points = scene.points;
+  } else if (is_splat_ply(config.init_ply)) {
+    SplatCloud cloud = read_splat_ply(config.init_ply);
+    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
+    return cloud;
+  } else {
+    points = read_point_ply(config.init_ply);
+    place = config.init_ply;
+  }
+  if (points.size() == 0) {
+    input_error(place,
+                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
+  }
+  return splats_from_points(points, 0);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,169 @@
+#include "train/images/image_reader.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/check.h"
+#include "core/parallel.h"
+
+namespace b3dgs {
+
+int reading_threads(bool cpu_is_busy) {
+  constexpr int kMost = 24;  // a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1
+  return cpu_is_busy ? 1 : std::clamp(thread_count() - 1, 1, kMost);
+}
+
+ImageReader::ImageReader(Setup setup) : setup_(std::move(setup)), slots_(n_buffers()), buffers_(setup_.buffers.size()) {
+  B3DGS_CHECK(n_buffers() > 0 && setup_.n_threads > 0, n_buffers(), " buffers, ", setup_.n_threads, " threads");
+  try {
+    for (int i = 0; i < std::min(setup_.n_threads, n_buffers()); ++i) threads_.emplace_back([this] { run_thread(); });
+  } catch (...) {
+    stop();
+    throw;
+  }
+}
+
+ImageReader::~ImageReader() {
+  stop();
+}
+
+void ImageReader::stop() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_stopping_ = true;
+  }
+  work_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+void ImageReader::expect(const std::vector<std::int32_t>& images) {
+  std::vector<std::int32_t> wanted;
+  for (std::size_t i = 0; i < images.size() && wanted.size() < buffers_.size(); ++i) {
+    if (std::find(wanted.begin(), wanted.end(), images[i]) == wanted.end()) wanted.push_back(images[i]);
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    for (const auto [slot, image] : slots_.assign(wanted)) {
+      Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
+      buffer.wanted = image;
+      if (!buffer.is_written) buffer.content = kNone;  // or a thread that is still writing leaves its image there
+    }
+    order_.clear();
+    for (const std::int32_t image : wanted) order_.push_back(slots_.slot_of(image));
+  }
+  work_.notify_all();
+}
+
+bool ImageReader::is_read(std::int32_t image) const {
+  const int slot = slots_.slot_of(image);
+  if (slot < 0) return false;
+  const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
+  return buffer.content == image && !buffer.is_written;
+}
+
+bool ImageReader::is_ready(std::int32_t image) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return is_read(image) && !buffers_[static_cast<std::size_t>(slots_.slot_of(image))].error;
+}
+
+int ImageReader::wait(std::int32_t image) const {
+  std::unique_lock<std::mutex> lock(mutex_);
+  const int slot = slots_.slot_of(image);
+  B3DGS_CHECK(is_read(image) || std::find(order_.begin(), order_.end(), slot) != order_.end(), "image ", image,
+              " was not expected");
+  done_.wait(lock, [&] { return is_read(image); });
+  const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
+  if (buffer.error) std::rethrow_exception(buffer.error);
+  return slot;
+}
+
+int ImageReader::next_to_read() const {
+  for (const int slot : order_) {
+    const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
+    if (!buffer.is_written && buffer.content != buffer.wanted) return slot;
+  }
+  return -1;
+}
+
+void ImageReader::run_thread() {
+  set_thread_count(1);  // of this thread: what it calls must not start more
+  std::unique_lock<std::mutex> lock(mutex_);
+  for (;;) {
+    int slot = -1;
+    work_.wait(lock, [&] { return is_stopping_ || (slot = next_to_read()) >= 0; });
+    if (is_stopping_) return;
+    Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
+    const std::int32_t image = buffer.wanted;
+    buffer.is_written = true;
+    lock.unlock();
+    std::exception_ptr error;
+    try {
+      if (setup_.before_write) setup_.before_write(slot);
+      setup_.images[static_cast<std::size_t>(image)]->read_into(setup_.buffers[static_cast<std::size_t>(slot)]);
+    } catch (...) {
+      error = std::current_exception();
+    }
+    lock.lock();
+    buffer.is_written = false;
+    buffer.content = image;
+    buffer.error = error;
+    done_.notify_all();
+  }
+}
+
+BufferPlan::BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images) {
+  ImageMemory* memory = nullptr;
+  for (const auto& image : images) {
+    n_bytes = std::max(n_bytes, image->n_bytes());
+    if (image->memory() != nullptr) memory = image->memory();
+  }
+  const int most = memory == nullptr ? ImageMemory::kMaxBuffers : memory->n_buffers();
+  count = std::min(most, static_cast<int>(images.size()));
+  if (memory != nullptr) in_use = std::make_unique<ImageBufferCount>(*memory, count * n_bytes);
+}
+
+ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images) : plan_(images) {
+  for (int i = 0; i < plan_.count; ++i)
+    buffers_.emplace_back(new std::uint8_t[static_cast<std::size_t>(plan_.n_bytes)]);
+}
+
+std::vector<std::uint8_t*> ImageBuffers::pointers() const {
+  std::vector<std::uint8_t*> pointers;
+  for (const auto& buffer : buffers_) pointers.push_back(buffer.get());
+  return pointers;
+}
+
+void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, int n_threads,
+                   const std::function<void(std::size_t, const std::uint8_t*)>& body) {
+  // Held ones stay so: what is in memory is never given back while a scene is in use.
+  std::vector<std::shared_ptr<const Image8>> held;
+  std::vector<std::shared_ptr<const ViewImage>> on_disk;
+  std::vector<std::int32_t> number;  // among those on disk
+  for (const auto& image : images) {
+    held.push_back(image->held());
+    number.push_back(static_cast<std::int32_t>(on_disk.size()));
+    if (!held.back()) on_disk.push_back(image);
+  }
+  std::unique_ptr<ImageBuffers> buffers;
+  std::unique_ptr<ImageReader> reader;
+  if (!on_disk.empty()) {
+    buffers = std::make_unique<ImageBuffers>(on_disk);
+    reader = std::make_unique<ImageReader>(ImageReader::Setup{on_disk, buffers->pointers(), n_threads, {}});
+  }
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    if (held[i]) {
+      body(i, held[i]->pixels.data());
+      continue;
+    }
+    std::vector<std::int32_t> next;
+    for (std::int32_t j = number[i];
+         j < static_cast<std::int32_t>(on_disk.size()) && next.size() < static_cast<std::size_t>(reader->n_buffers());
+         ++j) {
+      next.push_back(j);
+    }
+    reader->expect(next);
+    body(i, reader->bytes(reader->wait(number[i])));
+  }
+}
+
+}  // namespace b3dgs

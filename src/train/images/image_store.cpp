@@ -1,0 +1,302 @@
+#include "train/images/image_store.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <map>
+#include <utility>
+
+#include "core/check.h"
+#include "model/pinhole_view.h"
+#include "scene/view_image.h"
+#include "train/images/image_reader.h"
+#include "train/loss/loss.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "raster/torch/torch_memory.h"
+#include "train/images/image_uploader.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+using Indices = std::vector<std::int32_t>;
+
+torch::Tensor bytes_at(const std::uint8_t* bytes, torch::IntArrayRef sizes, torch::Device device) {
+  // from_blob wants a pointer that it could write through; nothing does.
+  return torch::from_blob(const_cast<std::uint8_t*>(bytes), sizes, torch::TensorOptions(torch::kUInt8).device(device));
+}
+
+torch::Tensor truth_at(const std::uint8_t* rgb, const TrainView& view, torch::Device device) {
+  return bytes_at(rgb, {view.camera.height, view.camera.width, 3}, device);
+}
+
+/// All but the tensors.
+TrainView describe_view(const View& view) {
+  const int width = view.camera.width, height = view.camera.height;
+  B3DGS_CHECK(view.image && view.image->size().width == width && view.image->size().height == height, "view ",
+              view.name, " has no RGB image of its camera's size, ", width, " x ", height);
+  TrainView own;
+  own.name = view.name;
+  own.camera = to_pinhole_view(view.camera);
+  own.n_valid = static_cast<std::int64_t>(width) * height;
+  if (view.valid) {
+    B3DGS_CHECK(view.valid->width == width && view.valid->height == height, "the mask of view ", view.name,
+                " has another size than its image");
+    own.n_valid = count_valid(view.valid->pixels.data(), own.n_valid);
+  }
+  return own;
+}
+
+void add(ImagePlaces::Share& share, const ViewImage& image) {
+  ++share.count;
+  share.bytes += image.n_bytes();
+}
+
+}  // namespace
+
+std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device,
+                          [[maybe_unused]] double gpu_memory_gb) {
+  if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) {
+    const double free = static_cast<double>(cuda::free_device_bytes());
+    return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
+  }
+#endif
+  return 0;  // a CPU has no memory of its own
+}
+
+std::string describe(const ImagePlaces& places) {
+  std::string text;
+  const auto say = [&](const ImagePlaces::Share& share, const char* where) {
+    if (share.count == 0) return;
+    char part[96];
+    std::snprintf(part, sizeof part, "%s%lld %s (%.2f GB)", text.empty() ? "" : ", ",
+                  static_cast<long long>(share.count), where, 1e-9 * static_cast<double>(share.bytes));
+    text += part;
+  };
+  say(places.on_device, "on the GPU");
+  say(places.in_memory, "in memory");
+  say(places.on_disk, "read ahead from disk");
+  return text.empty() ? "none" : text;
+}
+
+ImagePlaces places_of(const std::vector<View>& views) {
+  ImagePlaces places;
+  for (const View& view : views) add(view.image->held() ? places.in_memory : places.on_disk, *view.image);
+  return places;
+}
+
+/// What brings the views that are not resident: threads that read, and on a GPU an uploader.
+struct ImageStore::Streamed {
+  std::unique_ptr<ImageBuffers> buffers;  // on the CPU
+#if B3DGS_TORCH_CUDA
+  std::unique_ptr<BufferPlan> staging;  // of the uploader
+  std::unique_ptr<cuda::ImageUploader> uploader;
+  UploadSlots slots{static_cast<int>(kLookAhead) + 1};
+  int slot_in_use = -1;
+#endif
+  std::unique_ptr<ImageReader> reader;  // ends before its buffers do
+};
+
+ImageStore::~ImageStore() = default;
+
+ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes,
+                       const ProgressFn& progress)
+    : device_(device) {
+#if !B3DGS_TORCH_CUDA
+  if (!device.is_cpu()) {
+    input_error("this build keeps photographs on the CPU only, found device ", device.str(), "; use --device cpu");
+  }
+#endif
+  std::map<const Image8*, torch::Tensor> masks;
+  std::int64_t used = 0;
+  for (const View& view : views) {
+    TrainView& own = views_.emplace_back(describe_view(view));
+    images_.push_back(view.image);
+    if (!view.valid) continue;
+    torch::Tensor& mask = masks[view.valid.get()];
+    if (!mask.defined()) {
+      mask = bytes_at(view.valid->pixels.data(), {own.camera.height, own.camera.width}, torch::kCPU).to(device);
+      used += mask.numel();
+    }
+    own.valid = mask;
+  }
+  if (device.is_cpu()) {
+    hold_images(views, progress);
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      held_.push_back(images_[i]->held());
+      if (!held_[i]) continue;
+      views_[i].truth = truth_at(held_[i]->pixels.data(), views_[i], device);
+      ++n_resident_;
+    }
+  } else {
+    Indices stays;
+    std::vector<View> others;
+    for (std::int32_t i = 0; i < size(); ++i) {
+      const std::int64_t own = images_[static_cast<std::size_t>(i)]->n_bytes();
+      if (used + own <= budget_bytes) {
+        used += own;
+        stays.push_back(i);
+      } else {
+        others.push_back(views[static_cast<std::size_t>(i)]);
+      }
+    }
+    load_resident(stays, progress);
+    hold_images(others, progress);
+  }
+  if (n_resident_ < size()) start_streaming();
+}
+
+/// Copies photographs to a GPU. Those that were not in host memory do not stay there.
+void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress) {
+  std::vector<std::shared_ptr<const ViewImage>> images;
+  for (const std::int32_t i : stays) images.push_back(images_[static_cast<std::size_t>(i)]);
+  read_in_order(images, reading_threads(false), [&](std::size_t done, const std::uint8_t* rgb) {
+    TrainView& view = views_[static_cast<std::size_t>(stays[done])];
+    view.truth = truth_at(rgb, view, torch::kCPU).to(device_);
+    ++n_resident_;
+    if (progress) progress("loading images", done + 1, stays.size());
+  });
+}
+
+void ImageStore::start_streaming() {
+  std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed;
+  for (std::int32_t i = 0; i < size(); ++i) {
+    if (!is_resident(i)) streamed.push_back(images_[static_cast<std::size_t>(i)]);
+  }
+  auto own = std::make_unique<Streamed>();
+  ImageReader::Setup setup;
+  setup.images = all;
+  setup.n_threads = reading_threads(device_.is_cpu());
+  if (device_.is_cpu()) {
+    own->buffers = std::make_unique<ImageBuffers>(streamed);
+    setup.buffers = own->buffers->pointers();
+  }
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) {
+    own->staging = std::make_unique<BufferPlan>(streamed);
+    own->uploader = std::make_unique<cuda::ImageUploader>(static_cast<int>(kLookAhead) + 1, own->staging->count,
+                                                          own->staging->n_bytes);
+    setup.buffers = own->uploader->staging();
+    setup.before_write = [uploader = own->uploader.get()](int buffer) { uploader->wait_for_upload_of(buffer); };
+  }
+#endif
+  own->reader = std::make_unique<ImageReader>(std::move(setup));
+  streamed_ = std::move(own);
+}
+
+ImagePlaces ImageStore::places() const {
+  ImagePlaces places;
+  for (std::int32_t i = 0; i < size(); ++i) {
+    const ViewImage& image = *images_[static_cast<std::size_t>(i)];
+    const bool is_on_gpu = !device_.is_cpu() && is_resident(i);
+    add(is_on_gpu ? places.on_device : image.held() ? places.in_memory : places.on_disk, image);
+  }
+  return places;
+}
+
+std::size_t ImageStore::look_ahead() const {
+  if (streamed_ == nullptr) return 0;
+  // So many that they name an image for each buffer, resident views lying between them.
+  constexpr std::int64_t kMostPerBuffer = 4;
+  const std::int64_t n_streamed = size() - n_resident_, n_buffers = streamed_->reader->n_buffers();
+  const std::int64_t wanted = (n_buffers * size() + n_streamed - 1) / n_streamed;
+  return std::max(kLookAhead, static_cast<std::size_t>(std::min(wanted, kMostPerBuffer * n_buffers)));
+}
+
+TrainView ImageStore::take(std::int32_t index, const Indices& upcoming) {
+  retired_.reset();
+  if (streamed_ == nullptr) return describe(index);
+  Indices streamed;
+  const auto want = [&](std::int32_t view) {
+    if (!is_resident(view)) streamed.push_back(view);
+  };
+  want(index);
+  for (const std::int32_t view : upcoming) want(view);
+  return device_.is_cpu() ? take_on_cpu(index, streamed) : take_on_gpu(index, streamed);
+}
+
+TrainView ImageStore::take_on_cpu(std::int32_t index, const Indices& streamed) {
+  TrainView view = describe(index);
+  ImageReader& reader = *streamed_->reader;
+  reader.expect(streamed);
+  if (!is_resident(index)) view.truth = truth_at(reader.bytes(reader.wait(index)), view, device_);
+  return view;
+}
+
+#if B3DGS_TORCH_CUDA
+
+TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
+  TrainView view = describe(index);
+  Streamed& s = *streamed_;
+  ImageReader& reader = *s.reader;
+  const cudaStream_t stream = torch_launch_context().stream;
+  if (s.slot_in_use >= 0) s.uploader->release(std::exchange(s.slot_in_use, -1), stream);
+
+  // This view and the next ones, as far as they are on the device or can be uploaded without waiting.
+  const auto is_here = [&](std::int32_t other) { return s.slots.slot_of(other) >= 0; };
+  if (!is_resident(index) && !is_here(index)) {
+    reader.expect(streamed);
+    reader.wait(index);
+  }
+  Indices wanted;
+  for (const std::int32_t other : streamed) {
+    if (wanted.size() > kLookAhead || !(is_here(other) || reader.is_ready(other))) break;
+    if (std::find(wanted.begin(), wanted.end(), other) == wanted.end()) wanted.push_back(other);
+  }
+  for (const auto [slot, other] : s.slots.assign(wanted)) {
+    const int buffer = reader.wait(other);
+    s.uploader->upload(buffer, images_[static_cast<std::size_t>(other)]->n_bytes(), slot);
+  }
+  // The buffers of those that are uploaded are free again once that is done, which their threads wait for.
+  Indices unread;
+  for (const std::int32_t other : streamed) {
+    if (!is_here(other)) unread.push_back(other);
+  }
+  reader.expect(unread);
+  if (is_resident(index)) return view;
+  s.slot_in_use = s.slots.slot_of(index);
+  view.truth = truth_at(s.uploader->acquire(s.slot_in_use, stream), view, device_);
+  return view;
+}
+
+std::int64_t ImageStore::release_resident(std::int64_t bytes) {
+  if (device_.is_cpu()) return 0;
+  std::int64_t freed = 0;
+  for (std::int32_t i = size() - 1; i >= 0 && freed < bytes; --i) {
+    TrainView& view = views_[static_cast<std::size_t>(i)];
+    ViewImage& image = *images_[static_cast<std::size_t>(i)];
+    if (!is_resident(i)) continue;
+    if (!image.held() && image.memory() != nullptr && image.memory()->try_hold(image.n_bytes())) {
+      auto copy = std::make_shared<Image8>(image.size().width, image.size().height, 3);
+      truth_at(copy->pixels.data(), view, torch::kCPU).copy_(view.truth);
+      image.hold(std::move(copy));
+    }
+    view.truth = torch::Tensor();
+    freed += image.n_bytes();
+    --n_resident_;
+  }
+  if (freed == 0) return 0;
+  release_unused_torch_memory();  // the slots for uploads are not LibTorch's
+  if (retired_ == nullptr) retired_ = std::move(streamed_);
+  start_streaming();
+  return freed;
+}
+
+#else
+
+TrainView ImageStore::take_on_gpu(std::int32_t, const Indices&) {
+  B3DGS_CHECK(false, "this build has no GPU");
+  return {};
+}
+
+std::int64_t ImageStore::release_resident(std::int64_t) {
+  return 0;
+}
+
+#endif
+
+}  // namespace b3dgs

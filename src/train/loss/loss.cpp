@@ -1,0 +1,84 @@
+// From tensors to LossArgs.
+
+#include "train/loss/loss.h"
+
+#include "core/check.h"
+#include "raster/torch/tensor_check.h"
+#include "raster/torch/tensor_room.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/loss/loss_reader.h"
+#endif
+
+namespace b3dgs {
+
+std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
+  std::int64_t count = 0;
+  for (std::int64_t i = 0; i < n_pixels; ++i) count += valid[i] != 0;
+  return count;
+}
+
+#if B3DGS_TORCH_CUDA
+struct ImageLoss::OnCuda {
+  cuda::LossReader reader;
+};
+#else
+struct ImageLoss::OnCuda {};
+#endif
+
+ImageLoss::ImageLoss(torch::Device device) : device_(device) {
+  if (device.is_cpu()) return;
+#if B3DGS_TORCH_CUDA
+  cuda_ = std::make_unique<OnCuda>();
+#else
+  input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
+#endif
+}
+
+ImageLoss::~ImageLoss() = default;
+
+LossValue ImageLoss::value() const {
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) return cuda_->reader.wait();
+#endif
+  return value_;
+}
+
+void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
+                        std::int64_t n_valid, double lambda_dssim) {
+  TensorCheck(device_).dims("rendered", rendered, {"H", "W", 3});
+  const auto check_bytes = [&](const char* name, const torch::Tensor& bytes, torch::IntArrayRef sizes) {
+    B3DGS_CHECK(bytes.defined() && bytes.sizes() == sizes, name, " has other sizes than the rendered view, ",
+                rendered.sizes());
+    B3DGS_CHECK(bytes.scalar_type() == torch::kUInt8 && bytes.is_contiguous() && bytes.device() == device_, name,
+                " is not contiguous uint8 on ", device_.str());
+  };
+  check_bytes("truth", truth, rendered.sizes());
+  if (valid.defined()) check_bytes("valid", valid, rendered.sizes().slice(0, 2));
+
+  LossArgs args;
+  args.height = static_cast<std::int32_t>(rendered.size(0));
+  args.width = static_cast<std::int32_t>(rendered.size(1));
+  std::int64_t workspace_size = cpu::loss_workspace_size(args.width, args.height);
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) workspace_size = cuda::loss_workspace_size(args.width, args.height);
+#endif
+  place_tensor(grad_, grad_room_, rendered.sizes(), rendered.options());
+  if (!workspace_.defined() || workspace_.numel() < workspace_size) {
+    workspace_ = torch::empty({workspace_size}, rendered.options());
+  }
+  args.rendered = rendered.data_ptr<float>();
+  args.truth = truth.data_ptr<std::uint8_t>();
+  args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
+  args.n_valid = n_valid;
+  args.lambda_dssim = lambda_dssim;
+  args.grad = grad_.data_ptr<float>();
+  args.workspace = workspace_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (cuda_ != nullptr) return cuda_->reader.compute(args, torch_launch_context().stream);
+#endif
+  value_ = cpu::compute_loss(args);
+}
+
+}  // namespace b3dgs

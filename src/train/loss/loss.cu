@@ -1,0 +1,292 @@
+// L1 + D-SSIM on the GPU: one kernel for the map, its partial derivatives and the value, one for the gradient. A block
+// owns 32 x 32 pixels and filters rows, then columns, in shared memory. What decides the time are reads of shared
+// memory: a thread filters four neighbours at once, which takes 14 values for 44 products.
+
+#include "core/cuda_check.h"
+#include "train/loss/loss_cuda.h"
+#include "train/loss/ssim_window.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kSide = 32;
+constexpr int kThreads = 256;
+constexpr int kBlocks = 4;  // at once on a multiprocessor, for which registers are limited
+constexpr int kRadius = kSsimRadius;
+constexpr int kHalo = kSide + 2 * kRadius;
+constexpr int kRun = 4;  // neighbours that a thread filters at once
+static_assert(kSide * kSide == kRun * kThreads, "a run of a column for each thread");
+constexpr int kRunInputs = kRun + 2 * kRadius;
+
+/// Rows begin at multiples of 16 bytes.
+constexpr int kPitch = (kHalo + 3) / 4 * 4;
+using HaloPlane = float[kHalo][kPitch];
+using RowPlane = float[kHalo][kSide];
+
+/// Weight of tap k of the window. Loops over k are unrolled, so this is an immediate operand.
+__device__ __forceinline__ constexpr float window(int k) {
+  return ssim_weight(k < kRadius ? kRadius - k : k - kRadius);
+}
+
+struct Run {
+  float of[kRun];
+};
+
+__device__ __forceinline__ Run filter_run(const float (&in)[kRunInputs]) {
+  Run run{};
+#pragma unroll
+  for (int j = 0; j < kRun; ++j) {
+#pragma unroll
+    for (int k = 0; k <= 2 * kRadius; ++k) run.of[j] += window(k) * in[j + k];
+  }
+  return run;
+}
+
+/// Neighbours in a row; `from` is aligned to 16 bytes.
+__device__ __forceinline__ void load_run(const float* from, float (&in)[kRunInputs]) {
+  static_assert(kRunInputs % 4 == 2, "four at a time, and two");
+#pragma unroll
+  for (int k = 0; k + 4 <= kRunInputs; k += 4) {
+    const float4 four = *reinterpret_cast<const float4*>(from + k);
+    in[k] = four.x;
+    in[k + 1] = four.y;
+    in[k + 2] = four.z;
+    in[k + 3] = four.w;
+  }
+  const float2 two = *reinterpret_cast<const float2*>(from + kRunInputs - 2);
+  in[kRunInputs - 2] = two.x;
+  in[kRunInputs - 1] = two.y;
+}
+
+__device__ __forceinline__ void store_run(float* to, const Run& run) {
+  *reinterpret_cast<float4*>(to) = make_float4(run.of[0], run.of[1], run.of[2], run.of[3]);
+}
+
+/// The thread's run of a column of filtered rows, filtered.
+__device__ __forceinline__ Run filter_column(const RowPlane& rows, int first_row, int column) {
+  float in[kRunInputs];
+#pragma unroll
+  for (int k = 0; k < kRunInputs; ++k) in[k] = rows[first_row + k][column];
+  return filter_run(in);
+}
+
+/// Calls body(row, column) for the first pixels of the runs along all rows of the halo.
+template <class Body>
+__device__ __forceinline__ void for_row_runs(Body&& body) {
+  constexpr int kRuns = kSide / kRun;
+  for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
+}
+
+/// Calls body(row, column, pixel) for all pixels of the halo; pixel is -1 outside the image.
+template <class Body>
+__device__ __forceinline__ void for_halo(const LossArgs& args, int block_x, int block_y, Body&& body) {
+#pragma unroll 4
+  for (int i = static_cast<int>(threadIdx.x); i < kHalo * kHalo; i += kThreads) {
+    const int row = i / kHalo, column = i % kHalo;
+    const int x = block_x * kSide + column - kRadius, y = block_y * kSide + row - kRadius;
+    const bool inside = x >= 0 && x < args.width && y >= 0 && y < args.height;
+    body(row, column, inside ? static_cast<std::int64_t>(y) * args.width + x : -1);
+  }
+}
+
+/// Sums of a block in a fixed order, for thread 0.
+template <class Real>
+__device__ Real block_sum(Real value, Real* scratch) {
+  for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xffffffffu, value, offset);
+  if (threadIdx.x % 32 == 0) scratch[threadIdx.x / 32] = value;
+  __syncthreads();  // all warps have written
+  Real sum = 0;
+  if (threadIdx.x == 0) {
+    for (int warp = 0; warp < kThreads / 32; ++warp) sum += scratch[warp];
+  }
+  __syncthreads();  // scratch may be used again
+  return sum;
+}
+
+__device__ __forceinline__ float truth_of(const LossArgs& args, std::int64_t p, int channel) {
+  return static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
+}
+
+/// Sums of |difference| and of SSIM over a block's valid pixels and channels.
+struct BlockLoss {
+  float l1 = 0, ssim = 0;
+};
+
+/// A pixel's SSIM in one channel from the filtered maps: rendered, truth, their squares, their product. `partials`, the
+/// pixel's place in planes of n_pixels or null, takes the derivatives by the three maps that depend on the rendered
+/// image, times `scale`.
+__device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
+  const float mu1 = maps[0], mu2 = maps[1];
+  const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
+  const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
+  const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
+  const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
+  if (partials != nullptr) {
+    // The variances and the covariance hold the means too: all ways by which the mean acts, in one.
+    partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
+    partials[n_pixels] = -scale * value * inverse_d;
+    partials[2 * n_pixels] = scale * 2 * a * inverse;
+  }
+  return value;
+}
+
+/// Per block its sums; per pixel and channel, partials.
+__global__ void __launch_bounds__(kThreads, kBlocks)
+    loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
+  __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; invalid and outside pixels 0
+  __shared__ alignas(16) RowPlane rows[5];
+  __shared__ float scratch[kThreads / 32];
+  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y);
+  const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
+  const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
+
+  BlockLoss own;
+  for (int channel = 0; channel < 3; ++channel) {
+    __syncthreads();  // the last channel has been read
+    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
+      const bool valid = p >= 0 && (args.valid == nullptr || args.valid[p] != 0);
+      rendered[row][halo_column] = valid ? args.rendered[3 * p + channel] : 0.0f;
+      truth[row][halo_column] = valid ? truth_of(args, p, channel) : 0.0f;
+    });
+    __syncthreads();  // this one is complete
+    for_row_runs([&](int row, int first_column) {
+      float a[kRunInputs], b[kRunInputs], product[kRunInputs];
+      load_run(rendered[row] + first_column, a);
+      load_run(truth[row] + first_column, b);
+      store_run(rows[0][row] + first_column, filter_run(a));
+      store_run(rows[1][row] + first_column, filter_run(b));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * b[k];
+      store_run(rows[4][row] + first_column, filter_run(product));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * a[k];
+      store_run(rows[2][row] + first_column, filter_run(product));
+#pragma unroll
+      for (int k = 0; k < kRunInputs; ++k) product[k] = b[k] * b[k];
+      store_run(rows[3][row] + first_column, filter_run(product));
+    });
+    __syncthreads();  // rows are filtered
+    Run maps[5];
+#pragma unroll
+    for (int m = 0; m < 5; ++m) maps[m] = filter_column(rows[m], first_row, column);
+#pragma unroll
+    for (int j = 0; j < kRun; ++j) {
+      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
+      if (x >= args.width || y >= args.height) continue;
+      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+      const bool valid = args.valid == nullptr || args.valid[p] != 0;
+      const float of_pixel[5] = {maps[0].of[j], maps[1].of[j], maps[2].of[j], maps[3].of[j], maps[4].of[j]};
+      const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f,
+                                 partials == nullptr ? nullptr : partials + 3 * channel * n_pixels + p, n_pixels);
+      if (!valid) continue;
+      const int r = first_row + j + kRadius, c = column + kRadius;
+      own.l1 += fabsf(rendered[r][c] - truth[r][c]);
+      own.ssim += ssim;
+    }
+  }
+  const BlockLoss sum{block_sum(own.l1, scratch), block_sum(own.ssim, scratch)};
+  if (threadIdx.x == 0) sums[blockIdx.y * gridDim.x + blockIdx.x] = sum;
+}
+
+/// Adds up the blocks' sums in a fixed order; for one block.
+__device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_blocks, double* scratch, LossValue* out) {
+  double own_l1 = 0, own_ssim = 0;
+  for (int i = static_cast<int>(threadIdx.x); i < n_blocks; i += kThreads) {
+    own_l1 += static_cast<double>(sums[i].l1);
+    own_ssim += static_cast<double>(sums[i].ssim);
+  }
+  const double l1 = block_sum(own_l1, scratch), ssim = block_sum(own_ssim, scratch);
+  if (threadIdx.x > 0) return;
+  const double values = 3.0 * static_cast<double>(args.n_valid);
+  const double mean_l1 = values > 0 ? l1 / values : 0, mean_ssim = values > 0 ? ssim / values : 0;
+  *out = {values > 0 ? (1 - args.lambda_dssim) * mean_l1 + args.lambda_dssim * (1 - mean_ssim) : 0, mean_l1, mean_ssim};
+}
+
+/// The value alone, where no gradient is wanted.
+__global__ void __launch_bounds__(kThreads)
+    loss_sum_kernel(const LossArgs args, const BlockLoss* sums, int n_blocks, LossValue* value) {
+  __shared__ double scratch[kThreads / 32];
+  sum_loss(args, sums, n_blocks, scratch, value);
+}
+
+/// Gradient by the rendered image: the partials filtered once more, and the sign of the difference. The first row of
+/// blocks finds the value meanwhile.
+__global__ void __launch_bounds__(kThreads, kBlocks)
+    loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
+  __shared__ alignas(16) HaloPlane maps[3];
+  __shared__ alignas(16) RowPlane rows[3];
+  __shared__ double scratch[kThreads / 32];
+  if (blockIdx.y == 0) {
+    const auto n_blocks = static_cast<int>(gridDim.x * (gridDim.y - 1));
+    if (blockIdx.x == 0) sum_loss(args, sums, n_blocks, scratch, value);
+    return;
+  }
+  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y) - 1;
+  const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
+  const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
+  const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
+  const float l1_scale = static_cast<float>(1 - args.lambda_dssim) * per_value;
+  const float ssim_scale = -static_cast<float>(args.lambda_dssim) * per_value;
+
+  for (int channel = 0; channel < 3; ++channel) {
+    __syncthreads();  // the last channel has been read
+    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
+#pragma unroll
+      for (int m = 0; m < 3; ++m) {
+        maps[m][row][halo_column] = p >= 0 ? partials[(3 * channel + m) * n_pixels + p] : 0.0f;
+      }
+    });
+    __syncthreads();  // partials are complete
+    for_row_runs([&](int row, int first_column) {
+#pragma unroll
+      for (int m = 0; m < 3; ++m) {
+        float in[kRunInputs];
+        load_run(maps[m][row] + first_column, in);
+        store_run(rows[m][row] + first_column, filter_run(in));
+      }
+    });
+    __syncthreads();  // rows are filtered
+    const Run mean = filter_column(rows[0], first_row, column), square = filter_column(rows[1], first_row, column),
+              product = filter_column(rows[2], first_row, column);
+#pragma unroll
+    for (int j = 0; j < kRun; ++j) {
+      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
+      if (x >= args.width || y >= args.height) continue;
+      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+      float grad = 0;
+      if (args.valid == nullptr || args.valid[p] != 0) {
+        const float a = args.rendered[3 * p + channel], b = truth_of(args, p, channel);
+        const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
+        grad = ssim_scale * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + l1_scale * sign;
+      }
+      args.grad[3 * p + channel] = grad;
+    }
+  }
+}
+
+dim3 blocks_of(std::int32_t width, std::int32_t height) {
+  return dim3(static_cast<unsigned>((width + kSide - 1) / kSide), static_cast<unsigned>((height + kSide - 1) / kSide));
+}
+
+}  // namespace
+
+std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height) {
+  const dim3 blocks = blocks_of(width, height);
+  return 9 * std::int64_t{width} * height + 2 * std::int64_t{blocks.x} * blocks.y;
+}
+
+void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
+  const dim3 blocks = blocks_of(args.width, args.height);
+  auto* const sums = reinterpret_cast<BlockLoss*>(args.workspace);
+  float* const partials = args.workspace + 2 * std::int64_t{blocks.x} * blocks.y;
+  loss_map_kernel<<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  if (args.grad == nullptr) {
+    loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(blocks.x * blocks.y), value);
+  } else {
+    loss_grad_kernel<<<dim3(blocks.x, blocks.y + 1), kThreads, 0, stream>>>(args, partials, sums, value);
+  }
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,319 @@
+// The loss on the CPU, one band of rows at a time.
+//
+// The window is separable, and its taps lie 3 floats apart in an interleaved RGB row, so no plane is ever taken apart.
+// Pass 1 marches down a band: each row is filtered horizontally into a ring of 11 rows, which are summed vertically;
+// out come the SSIM of each pixel and its derivatives by the three window means that depend on the rendered image. They
+// are filtered horizontally and kept. Pass 2 filters them vertically, which gives the gradient, since the window is
+// symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
+
+#include "train/loss/loss.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <memory>
+#include <vector>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "train/loss/ssim_window.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "train/loss/loss_cpu.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h, as Highway wants it.
+#include <hwy/aligned_allocator.h>
+#include <hwy/highway.h>
+
+#ifndef B3DGS_TRAIN_LOSS_CPU_ONCE
+#define B3DGS_TRAIN_LOSS_CPU_ONCE
+namespace b3dgs::cpu {
+
+constexpr int kRadius = kSsimRadius;
+constexpr int kTaps = 2 * kRadius + 1;
+constexpr std::int64_t kBandRows = 32;
+constexpr std::int64_t kMaxLanes = 16;
+constexpr std::int64_t kPadding = 16;  // floats before and after a row: 3 * kRadius, and whole vectors
+
+/// Rows of an image in memory that vectors may overrun: zeros before the row and behind it.
+struct RowLayout {
+  explicit RowLayout(std::int64_t width) : n(3 * width), rounded((n + kMaxLanes - 1) / kMaxLanes * kMaxLanes) {}
+  std::int64_t n;        // floats of a row
+  std::int64_t rounded;  // floats that are computed
+  std::int64_t stride() const { return rounded + 2 * kPadding; }
+};
+
+/// Sums of one row.
+struct RowSums {
+  double l1 = 0, ssim = 0;
+};
+
+}  // namespace b3dgs::cpu
+#endif  // B3DGS_TRAIN_LOSS_CPU_ONCE
+
+HWY_BEFORE_NAMESPACE();
+namespace b3dgs::cpu::HWY_NAMESPACE {
+
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using FloatTag = hn::CappedTag<float, kMaxLanes>;
+using FloatVec = hn::Vec<FloatTag>;
+
+/// Padded rows of one thread, by name.
+class Scratch {
+ public:
+  explicit Scratch(const RowLayout& layout)
+      : layout_(layout), floats_(hwy::AllocateAligned<float>(static_cast<std::size_t>(kRows * layout.stride()))) {
+    std::fill_n(floats_.get(), kRows * layout.stride(), 0.0f);
+  }
+
+  float* zeros() { return row(0); }
+  float* weight() { return row(1); }                       // 1 where a pixel counts, 0 elsewhere and behind the row
+  float* x() { return row(2); }                            // rendered
+  float* y() { return row(3); }                            // truth
+  float* squares() { return row(4); }                      // x^2 + y^2
+  float* product() { return row(5); }                      // x y
+  float* derivative(int which) { return row(6 + which); }  // 3
+  /// Horizontally filtered x, y, squares or product (0-3) of an image row.
+  float* ring(int which, std::int64_t image_row) {
+    return row(9 + kTaps * which + static_cast<int>(image_row % kTaps));
+  }
+
+ private:
+  static constexpr std::int64_t kRows = 9 + 4 * kTaps;
+  float* row(int index) { return floats_.get() + index * layout_.stride() + kPadding; }
+
+  RowLayout layout_;
+  hwy::AlignedFreeUniquePtr<float[]> floats_;
+};
+
+class BandLoss {
+ public:
+  explicit BandLoss(const LossArgs& args) : args_(args), layout_(args.width), scratch_(layout_) {
+    std::fill_n(scratch_.weight(), layout_.n, 1.0f);
+  }
+
+  /// SSIM and L1 of rows [begin, end) into sums[row]; with a gradient wanted, derivatives into the workspace.
+  void value(std::int64_t begin, std::int64_t end, RowSums* sums) {
+    for (std::int64_t row = begin - kRadius; row < end + kRadius; ++row) {
+      if (row >= 0 && row < args_.height) {
+        load_row(row);
+        const double l1 = multiply_row();
+        if (row >= begin && row < end) sums[row].l1 = l1;
+        filter_row(scratch_.x(), scratch_.ring(0, row));
+        filter_row(scratch_.y(), scratch_.ring(1, row));
+        filter_row(scratch_.squares(), scratch_.ring(2, row));
+        filter_row(scratch_.product(), scratch_.ring(3, row));
+      }
+      const std::int64_t center = row - kRadius;
+      if (center >= begin) sums[center].ssim = ssim_row(center);
+    }
+  }
+
+  /// Gradient of rows [begin, end), from the derivatives of all rows.
+  void gradient(std::int64_t begin, std::int64_t end) {
+    const FloatTag d;
+    const float per_value = 1.0f / (3.0f * static_cast<float>(args_.n_valid));
+    const auto l1_scale = hn::Set(d, static_cast<float>(1 - args_.lambda_dssim) * per_value);
+    const auto ssim_scale = hn::Set(d, static_cast<float>(-args_.lambda_dssim) * per_value);
+    const auto zero = hn::Zero(d);
+    for (std::int64_t row = begin; row < end; ++row) {
+      load_row(row);
+      std::array<std::array<const float*, kTaps>, 3> rows;
+      for (int which = 0; which < 3; ++which) {
+        for (int tap = 0; tap < kTaps; ++tap) {
+          const std::int64_t from = row + tap - kRadius;
+          rows[which][tap] = from >= 0 && from < args_.height ? workspace_row(which, from) : scratch_.zeros();
+        }
+      }
+      float* out = scratch_.squares();
+      for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
+        const auto x = hn::Load(d, scratch_.x() + i);
+        const auto y = hn::Load(d, scratch_.y() + i);
+        const auto by_mean = sum_rows(rows[0], i);
+        const auto by_squares = sum_rows(rows[1], i);
+        const auto by_product = sum_rows(rows[2], i);
+        const auto ssim = hn::MulAdd(hn::Add(x, x), by_squares, hn::MulAdd(y, by_product, by_mean));
+        const auto difference = hn::Sub(x, y);
+        const auto sign = hn::IfThenElse(hn::Eq(difference, zero), zero, hn::CopySign(l1_scale, difference));
+        const auto weight = hn::Load(d, scratch_.weight() + i);
+        hn::Store(hn::Mul(weight, hn::MulAdd(ssim_scale, ssim, sign)), d, out + i);
+      }
+      std::memcpy(args_.grad + row * layout_.n, out, static_cast<std::size_t>(layout_.n) * sizeof(float));
+    }
+  }
+
+ private:
+  /// Row of horizontally filtered derivatives.
+  float* workspace_row(int which, std::int64_t row) const {
+    return args_.workspace + (which * static_cast<std::int64_t>(args_.height) + row) * layout_.rounded;
+  }
+
+  /// x, y and, with a mask, weight of an image row.
+  void load_row(std::int64_t row) {
+    float *x = scratch_.x(), *y = scratch_.y();
+    std::memcpy(x, args_.rendered + row * layout_.n, static_cast<std::size_t>(layout_.n) * sizeof(float));
+    const std::uint8_t* truth = args_.truth + row * layout_.n;
+    for (std::int64_t i = 0; i < layout_.n; ++i) y[i] = static_cast<float>(truth[i]) / 255.0f;
+    if (!args_.valid) return;
+    const std::uint8_t* valid = args_.valid + row * args_.width;
+    float* weight = scratch_.weight();
+    for (std::int64_t i = 0; i < args_.width; ++i) {
+      const bool counts = valid[i] != 0;
+      for (std::int64_t j = 3 * i; j < 3 * i + 3; ++j) {
+        weight[j] = counts ? 1.0f : 0.0f;
+        x[j] = counts ? x[j] : 0.0f;
+        y[j] = counts ? y[j] : 0.0f;
+      }
+    }
+  }
+
+  /// Fills squares and product; returns the sum of |x - y|.
+  double multiply_row() {
+    const FloatTag d;
+    auto sum = hn::Zero(d);
+    for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
+      const auto x = hn::Load(d, scratch_.x() + i);
+      const auto y = hn::Load(d, scratch_.y() + i);
+      hn::Store(hn::MulAdd(x, x, hn::Mul(y, y)), d, scratch_.squares() + i);
+      hn::Store(hn::Mul(x, y), d, scratch_.product() + i);
+      sum = hn::Add(sum, hn::Abs(hn::Sub(x, y)));
+    }
+    return hn::GetLane(hn::SumOfLanes(d, sum));
+  }
+
+  static HWY_INLINE FloatVec weight_at(int distance) { return hn::Set(FloatTag(), ssim_weight(distance)); }
+
+  /// `in` has zeros around it; `out` is written in whole vectors.
+  void filter_row(const float* in, float* out) const {
+    const FloatTag d;
+    for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
+      auto sum = hn::Mul(weight_at(0), hn::Load(d, in + i));
+      for (int k = 1; k <= kRadius; ++k) {
+        sum = hn::MulAdd(weight_at(k), hn::Add(hn::LoadU(d, in + i - 3 * k), hn::LoadU(d, in + i + 3 * k)), sum);
+      }
+      hn::Store(sum, d, out + i);
+    }
+  }
+
+  HWY_INLINE FloatVec sum_rows(const std::array<const float*, kTaps>& rows, std::int64_t i) const {
+    const FloatTag d;
+    auto sum = hn::Mul(weight_at(0), hn::Load(d, rows[kRadius] + i));
+    for (int k = 1; k <= kRadius; ++k) {
+      sum = hn::MulAdd(weight_at(k), hn::Add(hn::Load(d, rows[kRadius - k] + i), hn::Load(d, rows[kRadius + k] + i)),
+                       sum);
+    }
+    return sum;
+  }
+
+  /// Sum of the SSIM of a row whose neighbours are in the ring; derivatives into the workspace.
+  double ssim_row(std::int64_t center) {
+    const FloatTag d;
+    std::array<std::array<const float*, kTaps>, 4> rows;
+    for (int which = 0; which < 4; ++which) {
+      for (int tap = 0; tap < kTaps; ++tap) {
+        const std::int64_t row = center + tap - kRadius;
+        rows[which][tap] = row >= 0 && row < args_.height ? scratch_.ring(which, row) : scratch_.zeros();
+      }
+    }
+    if (args_.valid) {
+      const std::uint8_t* valid = args_.valid + center * args_.width;
+      for (std::int64_t i = 0; i < layout_.n; ++i) scratch_.weight()[i] = valid[i / 3] != 0 ? 1.0f : 0.0f;
+    }
+    const auto c1 = hn::Set(d, kSsimC1), c2 = hn::Set(d, kSsimC2), one = hn::Set(d, 1.0f);
+    auto sum = hn::Zero(d);
+    for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
+      const auto mx = sum_rows(rows[0], i);  // window means
+      const auto my = sum_rows(rows[1], i);
+      const auto squares = sum_rows(rows[2], i);
+      const auto product = sum_rows(rows[3], i);
+      const auto mx_my = hn::Mul(mx, my);
+      const auto means_squared = hn::MulAdd(mx, mx, hn::Mul(my, my));
+      const auto covariance = hn::Sub(product, mx_my);
+      // SSIM = a1 a2 / (b1 b2)
+      const auto a1 = hn::Add(hn::Add(mx_my, mx_my), c1);
+      const auto a2 = hn::Add(hn::Add(covariance, covariance), c2);
+      const auto b1 = hn::Add(means_squared, c1);
+      const auto b2 = hn::Add(hn::Sub(squares, means_squared), c2);
+      const auto inverse = hn::Div(one, hn::Mul(b1, b2));
+      const auto weight = hn::Load(d, scratch_.weight() + i);
+      const auto ssim = hn::Mul(hn::Mul(a1, a2), inverse);
+      // Behind the row's end the window means still see the row.
+      sum = hn::MulAdd(weight, ssim, sum);
+      if (!args_.grad) continue;
+      const auto weighted = hn::Mul(weight, inverse);
+      const auto by_mean =
+          hn::Mul(weighted, hn::MulAdd(my, hn::Sub(a2, a1), hn::Mul(hn::Mul(mx, ssim), hn::Sub(b1, b2))));
+      hn::Store(hn::Add(by_mean, by_mean), d, scratch_.derivative(0) + i);
+      hn::Store(hn::Neg(hn::Mul(weighted, hn::Mul(ssim, b1))), d, scratch_.derivative(1) + i);
+      const auto by_product = hn::Mul(weighted, a1);
+      hn::Store(hn::Add(by_product, by_product), d, scratch_.derivative(2) + i);
+    }
+    if (args_.grad) {
+      for (int which = 0; which < 3; ++which) filter_row(scratch_.derivative(which), workspace_row(which, center));
+    }
+    return hn::GetLane(hn::SumOfLanes(d, sum));
+  }
+
+  const LossArgs& args_;
+  RowLayout layout_;
+  Scratch scratch_;
+};
+
+}  // namespace
+
+RowSums compute_loss_sums(const LossArgs& args) {
+  const std::int64_t n_bands = (args.height + kBandRows - 1) / kBandRows;
+  std::vector<std::unique_ptr<BandLoss>> by_thread(static_cast<std::size_t>(thread_count()));
+  const auto band_loss = [&](int thread) -> BandLoss& {
+    auto& own = by_thread[static_cast<std::size_t>(thread)];
+    if (!own) own = std::make_unique<BandLoss>(args);
+    return *own;
+  };
+  const auto band_end = [&](std::int64_t band) { return std::min<std::int64_t>((band + 1) * kBandRows, args.height); };
+  std::vector<RowSums> rows(static_cast<std::size_t>(args.height));
+  parallel_pool(n_bands, [&](std::int64_t band, int thread) {
+    band_loss(thread).value(band * kBandRows, band_end(band), rows.data());
+  });
+  if (args.grad) {
+    parallel_pool(n_bands,
+                  [&](std::int64_t band, int thread) { band_loss(thread).gradient(band * kBandRows, band_end(band)); });
+  }
+  RowSums total;
+  for (const RowSums& row : rows) {
+    total.l1 += row.l1;
+    total.ssim += row.ssim;
+  }
+  return total;
+}
+
+}  // namespace b3dgs::cpu::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace b3dgs::cpu {
+
+HWY_EXPORT(compute_loss_sums);
+
+std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height) {
+  return 3 * static_cast<std::int64_t>(height) * RowLayout(width).rounded;
+}
+
+LossValue compute_loss(const LossArgs& args) {
+  B3DGS_CHECK(!args.grad || args.workspace, "the gradient of the loss needs a workspace");
+  if (args.n_valid == 0) {
+    if (args.grad) std::fill_n(args.grad, 3 * static_cast<std::int64_t>(args.width) * args.height, 0.0f);
+    return {};
+  }
+  const RowSums sums = HWY_DYNAMIC_DISPATCH(compute_loss_sums)(args);
+  const double n_values = 3.0 * static_cast<double>(args.n_valid);
+  LossValue value;
+  value.l1 = sums.l1 / n_values;
+  value.ssim = sums.ssim / n_values;
+  value.loss = (1 - args.lambda_dssim) * value.l1 + args.lambda_dssim * (1 - value.ssim);
+  return value;
+}
+
+}  // namespace b3dgs::cpu
+#endif  // HWY_ONCE

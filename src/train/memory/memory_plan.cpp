@@ -1,0 +1,78 @@
+#include "train/memory/memory_plan.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace b3dgs {
+namespace {
+
+template <class State, class Visit>
+void visit_rows(State& state, Visit&& visit) {
+  for (const auto* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
+    for (const torch::Tensor* tensor : group->all()) visit(*tensor);
+  }
+  for (const torch::Tensor* tensor : state.statistics.all()) visit(*tensor);
+}
+
+std::int64_t row_bytes(const torch::Tensor& tensor) {
+  std::int64_t bytes = static_cast<std::int64_t>(tensor.itemsize());
+  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) bytes *= tensor.size(axis);
+  return bytes;
+}
+
+}  // namespace
+
+void ViewRatios::add(const ViewSize& view, std::int64_t n_gaussians) {
+  if (n_gaussians == 0) return;
+  const double n = static_cast<double>(n_gaussians);
+  now_.splats = std::max(now_.splats, static_cast<double>(view.n_splats) / n);
+  now_.pairs = std::max(now_.pairs, static_cast<double>(view.n_pairs) / n);
+}
+
+void ViewRatios::begin_round() {
+  before_ = std::exchange(now_, {});
+}
+
+std::int64_t state_row_bytes(const TrainState& state) {
+  std::int64_t bytes = 0;
+  visit_rows(state, [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
+  return bytes;
+}
+
+std::int64_t state_bytes(const TrainState& state) {
+  std::int64_t bytes = 0;
+  visit_rows(state,
+             [&](const torch::Tensor& tensor) { bytes += static_cast<std::int64_t>(tensor.storage().nbytes()); });
+  return bytes;
+}
+
+GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios) {
+  // 8: gradient by the centre; 32: OwedSteps (train/cuda/deferred_harmonics.h).
+  constexpr double kStep = 8 + 32;
+  // Of a round's masks, thresholds and indices before any memory is asked for.
+  constexpr double kPlan = 64;
+  std::int64_t largest = 0;
+  visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
+  GaussianMemory memory;
+  memory.state = static_cast<double>(state_row_bytes(state));
+  memory.step = kStep;
+  // Gaussians widen and turn opaque between two rounds, and after the last one: a view's pairs grow though the count
+  // does not.
+  constexpr double kPairGrowth = 1.25;
+  memory.view = view.bytes(1, ratios.splats(), kPairGrowth * ratios.pairs());
+  memory.round = kPlan + static_cast<double>(largest);
+  return memory;
+}
+
+std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian) {
+  constexpr double kUsable = 1 - 1.0 / 16;
+  const double left = kUsable * static_cast<double>(limits.limit) - static_cast<double>(limits.other);
+  return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
+}
+
+std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
+  if (a == 0 || b == 0) return std::max(a, b);
+  return std::min(a, b);
+}
+
+}  // namespace b3dgs

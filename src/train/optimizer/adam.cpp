@@ -1,0 +1,62 @@
+// From tensors to AdamArgs.
+
+#include "train/optimizer/adam.h"
+
+#include <cmath>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+void check_is_like(const torch::Tensor& other, const torch::Tensor& param, std::size_t group) {
+  B3DGS_CHECK(other.defined() && other.sizes() == param.sizes() && other.is_contiguous() &&
+                  other.device() == param.device() && other.scalar_type() == torch::kFloat32,
+              GaussianTensors::kNames[group], " is ", param.sizes(), "; gradient or moments are not like it");
+}
+
+}  // namespace
+
+void check_adam_state(const GaussianTensors& gaussians, const AdamState& state) {
+  for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
+    const torch::Tensor& param = *gaussians.all()[i];
+    for (const torch::Tensor* other : {&param, state.m.all()[i], state.v.all()[i]}) check_is_like(*other, param, i);
+  }
+}
+
+AdamState make_adam_state(const GaussianTensors& gaussians) {
+  AdamState state;
+  for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
+    *state.m.all()[i] = torch::zeros_like(*gaussians.all()[i]);
+    *state.v.all()[i] = torch::zeros_like(*gaussians.all()[i]);
+  }
+  return state;
+}
+
+AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state) {
+  ++state.steps;
+  const double t = static_cast<double>(state.steps);
+  const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
+  check_adam_state(gaussians, state);
+  AdamGroups groups;
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    groups[i].n = gaussians.all()[i]->numel();
+    groups[i].param = gaussians.all()[i]->data_ptr<float>();
+    groups[i].m = state.m.all()[i]->data_ptr<float>();
+    groups[i].v = state.v.all()[i]->data_ptr<float>();
+    groups[i].size = {static_cast<float>(rates[i] / bias1), static_cast<float>(1 / std::sqrt(bias2))};
+  }
+  return groups;
+}
+
+void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
+  B3DGS_CHECK(gaussians.means.is_cpu(), "Adam alone on ", gaussians.means.device());
+  AdamGroups groups = begin_adam_step(rates, gaussians, state);
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    check_is_like(*grads.all()[i], *gaussians.all()[i], i);
+    groups[i].grad = grads.all()[i]->data_ptr<float>();
+    cpu::adam_step(groups[i]);
+  }
+}
+
+}  // namespace b3dgs

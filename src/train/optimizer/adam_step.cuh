@@ -1,0 +1,21 @@
+// Adam's arithmetic on the GPU, one float at a time.
+#pragma once
+
+#include "train/optimizer/adam_args.h"
+
+namespace b3dgs::cuda {
+
+/// Products and sums are fused as written here, so that every kernel gets the same bits. Root and quotient are the
+/// device's fast ones: the step, not the parameter, is a few ulp from the exact one. Second moments below 1e-38 count
+/// as 0: next to epsilon their root is.
+__device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v) {
+  constexpr auto kBeta1 = static_cast<float>(kAdamBeta1), kBeta2 = static_cast<float>(kAdamBeta2);
+  m = __fmaf_rn(kBeta1, m, __fmul_rn(1 - kBeta1, grad));
+  v = __fmaf_rn(kBeta2, v, __fmul_rn(__fmul_rn(1 - kBeta2, grad), grad));
+  float root;
+  asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(v));
+  const float divisor = __fmaf_rn(root, size.inverse_root_bias2, static_cast<float>(kAdamEpsilon));
+  param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,84 @@
+// Projection backward and Adam in one kernel: a thread for each Gaussian finds its gradient and takes the step of all
+// but the harmonics beyond degree 0: those are put off (deferred_harmonics.h).
+//
+// A step has to read and write parameters and moments, 24 bytes a float; gradients that went through memory would add
+// 8. Gaussians that the view does not see have a step as well, for their moments go on.
+
+#include "raster/cuda/backward/project_backward.cuh"
+#include "raster/cuda/launch.cuh"
+#include "train/optimizer/adam_step.cuh"
+#include "train/optimizer/gaussian_step_cuda.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 128;
+
+/// `kFloats` of one Gaussian. All is read before anything is written.
+template <int kFloats>
+__device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats]) {
+  float param[kFloats], m[kFloats], v[kFloats];
+#pragma unroll
+  for (int k = 0; k < kFloats; ++k) {
+    param[k] = args.param[kFloats * row + k];
+    m[k] = args.m[kFloats * row + k];
+    v[k] = args.v[kFloats * row + k];
+  }
+#pragma unroll
+  for (int k = 0; k < kFloats; ++k) {
+    step_one(args.size, grad[k], param[k], m[k], v[k]);
+    args.param[kFloats * row + k] = param[k];
+    args.m[kFloats * row + k] = m[k];
+    args.v[kFloats * row + k] = v[k];
+  }
+}
+
+__device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row, Vec4f grad) {
+  float4& param_at = reinterpret_cast<float4*>(args.param)[row];
+  float4& m_at = reinterpret_cast<float4*>(args.m)[row];
+  float4& v_at = reinterpret_cast<float4*>(args.v)[row];
+  float4 param = param_at, m = m_at, v = v_at;
+  step_one(args.size, grad.x, param.x, m.x, v.x);
+  step_one(args.size, grad.y, param.y, m.y, v.y);
+  step_one(args.size, grad.z, param.z, m.z, v.z);
+  step_one(args.size, grad.w, param.w, m.w, v.w);
+  param_at = param;
+  m_at = m;
+  v_at = v;
+}
+
+template <int kShDegree>
+__global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i >= args.backward.gaussians.n_gaussians) return;
+  GaussianGrad grad{};
+  if (args.backward.radii[i] > 0) {
+    grad = gaussian_grad<kShDegree>(args.backward, i);
+    if (rest_floats(kShDegree) > 0) {
+      float4* const owed = reinterpret_cast<float4*>(args.owed + i);
+      owed[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_put_off));
+      owed[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
+    }
+  }
+  const Vec3f sh0 = grad.sh0();
+  reinterpret_cast<float2*>(args.backward.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
+  step_row<3>(args.adam[0], i, {grad.mean.x, grad.mean.y, grad.mean.z});
+  step_row<3>(args.adam[1], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z});
+  step_four(args.adam[2], i, grad.quat);
+  step_row<1>(args.adam[3], i, {grad.logit_opacity});
+  step_row<3>(args.adam[4], i, {sh0.x, sh0.y, sh0.z});
+}
+
+}  // namespace
+
+void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) {
+  const std::int64_t n = args.backward.gaussians.n_gaussians;
+  if (n == 0) return;
+  const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
+  with_sh_degree(args.backward.sh_degree, [&](auto degree) {
+    step_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace b3dgs::cuda

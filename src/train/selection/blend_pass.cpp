@@ -1,0 +1,70 @@
+#include "train/selection/blend_pass.h"
+
+#include <torch/torch.h>
+
+#include <optional>
+
+#include "core/check.h"
+#include "train/selection/kernel_agreement.h"
+
+namespace b3dgs {
+namespace {
+
+class ForwardBlend final : public BlendPass {
+ public:
+  explicit ForwardBlend(const BlendInput& input) : input_(input) {}
+
+  void prepare(const PinholeView& view) override { input_.rasterizer.forward(input_.gaussians, view, input_.settings); }
+  void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
+  void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
+  std::string fault() const override { return image_fault(image_, kept_); }
+
+ private:
+  const BlendInput& input_;
+  RenderedView image_, kept_;
+};
+
+class BackwardBlend final : public BlendPass {
+ public:
+  explicit BackwardBlend(const BlendInput& input) : input_(input) {}
+
+  void prepare(const PinholeView& view) override {
+    const torch::Tensor color = input_.rasterizer.forward(input_.gaussians, view, input_.settings).color;
+    // Which gradient it is makes no difference to the work; this one reaches every pixel.
+    grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
+  }
+  void run(const std::string& kernel) override {
+    sums_ = input_.rasterizer.reblend_backward(backward_kernel(kernel), grad_);
+  }
+  void keep() override { kept_ = sums_.clone(); }
+  std::string fault() const override { return gradient_fault(sums_, kept_); }
+
+ private:
+  const BlendInput& input_;
+  RenderedViewGrad grad_;
+  torch::Tensor sums_, kept_;
+};
+
+}  // namespace
+
+std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input) {
+  return std::make_unique<ForwardBlend>(input);
+}
+
+std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input) {
+  return std::make_unique<BackwardBlend>(input);
+}
+
+ForwardKernel forward_kernel(const std::string& name) {
+  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
+  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
+  return *kernel;
+}
+
+BackwardKernel backward_kernel(const std::string& name) {
+  const std::optional<BackwardKernel> kernel = find_backward_kernel(name);
+  B3DGS_CHECK(kernel.has_value(), "no backward kernel has the name ", name);
+  return *kernel;
+}
+
+}  // namespace b3dgs

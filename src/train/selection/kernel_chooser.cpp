@@ -1,0 +1,241 @@
+#include "train/selection/kernel_chooser.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "adaptive/load_statistics.h"
+#include "core/check.h"
+
+#if B3DGS_TORCH_CUDA
+#include "adaptive/cuda/cuda_event_timer.h"
+#include "raster/torch/torch_launch.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// The plainest schedules judge the others.
+constexpr const char *kForwardReference = "naive", *kBackwardReference = "per-pixel";
+
+std::vector<std::string> measured_candidates(const TrainConfig& config) {
+  // A choice by times would differ from run to run, and kernels differ in the last digits.
+  if (config.deterministic && chooses_forward_kernel(config)) return {kUnmeasuredKernel};
+  return forward_candidates(config);
+}
+
+std::vector<std::string> backward_candidates(const TrainConfig& config, torch::Device device) {
+  if (config.backward_kernel != kAdaptive) return {config.backward_kernel};
+  if (device.is_cpu() || config.deterministic) return {kUnmeasuredBackwardKernel};
+  return {kUnmeasuredBackwardKernel, kBackwardReference};
+}
+
+KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device device) {
+  const int n_choices = (measured_candidates(config).size() > 1) + (backward_candidates(config, device).size() > 1);
+  KernelSelectorOptions options;
+  options.policy = config.kernel_policy == "tracking" ? KernelPolicy::kTracking : KernelPolicy::kPaper;
+  options.interval = config.kernel_check_interval;
+  options.cost_share = KernelChooser::kCostShare / std::max(1, n_choices);
+  return options;
+}
+
+KernelSelectorOptions forward_options(const TrainConfig& config, torch::Device device) {
+  KernelSelectorOptions options = selector_options(config, device);
+  options.reference = kForwardReference;
+  options.candidates = measured_candidates(config);
+  if (config.kernel == kPaperKernel) options.policy = KernelPolicy::kPublished;
+  return options;
+}
+
+KernelSelectorOptions backward_options(const TrainConfig& config, torch::Device device) {
+  KernelSelectorOptions options = selector_options(config, device);
+  options.reference = kBackwardReference;
+  options.candidates = backward_candidates(config, device);
+  return options;
+}
+
+double ms_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Compares what the kernels compute on the prepared view; a fault is why one is not to be used.
+void find_faults(BlendPass& blend, const std::string& reference, std::vector<KernelMeasurement>& kernels) {
+  const auto compare_with = [&](const std::string& kernel) {
+    blend.run(kernel);
+    blend.keep();
+    bool agree = true;
+    for (KernelMeasurement& other : kernels) {
+      if (other.kernel != kernel) blend.run(other.kernel);
+      other.fault = other.kernel != kernel ? blend.fault() : "";
+      agree = agree && other.fault.empty();
+    }
+    return agree;
+  };
+  // The reference may take longer than all the others together. It is asked only if they do not agree.
+  if (!compare_with(kernels.front().kernel)) compare_with(reference);
+}
+
+}  // namespace
+
+KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools)
+    : device_(device),
+      tools_(std::move(tools)),
+      forward_(forward_options(config, device)),
+      backward_(backward_options(config, device)),
+      timed_forward_(chooses_forward_kernel(config) ? forward_candidates(config) : config.kernel_candidates) {
+  const std::vector<std::string> backward = backward_candidates(config, device);
+  if (backward.size() > 1) timed_backward_ = backward;
+}
+
+RenderSettings KernelChooser::apply(RenderSettings settings) const {
+  settings.kernel = forward_kernel(forward_.kernel());
+  if (!device_.is_cpu()) settings.backward_kernel = backward_kernel(backward_.kernel());
+  return settings;
+}
+
+std::string KernelChooser::backward_name() const {
+  return device_.is_cpu() ? "" : backward_.kernel();
+}
+
+KernelTimer& KernelChooser::timer() {
+  if (tools_.timer != nullptr) return *tools_.timer;
+  if (device_.is_cpu()) {
+    tools_.timer = std::make_unique<SteadyTimer>();
+  } else {
+#if B3DGS_TORCH_CUDA
+    tools_.timer = std::make_unique<CudaEventTimer>(torch_launch_context().stream);
+#endif
+  }
+  B3DGS_CHECK(tools_.timer != nullptr, "this build has no timer for ", device_.str());
+  return *tools_.timer;
+}
+
+std::vector<KernelCheck> KernelChooser::check(const CheckMoment& now, const BlendInput& input) {
+  const bool forward_is_due = forward_.is_due(now), backward_is_due = backward_.is_due(now);
+  const BlendInput own{input.rasterizer, input.gaussians, apply(input.settings), input.views};
+  std::vector<KernelCheck> checks;
+  if (forward_is_due) checks.push_back(check_pass("forward", now, forward_, *tools_.make_forward(own), own));
+  if (backward_is_due) checks.push_back(check_pass("backward", now, backward_, *tools_.make_backward(own), own));
+  return checks;
+}
+
+void KernelChooser::wait_for_device() {
+  timer().measure([] {});
+  timer().finish();
+}
+
+double KernelChooser::warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend,
+                              const PinholeView& view) {
+  if (device_.is_cpu() || !warm_passes_.insert(pass).second) return 0;
+  const auto start = std::chrono::steady_clock::now();
+  try {
+    blend.prepare(view);
+    std::vector<KernelMeasurement> kernels;
+    for (const std::string& kernel : selector.candidates()) kernels.push_back({kernel, {}, {}});
+    find_faults(blend, selector.reference(), kernels);
+  } catch (const NumericError&) {
+    // The check itself will find that again.
+  }
+  wait_for_device();
+  return ms_since(start);
+}
+
+KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector,
+                                      BlendPass& blend, const BlendInput& input) {
+  KernelCheck check;
+  check.pass = pass;
+  check.warm_up_ms = warm_up(pass, selector, blend, input.views.front());
+  wait_for_device();  // for the steps before, which are not part of the cost
+  const auto start = std::chrono::steady_clock::now();
+  const double budget_ms = selector.budget_ms(now.step_ms);
+  std::vector<KernelMeasurement> found;
+  try {
+    found = measure(selector.candidates(), selector.reference(), blend, input.views,
+                    [&](int n_views, const std::vector<KernelMeasurement>& so_far) {
+                      return n_views >= KernelSelector::kMinViews &&
+                             (ms_since(start) > budget_ms || selector.is_clear(so_far));
+                    });
+  } catch (const NumericError&) {
+    timer().finish();
+  }
+  check.decision = selector.decide(now, found, ms_since(start));
+  check.message = describe_change(check.decision, selector.is_finished());
+  return check;
+}
+
+std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::string>& kernels,
+                                                      const std::string& reference, BlendPass& blend,
+                                                      const std::vector<PinholeView>& views,
+                                                      const IsEnough& is_enough) {
+  std::vector<KernelMeasurement> found;
+  for (const std::string& name : kernels) found.push_back({name, {}, {}});
+  std::vector<KernelMeasurement*> order;  // of those that agree with the reference
+  for (std::size_t i = 0; i < views.size() && !is_enough(static_cast<int>(i), found); ++i) {
+    blend.prepare(views[i]);
+    if (i == 0) {
+      find_faults(blend, reference, found);
+      for (KernelMeasurement& kernel : found) {
+        if (kernel.fault.empty()) order.push_back(&kernel);
+      }
+      if (order.size() < 2) return found;
+      blend.run(order.back()->kernel);  // keeps the device busy while the first timed one is queued
+    }
+    for (const KernelMeasurement* kernel : order) timer().measure([&] { blend.run(kernel->kernel); });
+    const std::vector<double> ms = timer().finish();
+    for (std::size_t k = 0; k < order.size(); ++k) order[k]->ms.push_back(ms.at(k));
+    std::reverse(order.begin(), order.end());
+  }
+  return found;
+}
+
+std::vector<CandidateTiming> KernelChooser::time_candidates(const BlendInput& input) {
+  const BlendInput own{input.rasterizer, input.gaussians, apply(input.settings), input.views};
+  std::vector<CandidateTiming> timings;
+  const auto time = [&](const char* pass, const std::vector<std::string>& kernels, const std::string& reference,
+                        BlendPass& blend) {
+    const auto takes_all_views = [](int, const std::vector<KernelMeasurement>&) { return false; };
+    timings.push_back({pass, summarize(measure(kernels, reference, blend, own.views, takes_all_views))});
+  };
+  try {
+    time("forward", timed_forward_, kForwardReference, *tools_.make_forward(own));
+    if (!timed_backward_.empty()) time("backward", timed_backward_, kBackwardReference, *tools_.make_backward(own));
+  } catch (const NumericError&) {
+    timer().finish();
+  }
+  return timings;
+}
+
+nlohmann::ordered_json KernelChooser::to_json() const {
+  return {{"forward", forward_.to_json()}, {"backward", backward_.to_json()}};
+}
+
+void KernelChooser::restore(const nlohmann::ordered_json& json, const std::string& place) {
+  if (json.contains("forward")) forward_.restore(json.at("forward"), place);
+  if (json.contains("backward")) backward_.restore(json.at("backward"), place);
+}
+
+nlohmann::ordered_json to_json(const KernelCheck& check) {
+  Json json = {{"pass", check.pass}};
+  json.update(to_json(check.decision));
+  if (check.warm_up_ms > 0) json["warm_up_ms"] = check.warm_up_ms;
+  return json;
+}
+
+nlohmann::ordered_json to_json(const CandidateTiming& timing) {
+  Json json = {{"pass", timing.pass}};
+  json.update(to_json(timing.times));
+  return json;
+}
+
+nlohmann::ordered_json load_json(const std::string& view, const ViewLoad& load) {
+  const auto pixels = [](const torch::Tensor& counts) {
+    return to_json(load_statistics(counts.data_ptr<std::int32_t>(), counts.numel()));
+  };
+  return {{"view", view},
+          {"tile_lists", to_json(load_statistics(load.tile_lists.data_ptr<std::int64_t>(), load.tile_lists.numel()))},
+          {"pixel_processed", pixels(load.processed)},
+          {"pixel_contributing", pixels(load.contributing)}};
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,260 @@
+// What a comparison finds, over invented curves.
+#include "compare/compare_summary.h"
+
+#include <gtest/gtest.h>
+
+#include "compare/compare_verdict.h"
+#include "compare/invented_histories.h"
+
+namespace b3dgs {
+namespace {
+
+using namespace test;
+
+TEST(CompareSummary, InterpolatesElapsedTime) {
+  const TrainHistory curve = history(10, 20);
+  EXPECT_DOUBLE_EQ(elapsed_at(curve, 0), 0);
+  EXPECT_NEAR(elapsed_at(curve, 5), 0.05, 1e-12);
+  EXPECT_NEAR(elapsed_at(curve, 2000), 20, 1e-9);
+  EXPECT_NEAR(elapsed_at(curve, 2005), 20.1, 1e-9);
+  EXPECT_NEAR(elapsed_at(curve, 9999), 60, 1e-9) << "beyond the end it stays";
+  EXPECT_EQ(elapsed_at(TrainHistory{}, 100), 0);
+}
+
+TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
+  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2001));
+  ASSERT_TRUE(saved);
+  EXPECT_EQ(saved->inflection, 2001);
+  EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
+  EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
+  EXPECT_NEAR(saved->overall, 0.125, 1e-9);
+  EXPECT_NEAR(saved->baseline_s, 40, 1e-9);
+  EXPECT_NEAR(saved->ours_s, 35, 1e-9);
+}
+
+TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
+  const auto saved = saved_time(history(10, 10), history(8, 8));
+  ASSERT_TRUE(saved);
+  EXPECT_FALSE(saved->inflection);
+  EXPECT_FALSE(saved->before);
+  EXPECT_FALSE(saved->after);
+  EXPECT_NEAR(saved->overall, 0.2, 1e-9);
+  EXPECT_FALSE(saved_time(history(10, 10), TrainHistory{}));
+
+  const auto from_the_start = saved_time(history(10, 10), with_inflection(history(8, 8), 1));
+  ASSERT_TRUE(from_the_start);
+  EXPECT_FALSE(from_the_start->before) << "nothing lies before the first step";
+  EXPECT_NEAR(from_the_start->after.value(), 0.2, 1e-3);
+
+  TrainHistory backward = with_inflection(history(8, 8), 2000);
+  for (KernelCheckEvent& check : backward.checks) check.pass = "backward";
+  EXPECT_FALSE(inflection_point(backward));
+  EXPECT_FALSE(inflection_point(TrainHistory{}));
+}
+
+TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
+  EXPECT_TRUE(kernel_periods(history(10, 10)).empty());
+  const std::vector<KernelPeriod> late = kernel_periods(with_inflection(history(10, 10), 2000));
+  ASSERT_EQ(late.size(), 2u);
+  EXPECT_EQ(late[0].kernel, "combined");
+  EXPECT_EQ(late[0].until, 1999) << "the check comes before the step of its iteration";
+  EXPECT_EQ(late[1].from, 1999);
+  EXPECT_EQ(late[1].until, 4000);
+  const std::vector<KernelPeriod> early = kernel_periods(with_inflection(history(10, 10), 1));
+  ASSERT_EQ(early.size(), 1u);
+  EXPECT_EQ(early[0].kernel, "shared-memory");
+  EXPECT_EQ(early[0].from, 0);
+
+  TrainHistory resumed = with_kernel(history(10, 10), "dynamic");  // with another kernel, without a check
+  for (LogPoint& point : resumed.points) point.kernel = point.iteration > 1000 ? "naive" : "dynamic";
+  EXPECT_EQ(kernel_periods(resumed).at(0).until, 1000);
+}
+
+TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
+                            trained("adaptive", {history(8, 8)})},
+                           4000);
+  EXPECT_EQ(summary.baseline, "naive");
+  EXPECT_EQ(summary.ours, "adaptive");
+  EXPECT_EQ(summary.compared.size(), 2u);
+  EXPECT_NEAR(summary.find("shared-memory")->overall->mean, 0.1, 1e-9);
+  EXPECT_EQ(summary.find("nobody"), nullptr);
+}
+
+TEST(CompareSummary, BalancingIsOneOfThreeSteps) {
+  const ComparisonSummary summary = summarize_comparison(
+      {trained("naive", {history(10, 10), history(10, 10)}), trained("shared-memory", {history(5, 5), history(5, 5)}),
+       trained("segmented", {history(4, 4), history(3, 3)})},
+      4000);
+  ASSERT_EQ(summary.balancing.size(), 1u) << "of the balanced one alone";
+  const BalancingSteps& steps = summary.balancing[0];
+  EXPECT_EQ(steps.name, "segmented");
+  EXPECT_EQ(steps.naive, "naive");
+  EXPECT_EQ(steps.unbalanced, "shared-memory");
+  EXPECT_NEAR(steps.to_unbalanced.mean, 0.5, 1e-9);
+  EXPECT_NEAR(steps.balancing.min, 0.2, 1e-9);
+  EXPECT_NEAR(steps.balancing.max, 0.4, 1e-9);
+  EXPECT_NEAR(steps.whole.mean, 0.65, 1e-9);
+  const auto json = to_json(summary)["balancing"][0];
+  EXPECT_NEAR(json["saved_by_balancing"]["mean"].get<double>(), 0.3, 1e-9);
+  EXPECT_NEAR(json["saved_naive_to_unbalanced"]["mean"].get<double>(), 0.5, 1e-9);
+  EXPECT_NEAR(json["saved_whole"]["mean"].get<double>(), 0.65, 1e-9);
+}
+
+TEST(CompareSummary, StepsNeedEveryUnbalancedKernelWithTheSameOptions) {
+  ConfigurationHistory other = trained("shared-memory", {history(5, 5)});
+  const std::vector<ConfigurationHistory> same{trained("naive", {history(10, 10)}), other,
+                                               trained("adaptive", {history(4, 4)})};
+  EXPECT_EQ(summarize_comparison(same, 4000).balancing.size(), 1u);
+  other.config.culling = "square";
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})}, 4000);
+  EXPECT_TRUE(summary.balancing.empty());
+  EXPECT_EQ(summary.missing_kernels, (std::vector<std::string>{"shared-memory"}));
+  EXPECT_EQ(summary.compared[0].differs_in, (std::vector<std::string>{"culling"}));
+  EXPECT_TRUE(summary.compared[1].differs_in.empty()) << "it differs in the forward kernel alone";
+  EXPECT_TRUE(summary.compared[1].has_own_kernel);
+}
+
+TEST(CompareSummary, TheKernelTableSaysWhichOnesBalance) {
+  EXPECT_FALSE(is_balanced_kernel("naive") || is_balanced_kernel("shared-memory") || is_balanced_kernel("no kernel"));
+  for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
+    EXPECT_TRUE(is_balanced_kernel(name)) << name;
+  }
+  EXPECT_TRUE(may_balance(config_with("adaptive")) && may_balance(config_with("paper")));
+  EXPECT_FALSE(may_balance(config_with("shared-memory")));
+}
+
+TEST(CompareSummary, ARepetitionOfTheBaselineSaysWhatTheMachineMakesOfIt) {
+  const ComparisonSummary summary = summarize_comparison(
+      {trained("naive", {with_quality(history(10, 10), 25, 1000), with_quality(history(10, 10), 26, 1000)}),
+       trained("ours", {with_quality(with_inflection(history(8, 9.5), 2001), 25.3, 1000),
+                        with_quality(with_inflection(history(8, 9.5), 2001), 26, 1000)}),
+       {"again",
+        config_with("naive"),
+        {with_quality(history(10.1, 10), 25.2, 1000), with_quality(history(10, 9.6), 25.9, 1010)}}},
+      4000);
+  EXPECT_EQ(summary.repetition, "again");
+  EXPECT_NEAR(summary.noise().value(), 0.02, 1e-9) << "the larger of 0.5 and 2 %";
+  const ComparedConfiguration& ours = summary.compared[0];
+  EXPECT_NEAR(ours.noise.overall.value(), 0.02, 1e-9);
+  EXPECT_NEAR(ours.noise.before.value(), 0.01, 1e-9);
+  EXPECT_NEAR(ours.noise.after.value(), 0.04, 1e-9);
+  EXPECT_NEAR(ours.quality[0].noise.value(), 0.2, 1e-9);
+  const auto json = to_json(summary);
+  EXPECT_EQ(json["repetition"], "again");
+  EXPECT_NEAR(json["machine_spread"].get<double>(), 0.02, 1e-9);
+  EXPECT_NEAR(json["compared"][0]["machine_spread"]["after"].get<double>(), 0.04, 1e-9);
+  EXPECT_NEAR(json["compared"][0]["quality"][0]["machine_spread"].get<double>(), 0.2, 1e-9);
+  EXPECT_EQ(describe_repetition(summary),
+            "naive against itself (again): time 2.0 %, PSNR 0.20, SSIM 0.0000, Gaussians 10");
+  EXPECT_EQ(summarize_pair({history(10, 10)}, {history(8, 8)}).noise(), std::nullopt);
+}
+
+TEST(CompareSummary, ADifferenceWithinTheMachinesSpreadIsToldFromAnEqualOne) {
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
+                            trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
+                            {"again", config_with("naive"), {with_quality(history(10, 10), 24.5, 1000)}}},
+                           4000);
+  EXPECT_FALSE(summary.compared[0].quality[0].is_equal());
+  EXPECT_TRUE(summary.compared[0].quality[0].is_within_noise());
+}
+
+TEST(CompareSummary, OnlyWhatIsMeasuredAsThePaperDidStandsBesideIt) {
+  const auto original = [](const std::string& kernel) {
+    ConfigurationHistory own = trained(kernel, {with_inflection(history(8, 9.5), 2001)});
+    own.name = "original_" + kernel;
+    own.config.backward_kernel = "per-pixel";
+    return own;
+  };
+  const ComparisonSummary summary =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("paper", {history(9, 9)}), original("naive"),
+                            original("adaptive"), original("paper"), original("combined")},
+                           4000);
+  ASSERT_EQ(summary.beside_paper.size(), 1u) << "not with our backward pass, nor another pair, nor a fixed kernel";
+  EXPECT_EQ(summary.beside_paper[0].baseline, "original_naive");
+  EXPECT_EQ(summary.beside_paper[0].compared.name, "original_paper");
+  EXPECT_TRUE(summary.beside_paper[0].compared.before);
+  EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
+}
+
+TEST(CompareSummary, QualityIsEqualWithinTheSpreadOfTheSeeds) {
+  const auto quality = [](std::vector<double> naive, std::vector<double> ours) {
+    std::vector<TrainHistory> a, b;
+    for (const double psnr : naive) a.push_back(with_quality(history(10, 10), psnr, 1000));
+    for (const double psnr : ours) b.push_back(with_quality(history(8, 8), psnr, 1100));
+    return summarize_pair(a, b).compared[0].quality;
+  };
+  const std::vector<QualityDifference> one = quality({25}, {25.05});
+  ASSERT_EQ(one.size(), 3u);
+  EXPECT_TRUE(one[0].is_equal());
+  EXPECT_TRUE(one[1].is_equal());
+  EXPECT_FALSE(one[2].is_equal()) << "a tenth more Gaussians";
+  EXPECT_FALSE(quality({25}, {24.8})[0].is_equal());
+  EXPECT_TRUE(quality({25.0, 25.5}, {25.3, 25.9})[0].is_equal()) << "0.35 dB apart, ranges of 0.5 and 0.6";
+  EXPECT_FALSE(quality({25.0, 25.1}, {25.3, 25.4})[0].is_equal());
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)}).compared[0].quality.empty()) << "nothing measured";
+}
+
+TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
+  const auto measured_at = [](TrainHistory history, std::vector<std::pair<int, double>> psnr) {
+    for (const auto& [iteration, value] : psnr) {
+      history.points.at(static_cast<std::size_t>(iteration / 10 - 1)).test_psnr = value;
+    }
+    return history;
+  };
+  const std::vector<QualityDifference> quality =
+      summarize_pair({measured_at(history(10, 10), {{1000, 20}, {4000, 25}})},
+                     {measured_at(history(8, 8, 3000), {{1000, 20.05}, {2000, 23}})})
+          .compared[0]
+          .quality;
+  ASSERT_EQ(quality.size(), 1u);
+  EXPECT_EQ(quality[0].iteration, 1000);
+  EXPECT_EQ(quality[0].baseline.mean, 20);
+  EXPECT_EQ(quality[0].ours.mean, 20.05);
+
+  // A second seed that has not come as far does not count, nor change what is compared.
+  const ComparisonSummary two = summarize_pair(
+      {measured_at(history(10, 10), {{1000, 20}, {4000, 25}}), measured_at(history(10, 10, 2000), {{1000, 10}})},
+      {measured_at(history(8, 8), {{1000, 20}, {4000, 25.2}}), measured_at(history(8, 8, 2000), {{1000, 10}})});
+  const QualityDifference& last = two.compared[0].quality.at(0);
+  EXPECT_EQ(last.iteration, 4000);
+  EXPECT_EQ(last.baseline.n, 1);
+  EXPECT_EQ(last.ours.mean, 25.2);
+  EXPECT_EQ(last.tolerance, 0.1) << "the range of one seed says nothing";
+  EXPECT_NE(quality_criterion(two).find("PSNR, dB 0.1; SSIM 0.003; Gaussians 2 %"), std::string::npos)
+      << quality_criterion(two);
+}
+
+TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
+  const TrainHistory naive = history(10, 10);
+  const ComparedConfiguration compared =
+      summarize_pair({naive, naive, naive}, {with_inflection(history(8, 9.5), 2001), with_inflection(history(9, 9), 1),
+                                             with_kernel(history(7, 7), "combined")})
+          .compared[0];
+  ASSERT_TRUE(compared.before && compared.after);
+  EXPECT_EQ(compared.before->n, 1);
+  EXPECT_EQ(compared.after->n, 1) << "the second seed has an after, but no before";
+  EXPECT_NEAR(compared.after->mean, 0.05, 1e-9);
+  EXPECT_EQ(compared.inflection->n, 2);
+  EXPECT_EQ(compared.overall->n, 3);
+  EXPECT_EQ(in_seeds(compared.before->n, compared.overall->n), " in 1 of 3 seeds");
+  EXPECT_EQ(in_seeds(3, 3), "");
+}
+
+TEST(CompareSummary, IsWrittenAsJson) {
+  const auto json = to_json(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2001)}));
+  EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2001);
+  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["names"], nlohmann::ordered_json::array({"combined"}));
+  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["iterations"]["mean"], 2000);
+  EXPECT_NEAR(json["compared"][0]["other_kernels"]["saved_against_baseline"]["mean"].get<double>(), 0.05, 1e-9);
+  EXPECT_TRUE(json["machine_spread"].is_null());
+  EXPECT_NEAR(json["compared"][0]["saved_before_inflection"]["mean"].get<double>(), 0.2, 1e-9);
+  EXPECT_EQ(json["compared"][0]["saved_overall"]["n"], 1);
+  EXPECT_TRUE(to_json(summarize_pair({history(10, 10)}, {history(8, 8)}))["compared"][0]["inflection"].is_null());
+}
+
+}  // namespace
+}  // namespace b3dgs

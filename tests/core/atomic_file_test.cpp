@@ -1,0 +1,183 @@
+#include "core/files/atomic_file.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+#include "core/check.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace {
+
+std::vector<std::filesystem::path>& synced_paths() {
+  static std::vector<std::filesystem::path> paths;
+  return paths;
+}
+
+}  // namespace
+
+/// In place of the C library's: notes what is synced.
+extern "C" int fsync(int file) {
+  std::error_code error;
+  synced_paths().push_back(std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(file), error));
+  return static_cast<int>(::syscall(SYS_fsync, file));
+}
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::read_bytes;
+using test::TempDir;
+
+std::size_t count_files(const fs::path& folder) {
+  return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), fs::directory_iterator()));
+}
+
+// Lets no file of this process grow beyond `bytes`: writing further fails as on a full disk, with another reason.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(::signal(SIGXFSZ, SIG_IGN)) {
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limited{bytes, before_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &limited);
+  }
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &before_);
+    ::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int);
+};
+
+TEST(AtomicFile, IsNotThereBeforeCommitAndWholeAfter) {
+  TempDir folder;
+  const fs::path target = folder / "new" / "deep" / "file.txt";
+  AtomicFile file(target);
+  file.write("first ");
+  file.write("second");
+  EXPECT_FALSE(fs::exists(target));
+  file.commit();
+  EXPECT_EQ(read_bytes(target), "first second");
+  EXPECT_EQ(count_files(target.parent_path()), 1u);
+}
+
+TEST(AtomicFile, WithoutCommitLeavesTheOldFileAndNothingElse) {
+  TempDir folder;
+  write_file(folder / "a", "old");
+  {
+    AtomicFile file(folder / "a");
+    file.write("new");
+  }
+  EXPECT_EQ(read_bytes(folder / "a"), "old");
+  EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
+TEST(AtomicFile, ReplacesTheOldFile) {
+  TempDir folder;
+  write_file(folder / "a", "a long old content");
+  write_file(folder / "a", "new");
+  EXPECT_EQ(read_bytes(folder / "a"), "new");
+}
+
+TEST(AtomicFile, HasTheModeThatTheUmaskLeaves) {
+  TempDir folder;
+  const mode_t before = ::umask(0027);
+  write_file(folder / "a", "x");
+  ::umask(before);
+  struct stat status {};
+  ASSERT_EQ(::stat((folder / "a").c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777, mode_t{0640});
+}
+
+TEST(AtomicFile, SaysWhyAWriteFailedAndKeepsTheOldFile) {
+  TempDir folder;
+  const fs::path target = folder / "big.ply";
+  write_file(target, "old");
+  const std::string content(100000, 'x');
+  {
+    FileSizeLimit limit(4096);
+    EXPECT_TRUE(
+        fails_with<IoError>({target.string(), "100000 bytes", "File too large"}, [&] { write_file(target, content); }));
+  }
+  EXPECT_EQ(read_bytes(target), "old");
+  EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
+TEST(AtomicFile, NamesTheTargetWhenItsFolderCannotBeMade) {
+  TempDir folder;
+  write_file(folder / "plain", "a file, no folder");
+  const fs::path target = folder / "plain" / "b.txt";
+  EXPECT_TRUE(fails_with<IoError>({target.string(), "Not a directory"}, [&] { AtomicFile file(target); }));
+}
+
+TEST(AtomicFile, NamesTheTargetWhenItIsAFolder) {
+  TempDir folder;
+  fs::create_directories(folder / "taken" / "inside");
+  EXPECT_TRUE(fails_with<IoError>({(folder / "taken").string()}, [&] { write_file(folder / "taken", "x"); }));
+  EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
+TEST(AtomicFile, SyncsNewFoldersAndTheFoldersThatTheyAreIn) {
+  TempDir folder;
+  const fs::path root = fs::canonical(folder.path());
+  synced_paths().clear();
+  write_file(root / "new" / "deep" / "a", "x");
+  const auto is_synced = [&](const fs::path& path) {
+    return std::count(synced_paths().begin(), synced_paths().end(), path) > 0;
+  };
+  EXPECT_TRUE(is_synced(root)) << "new/ would be lost";
+  EXPECT_TRUE(is_synced(root / "new"));
+  EXPECT_TRUE(is_synced(root / "new" / "deep"));
+  synced_paths().clear();
+  write_file(root / "new" / "deep" / "a", "y");
+  EXPECT_FALSE(is_synced(root)) << "nothing in it is new";
+}
+
+TEST(AtomicFile, RewritesWhatWasWritten) {
+  TempDir folder;
+  AtomicFile file(folder / "a");
+  file.write("0123456789");
+  file.rewrite(3, "abc", 3);
+  file.write("more");
+  file.commit();
+  EXPECT_EQ(read_bytes(folder / "a"), "012abc6789more");
+}
+
+TEST(UnfinishedFiles, OfDeadProcessesAreRemovedAndNoOthers) {
+  TempDir folder;
+  const pid_t dead = ::fork();
+  if (dead == 0) ::_exit(0);
+  ASSERT_EQ(::waitpid(dead, nullptr, 0), dead);
+  const std::string of_dead = ".b3dgs-" + std::to_string(dead) + "-7.tmp";
+  const std::string of_living = ".b3dgs-" + std::to_string(::getppid()) + "-7.tmp";
+  const std::string of_earlier = ".b3dgs-" + std::to_string(::getpid()) + "-7.tmp";  // ids are used again
+  for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
+    for (const std::string& name : {of_dead, of_living, of_earlier, of_dead + "x", std::string(".b3dgs-notes.tmp")}) {
+      test::write_bytes(where / name, "x");
+    }
+  }
+  remove_unfinished_files(folder.path());
+  for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
+    EXPECT_FALSE(fs::exists(where / of_dead));
+    EXPECT_FALSE(fs::exists(where / of_earlier));
+    EXPECT_TRUE(fs::exists(where / of_living));
+    EXPECT_TRUE(fs::exists(where / (of_dead + "x")));
+    EXPECT_TRUE(fs::exists(where / ".b3dgs-notes.tmp"));
+  }
+  remove_unfinished_files(folder / "none");
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,224 @@
+// What a model's folder holds, and how pictures are measured.
+
+#include "model/model_folder.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "core/check.h"
+#include "model/cameras_json.h"
+#include "model/ply.h"
+#include "support/approx.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+
+namespace b3dgs {
+namespace {
+
+using nlohmann::json;
+
+TEST(ModelFolder, WritesWhatTheOriginalsToolsRead) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  TrainConfig config;
+  config.source_path = "/data/it's";
+  config.model_path = "/out";
+  config.eval = true;
+  folder.write_inputs(config, scene);
+
+  EXPECT_EQ(read_point_ply(temp / "input.ply").size(), 120);
+  EXPECT_EQ(test::read_bytes(temp / "cfg_args"),
+            "Namespace(sh_degree=3, source_path='/data/it\\'s', model_path='/out', images='images', depths='', "
+            "resolution=-1, white_background=False, train_test_exp=False, data_device='cpu', eval=True)");
+  EXPECT_TRUE(config_differences(config, folder.read_config()).empty());
+
+  const json cameras = json::parse(test::read_bytes(temp / "cameras.json"));
+  ASSERT_EQ(cameras.size(), 8u);
+  EXPECT_EQ(cameras[0]["img_name"], "view0.png") << "test views come first";
+  EXPECT_EQ(cameras[1]["img_name"], "view4.png");
+  EXPECT_EQ(cameras[2]["img_name"], "view1.png");
+  EXPECT_EQ(cameras[5]["id"], 5);
+  EXPECT_EQ(cameras[0]["width"], 60);
+  // View 0 stands at (3, -1, 0) and looks along (-3, 1, 0): the last column of camera-to-world.
+  EXPECT_NEAR(cameras[0]["position"][0], 3, 1e-12);
+  EXPECT_NEAR(cameras[0]["position"][1], -1, 1e-12);
+  EXPECT_NEAR(cameras[0]["rotation"][0][2], -3 / std::sqrt(10.0), 1e-12);
+  EXPECT_NEAR(cameras[0]["rotation"][1][2], 1 / std::sqrt(10.0), 1e-12);
+}
+
+TEST(ModelFolder, ReadsItsCamerasBack) {
+  Scene scene = test::make_tiny_scene();
+  scene.train[0].camera.cx += 3.25;  // the original's file could not say this
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  folder.write_inputs({}, scene);
+  const std::vector<NamedCamera> cameras = read_cameras_json(folder.cameras());
+  ASSERT_EQ(cameras.size(), 8u);
+  EXPECT_EQ(cameras[2].name, "view1.png");
+  const Camera &read = cameras[2].camera, &written = scene.train[0].camera;
+  EXPECT_EQ(read.width, written.width);
+  EXPECT_EQ(read.fy, written.fy);
+  EXPECT_EQ(read.cx, written.cx);
+  for (std::size_t i = 0; i < 9; ++i) {
+    EXPECT_EQ(read.cam_from_world.rotation[i], written.cam_from_world.rotation[i]);
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(read.cam_from_world.translation[i], written.cam_from_world.translation[i], 1e-12);
+  }
+}
+
+TEST(ModelFolder, ReadsTheOriginalsCamerasAndRefusesWrongOnes) {
+  const test::TempDir temp;
+  const auto write = [&](const std::string& more) {
+    test::write_bytes(temp / "cameras.json",
+                      R"([{"id": 0, "img_name": "a", "width": 60, "height": 40, "fx": 50, "fy": 51, )" + more + "}]");
+  };
+  const std::string pose = R"("position": [1, 2, 3], "rotation": [[1, 0, 0], [0, 0, 1], [0, -1, 0]])";
+  write(pose);
+  const Camera camera = read_cameras_json(temp / "cameras.json").at(0).camera;
+  EXPECT_EQ(camera.cx, 30);
+  EXPECT_EQ(camera.cy, 20);
+  EXPECT_EQ(camera.center(), (std::array<double, 3>{1, 2, 3}));
+
+  const auto read = [&] { read_cameras_json(temp / "cameras.json"); };
+  write(R"("position": [1, 2, 3])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "rotation[3][3]"}, read));
+  write(R"("position": [1, 2, 3], "rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "rotation"}, read));
+  write(R"("position": [1, 2, 1e300], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "beyond any scene"}, read));
+  test::write_bytes(temp / "cameras.json", R"([{"img_name": "a", "width": 4294967297, "height": 1}])");
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "width", "4294967297"}, read));
+  test::write_bytes(temp / "cameras.json", "{}");
+  EXPECT_TRUE(test::fails_with<InputError>({"cameras.json", "list of cameras"}, read));
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"none.json", "cannot be opened"}, [&] { read_cameras_json(temp / "none.json"); }));
+}
+
+TEST(ModelFolder, AddsResultsByIteration) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  const EvaluationSource source{"/data/scene", "images_2", 4, 640, 480, "test"};
+  EXPECT_EQ(folder.results_key(7000), "ours_7000");
+  folder.write_results("ours_7000", {{{"a/1.jpg", {20, 0.5}}, {"b.jpg", {30, 0.75}}}, {25, 0.625}}, source);
+  folder.write_results("ours_30000", {{{"a/1.jpg", {40, 1}}}, {40, 1}}, source);
+  const json results = json::parse(test::read_bytes(temp / "results.json"));
+  EXPECT_EQ(results.size(), 2u);
+  EXPECT_EQ(results["ours_7000"],
+            json::parse(R"({"SSIM": 0.625, "PSNR": 25.0, "views": 2, "split": "test", "width": 640, "height": 480,
+                            "resolution": 4, "images": "images_2", "source_path": "/data/scene"})"));
+  EXPECT_EQ(results["ours_30000"]["PSNR"], 40);
+  const json per_view = json::parse(test::read_bytes(temp / "per_view.json"));
+  EXPECT_EQ(per_view["ours_7000"]["PSNR"]["a/1.jpg"], 20);
+  EXPECT_EQ(per_view["ours_7000"]["SSIM"]["b.jpg"], 0.75);
+  test::write_bytes(temp / "results.json", "{\"ours_7000\": ");
+  folder.write_results("ours_5", {{}, {10, 0.1}}, source);
+  EXPECT_EQ(json::parse(test::read_bytes(temp / "results.json")).size(), 1u) << "a damaged file is begun anew";
+}
+
+TEST(ModelFolder, ResultsOfAnotherSourceHaveAKeyOfTheirOwn) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  const EvaluationSource first{"/data/scene", "images", 4, 320, 240, "test"};
+  EvaluationSource second = first;
+  second.source_path = "/elsewhere/scene";
+  EXPECT_EQ(folder.results_key(10, "r4", first), "ours_10_r4");
+  folder.write_results("ours_10_r4", {{}, {10, 0.1}}, first);
+  EXPECT_EQ(folder.results_key(10, "r4", first), "ours_10_r4") << "measured again";
+  EXPECT_EQ(folder.results_key(10, "r4", second), "ours_10_r4_2");
+  folder.write_results("ours_10_r4_2", {{}, {20, 0.2}}, second);
+  EXPECT_EQ(folder.results_key(10, "r4", second), "ours_10_r4_2");
+  EXPECT_EQ(folder.results_key(10), "ours_10");
+  const json results = json::parse(test::read_bytes(temp / "results.json"));
+  EXPECT_EQ(results["ours_10_r4"]["PSNR"], 10);
+  EXPECT_EQ(results["ours_10_r4_2"]["source_path"], "/elsewhere/scene");
+}
+
+TEST(ModelFolder, ListsIterationsByNumber) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  EXPECT_TRUE(folder.ply_iterations().empty());
+  EXPECT_TRUE(folder.checkpoint_iterations().empty());
+  for (const int iteration : {30000, 500, 7000}) {
+    test::write_bytes(folder.ply(iteration), "");
+    test::write_bytes(folder.checkpoint(iteration), "");
+  }
+  test::write_bytes(temp / "point_cloud/iteration_9/other.ply", "");
+  test::write_bytes(temp / "point_cloud/iteration_x/point_cloud.ply", "");
+  test::write_bytes(temp / "checkpoints/iteration_8.b3dgs.tmp", "");
+  EXPECT_EQ(folder.ply_iterations(), (std::vector<int>{500, 7000, 30000}));
+  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{500, 7000, 30000}));
+}
+
+TEST(ModelFolder, RefusesADamagedConfig) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  EXPECT_TRUE(test::fails_with<InputError>({"config.json", "cannot be opened"}, [&] { folder.read_config(); }));
+  test::write_bytes(temp / "config.json", "{\"iterations\": 1");
+  EXPECT_TRUE(test::fails_with<InputError>({"config.json", "JSON"}, [&] { folder.read_config(); }));
+  test::write_bytes(temp / "config.json", "{\"iterationen\": 1}");
+  EXPECT_TRUE(test::fails_with<InputError>({"config.json", "iterationen"}, [&] { folder.read_config(); }));
+}
+
+TEST(Metrics, PsnrIsThatOfTheMeanSquaredError) {
+  Image8 truth(4, 2, 3);
+  torch::Tensor rendered = torch::zeros({2, 4, 3});
+  EXPECT_EQ(image_quality(rendered, truth, nullptr).psnr, 100);
+  EXPECT_NEAR(image_quality(rendered, truth, nullptr).ssim, 1, 1e-6);
+  rendered[1][2][0] = 51.0f / 255.0f;  // 0.2 in one of 24 values
+  EXPECT_NEAR(image_quality(rendered, truth, nullptr).psnr, -10 * std::log10(0.04 / 24), 1e-9);
+  rendered[1][2][0] = -7.0f;  // clamped before it is compared
+  EXPECT_EQ(image_quality(rendered, truth, nullptr).psnr, 100);
+}
+
+TEST(Metrics, SeeValidPixelsOnly) {
+  Image8 truth(4, 2, 3), valid(4, 2, 1);
+  torch::Tensor rendered = torch::zeros({2, 4, 3});
+  rendered[0][0].fill_(1);
+  rendered[1][3][1] = 51.0f / 255.0f;
+  valid.pixels = {0, 255, 255, 0, 255, 255, 0, 255};  // 5 of 8, not the first
+  EXPECT_NEAR(image_quality(rendered, truth, &valid).psnr, -10 * std::log10(0.04 / 15), 1e-9);
+}
+
+TEST(Metrics, RoundToEightBits) {
+  const Image8 image = to_image8(torch::tensor({{-1.0f, 0.0f, 0.4f / 255, 0.6f / 255, 1.0f, 2.0f, NAN}}));
+  EXPECT_EQ(image.pixels, (std::vector<std::uint8_t>{0, 0, 0, 1, 255, 255, 0}));
+  EXPECT_EQ(image.channels, 1);
+}
+
+TEST(GaussianModel, StartsFromPointsAsTheOriginalDoes) {
+  PointCloud points;
+  points.positions = {0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3};
+  points.colors = {255, 0, 128, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+  const SplatCloud cloud = splats_from_points(points, 2);
+  // Squared distances of the first to the others: 1, 4, 9.
+  EXPECT_NEAR(cloud.log_scales[0], 0.5 * std::log(14.0 / 3.0), 1e-6);
+  EXPECT_EQ(cloud.log_scales[0], cloud.log_scales[2]);
+  EXPECT_NEAR(cloud.logit_opacities[3], std::log(0.1 / 0.9), 1e-6);
+  EXPECT_NEAR(0.5 + 0.28209479177387814 * cloud.sh0[0], 1.0, 1e-6);
+  EXPECT_NEAR(0.5 + 0.28209479177387814 * cloud.sh0[2], 128 / 255.0, 1e-6);
+  EXPECT_EQ(cloud.quats[4], 1);
+  EXPECT_EQ(cloud.quats[5], 0);
+  EXPECT_EQ(cloud.shN, std::vector<float>(4 * 8 * 3, 0.0f));
+}
+
+TEST(GaussianModel, SurvivesTheWayToTensorsAndBack) {
+  SplatCloud cloud = splats_from_points(test::make_tiny_scene().points, 2);
+  for (std::size_t i = 0; i < cloud.shN.size(); ++i) cloud.shN[i] = static_cast<float>(i);
+  const GaussianTensors same = to_tensors(cloud, 2, torch::kCPU);
+  EXPECT_EQ(sh_degree_of(same), 2);
+  EXPECT_EQ(to_splat_cloud(same).shN, cloud.shN);
+  EXPECT_EQ(to_splat_cloud(same).means, cloud.means);
+  const GaussianTensors more = to_tensors(cloud, 3, torch::kCPU), less = to_tensors(cloud, 1, torch::kCPU);
+  EXPECT_TRUE(torch::equal(more.shN.slice(1, 0, 8), same.shN));
+  EXPECT_EQ(more.shN.slice(1, 8).abs().max().item<float>(), 0);
+  EXPECT_TRUE(torch::equal(less.shN, same.shN.slice(1, 0, 3)));
+}
+
+}  // namespace
+}  // namespace b3dgs

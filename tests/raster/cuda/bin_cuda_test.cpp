@@ -1,0 +1,167 @@
+// Tiles of a splat on the GPU: as many pairs are written as were counted, and they are those that the host finds. Tiles
+// are found by the same bits everywhere (tiling.h), so nothing here allows for rounding.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "raster/math/tiling.h"
+#include "support/raster/cuda_harness.h"
+
+namespace b3dgs::test {
+namespace {
+
+template <class T>
+std::vector<T> download(const T* device, std::int64_t n) {
+  std::vector<T> host(static_cast<std::size_t>(n));
+  B3DGS_CUDA_CHECK(cudaMemcpy(host.data(), device, host.size() * sizeof(T), cudaMemcpyDeviceToHost));
+  return host;
+}
+
+/// What the projection pass writes for each Gaussian.
+struct ProjectedRows {
+  std::vector<Splat> splats;
+  std::vector<Vec2f> extents;
+  std::vector<std::int32_t> radii, n_tiles;
+  cuda::ViewCounts counts{};
+};
+
+ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& settings) {
+  std::vector<DeviceArray<float>> groups;
+  for (const torch::Tensor* group : scene.gaussians.all()) groups.push_back(to_device(*group));
+  const GaussianArrays host = arrays_of(scene);
+  const std::int64_t n = host.n_gaussians;
+  const DeviceArray<Splat> splats(n);
+  const DeviceArray<Vec2f> extents(n);
+  const DeviceArray<std::int32_t> radii(n), n_tiles(n);
+  const DeviceArray<std::uint32_t> depth_bits(n);
+  const DeviceArray<cuda::ViewCounts> counts(1);
+  cuda::ProjectCudaArgs args;
+  args.gaussians = {n,
+                    host.sh_degree_max,
+                    groups[0].data(),
+                    groups[1].data(),
+                    groups[2].data(),
+                    groups[3].data(),
+                    groups[4].data(),
+                    groups[5].data()};
+  args.view = scene.view;
+  args.sh_degree = settings.sh_degree;
+  args.culling = settings.culling;
+  args.grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
+  args.out = {splats.data(), extents.data(), radii.data(), n_tiles.data(), depth_bits.data(), counts.data()};
+  cuda::DriverMemory memory;
+  cuda::project(args, cuda::make_launch_context(nullptr, memory));
+  return {download(splats.data(), n), download(extents.data(), n), download(radii.data(), n),
+          download(n_tiles.data(), n), download(counts.data(), 1).front()};
+}
+
+void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings) {
+  const ProjectedRows projected = project_on_gpu(scene, settings);
+  const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
+  std::int64_t n_isects = 0, n_other = 0;
+  for (std::size_t i = 0; i < projected.n_tiles.size(); ++i) {
+    n_isects += projected.n_tiles[i];
+    if (projected.n_tiles[i] == 0) continue;
+    n_other += projected.n_tiles[i] !=
+               tiles_touched(grid, settings.culling, projected.splats[i], projected.extents[i], projected.radii[i]);
+  }
+  EXPECT_EQ(n_other, 0) << "Gaussians for which the host counts other tiles";
+  EXPECT_EQ(projected.counts.n_isects, n_isects);
+
+  CudaView view(scene, settings);
+  const BinnedSplats bins = view.rasterizer().bins();
+  const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
+  const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_isects);
+  const std::vector<Splat> splats = download(view.rasterizer().splats(), view.rasterizer().n_splats());
+  ASSERT_EQ(bins.n_isects, n_isects);
+  ASSERT_EQ(offsets.front(), 0);
+  ASSERT_EQ(offsets.back(), n_isects) << "less was written than was counted";
+  std::vector<std::int64_t> next = offsets;
+  std::int64_t n_wrong = 0;
+  for (std::size_t rank = 0; rank < splats.size(); ++rank) {
+    const auto gaussian = static_cast<std::size_t>(splats[rank].gaussian);
+    visit_tile_rows(grid, settings.culling, splats[rank], projected.extents[gaussian], projected.radii[gaussian],
+                    [&](std::int32_t row, TileSpan span) {
+                      for (std::int32_t column = span.begin; column < span.end; ++column) {
+                        const auto tile = static_cast<std::size_t>(row * grid.columns + column);
+                        const std::int64_t place = next[tile]++;
+                        n_wrong += place >= offsets[tile + 1] ||
+                                   ids[static_cast<std::size_t>(place)] != static_cast<std::int32_t>(rank);
+                      }
+                    });
+  }
+  EXPECT_EQ(n_wrong, 0) << "of " << n_isects << " pairs are not where the host has them";
+}
+
+void expect_counted_pairs_by_every_binning(const TestScene& scene) {
+  for (const Culling culling : {Culling::kEllipse, Culling::kSquare}) {
+    for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
+      SCOPED_TRACE(testing::Message() << (culling == Culling::kEllipse ? "ellipse" : "square") << ", 16 x "
+                                      << tile.height);
+      RenderSettings settings = settings_of(scene);
+      settings.culling = culling;
+      settings.tile = tile;
+      settings.keep_for_backward = false;
+      expect_counted_pairs(scene, settings);
+    }
+  }
+}
+
+class BinCudaTest : public testing::TestWithParam<TestSceneRow> {
+ protected:
+  void SetUp() override { B3DGS_NEEDS_GPU(); }
+};
+
+TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
+  expect_counted_pairs_by_every_binning(GetParam().build());
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+/// Sizes, shapes and opacities as training leaves them: flat and long Gaussians of all sizes, a few over much of the
+/// image, opacities near 0 and 1.
+TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t height) {
+  torch::manual_seed(41);
+  TestScene scene;
+  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+  scene.view.width = width;
+  scene.view.height = height;
+  scene.view.fx = scene.view.fy = 0.9f * static_cast<float>(width);
+  scene.view.cx = 0.49f * static_cast<float>(width);
+  scene.view.cy = 0.52f * static_cast<float>(height);
+  const torch::Tensor depth = torch::exp(torch::rand({n}) * 3.5 - 0.5);
+  const torch::Tensor x = (torch::rand({n}) * 1.4 - 0.7) * depth, y = (torch::rand({n}) * 1.4 - 0.7) * depth;
+  torch::Tensor log_scales = torch::randn({n, 3}) * 1.1 - 5.0 + torch::log(depth).unsqueeze(1);
+  log_scales.select(1, 2) -= 2;
+  log_scales.slice(0, 0, n / 1000) += 4;
+  scene.gaussians = {torch::stack({x, y, depth}, 1).contiguous(),
+                     log_scales.contiguous(),
+                     torch::randn({n, 4}),
+                     torch::randn({n}) * 4,
+                     torch::randn({n, 1, 3}),
+                     torch::zeros({n, 0, 3})};
+  return scene;
+}
+
+TEST(BinCuda, WritesThePairsThatTheProjectionCountsOfManyGaussians) {
+  B3DGS_NEEDS_GPU();
+  expect_counted_pairs_by_every_binning(like_a_trained_scene(50000, 1237, 822));
+  expect_counted_pairs_by_every_binning(like_a_trained_scene(10000, 4096, 4096));  // 2^16 and 2^17 tiles
+}
+
+TEST(BinCuda, SeesTheGaussiansThatTheCpuSees) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = like_a_trained_scene(50000, 1237, 822);
+  RenderSettings settings = settings_of(scene);
+  settings.keep_for_backward = false;
+  const CpuView expected(scene, settings);
+  const CudaView found(scene, settings);
+  const torch::Tensor n_other = ((found.radii() > 0) != (expected.radii() > 0)).sum();
+  EXPECT_LE(n_other.item<std::int64_t>(), 10) << "of which rounding may decide a few";
+  EXPECT_GT((expected.radii() > 0).sum().item<std::int64_t>(), 10000);
+}
+
+}  // namespace
+}  // namespace b3dgs::test

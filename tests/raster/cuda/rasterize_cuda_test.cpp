@@ -1,0 +1,182 @@
+// The CUDA rasterizer against the dense reference: every forward and backward schedule, culling and tile shape, scene
+// by scene; and against the CPU rasterizer where the reference is too slow.
+#include "raster/cuda/rasterize_cuda.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "core/check.h"
+#include "raster/view_memory.h"
+#include "support/raster/cuda_harness.h"
+#include "support/raster/judge.h"
+
+namespace b3dgs::test {
+namespace {
+
+class RasterizeCudaTest : public testing::TestWithParam<TestSceneRow> {
+ protected:
+  void SetUp() override { B3DGS_NEEDS_GPU(); }
+};
+
+TEST_P(RasterizeCudaTest, EveryKernelAgreesWithTheDenseReference) {
+  const TestScene scene = GetParam().build();
+  for (const Judged& binning : kBinnings) {
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    const Judge judge(scene, settings);
+    for (const ForwardKernelName& forward : kForwardKernels) {
+      for (const BackwardKernelName& backward : kBackwardKernels) {
+        SCOPED_TRACE(testing::Message() << forward.name << ", " << backward.name << ", " << binning.name);
+        settings.kernel = forward.kernel;
+        settings.backward_kernel = backward.kernel;
+        CudaView view(scene, settings);
+        expect_same_image(view, judge.view);
+        expect_same_radii(view.radii(), judge.view);
+        expect_same_gradients(view.backward(judge.grad), judge, judge.gradients);
+        if (HasFailure()) return;  // one case says it all
+      }
+    }
+  }
+}
+
+TEST_P(RasterizeCudaTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
+  const TestScene scene = GetParam().build();
+  RenderSettings settings = settings_of(scene);
+  const Judge judge(scene, settings);
+  for (const BackwardKernelName& backward : kBackwardKernels) {
+    settings.backward_kernel = backward.kernel;
+    CudaView view(scene, settings);
+    for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{judge.grad.color, {}, {}}),
+                                     std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
+                                     std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
+      SCOPED_TRACE(testing::Message() << name << ", " << backward.name);
+      const TermSizes terms(judge, grad);
+      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad), &terms);
+    }
+  }
+}
+
+TEST_P(RasterizeCudaTest, SumsInAFixedOrderAgreeAndRepeatBitForBit) {
+  const TestScene scene = GetParam().build();
+  RenderSettings settings = settings_of(scene);
+  settings.deterministic = true;
+  const Judge judge(scene, settings);
+  CudaView first(scene, settings), second(scene, settings);
+  DenseGradients found = first.backward(judge.grad), again = second.backward(judge.grad);
+  expect_same_gradients(found, judge, judge.gradients);
+  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+    EXPECT_TRUE(found.parameters.all()[i]->equal(*again.parameters.all()[i])) << GaussianTensors::kNames[i];
+  }
+  EXPECT_TRUE(found.means2d.equal(again.means2d));
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCudaTest, testing::ValuesIn(test_scenes()),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+/// 100 000 Gaussians behind one another in a tile, so faint that thousands of them are seen.
+TestScene hundred_thousand_in_one_tile() {
+  TestScene scene = ten_thousand_in_one_tile();
+  GaussianTensors& g = scene.gaussians;
+  for (torch::Tensor* group : g.all()) {
+    std::vector<std::int64_t> repeats(static_cast<std::size_t>(group->dim()), 1);
+    repeats[0] = 10;
+    *group = group->repeat(repeats).contiguous();
+  }
+  return scene;
+}
+
+TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
+  B3DGS_NEEDS_GPU();
+  for (const auto& [name, scene] :
+       {std::pair("one tile", hundred_thousand_in_one_tile()), std::pair("large cloud", large_cloud())}) {
+    RenderSettings settings = settings_of(scene);
+    CpuView expected(scene, settings);
+    const torch::Tensor nothing_doubtful = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+    for (const ForwardKernelName& forward : kForwardKernels) {
+      SCOPED_TRACE(testing::Message() << name << ", " << forward.name);
+      settings.kernel = forward.kernel;
+      CudaView view(scene, settings);
+      // Without the reference no pixel is known to be near a decision: all but one in a thousand agree closely, and
+      // what a flip can change is bounded.
+      const torch::Tensor difference = (view.color - expected.color).abs();
+      const auto n_far = (difference > 2e-5).sum().item<std::int64_t>();
+      EXPECT_LE(n_far, 3 + difference.numel() / 1000);
+      EXPECT_LE(difference.max().item<double>(), 0.011 * std::max(1.0, largest(expected.color, 1)));
+    }
+  }
+}
+
+/// large_cloud() on 3200 x 2880 px: 72 000 tiles of 16 x 8.
+TestScene many_tiles() {
+  constexpr int kScale = 40;
+  TestScene scene = large_cloud();
+  for (float* length : {&scene.view.fx, &scene.view.fy, &scene.view.cx, &scene.view.cy}) *length *= kScale;
+  scene.view.width *= kScale;
+  scene.view.height *= kScale;
+  return scene;
+}
+
+TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = many_tiles();
+  for (const bool deterministic : {false, true}) {
+    RenderSettings settings = settings_of(scene);
+    settings.tile = {16, 8};
+    settings.deterministic = deterministic;
+    CpuView expected(scene, settings);
+    CudaView view(scene, settings);
+    ASSERT_GT(view.rasterizer().grid().n_tiles(), 1 << 16);
+    const torch::Tensor difference = (view.color - expected.color).abs();
+    EXPECT_GT(expected.color.slice(0, 1024).abs().max().item<double>(), 0.1) << "nothing lies in the last tiles";
+    EXPECT_LE((difference > 2e-5).sum().item<std::int64_t>(), 3 + difference.numel() / 1000);
+    EXPECT_LE(difference.max().item<double>(), 0.011);
+    const RenderedViewGrad grad{torch::ones_like(expected.color), {}, {}};
+    const torch::Tensor found = view.backward(grad).means2d, wanted = expected.backward(grad).means2d;
+    EXPECT_TRUE(within(found, wanted, 1e-3 * largest(wanted, 1e-9)));
+  }
+}
+
+TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = large_cloud();
+  for (const bool deterministic : {false, true}) {
+    for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
+      RenderSettings settings = settings_of(scene);
+      settings.tile = tile;
+      settings.deterministic = deterministic;
+      settings.depth_gradient = false;
+      settings.kernel = ForwardKernel::kSegmented;
+      CudaView view(scene, settings);
+      view.backward({torch::ones_like(view.color), {}, {}});
+      const double n = static_cast<double>(scene.gaussians.size());
+      const double forecast = view_memory(settings).bytes(n, static_cast<double>(view.rasterizer().n_splats()),
+                                                          static_cast<double>(view.rasterizer().bins().n_isects));
+      // Beyond what is forecast: a quarter to spare, half a bucket for each tile, images of 8 bytes a pixel.
+      const double tiles = view.rasterizer().grid().n_tiles(), tile_pixels = tile.width * tile.height;
+      const double taken = static_cast<double>(view.rasterizer().memory_bytes());
+      EXPECT_GE(taken, forecast);
+      EXPECT_LE(taken, 1.25 * (forecast + tiles * tile_pixels * (16 + 8 + 8)) + (1 << 20));
+      view.rasterizer().release_memory();
+      EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
+    }
+  }
+}
+
+TEST(RasterizeCuda, ErrorNamesTheGaussianThatIsNotFiniteOrAbsurdlyLarge) {
+  B3DGS_NEEDS_GPU();
+  for (const float log_scale : {std::numeric_limits<float>::infinity(), 30.0f}) {
+    TestScene scene = thirty_three_in_one_tile();
+    scene.gaussians.log_scales[17][1] = log_scale;
+    try {
+      const CudaView view(scene, settings_of(scene));
+      ADD_FAILURE() << "rendered without an error: " << log_scale;
+    } catch (const NumericError& error) {
+      EXPECT_NE(std::string(error.what()).find("Gaussian 17 "), std::string::npos) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs::test

@@ -1,0 +1,172 @@
+// The segmented schedule where it differs from shared-memory: lists that are cut, pixels that end in any segment, and
+// segments that are left alone because pixels ended before them.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <set>
+
+#include "support/raster/cuda_harness.h"
+
+namespace b3dgs::test {
+namespace {
+
+/// How far two views and their gradients are apart.
+struct Apart {
+  double color, largest_gradient;
+  std::int64_t n_other_last;
+};
+
+Apart compare(CudaView& found, CudaView& expected, const TestScene& scene) {
+  const torch::Tensor nothing = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+  const RenderedViewGrad grad = uneven_grad(scene.view, nothing);
+  const DenseGradients own = found.backward(grad), other = expected.backward(grad);
+  Apart apart{(found.color - expected.color).abs().max().item<double>(), 0,
+              (found.last_gaussians() != expected.last_gaussians()).sum().item<std::int64_t>()};
+  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+    const torch::Tensor &a = *own.parameters.all()[i], &b = *other.parameters.all()[i];
+    if (b.numel() == 0) continue;
+    torch::Tensor size = b.norm() + 1e-20;
+    // Turning a ball changes nothing: what rounding leaves there is as large as what it leaves of the scales.
+    if (b.is_same(other.parameters.quats)) size = size + other.parameters.log_scales.norm();
+    apart.largest_gradient = std::max(apart.largest_gradient, ((a - b).norm() / size).item<double>());
+  }
+  return apart;
+}
+
+/// The scene by the two schedules, which share all but the cutting.
+void expect_as_by_shared_memory(const TestScene& scene, RenderSettings settings, std::int64_t n_other_last_max) {
+  settings.kernel = ForwardKernel::kSharedMemory;
+  CudaView whole(scene, settings);
+  settings.kernel = ForwardKernel::kSegmented;
+  CudaView cut(scene, settings);
+  const Apart apart = compare(cut, whole, scene);
+  EXPECT_LE(apart.color, 2e-5);
+  EXPECT_LE(apart.largest_gradient, 1e-4);
+  EXPECT_LE(apart.n_other_last, n_other_last_max);
+}
+
+TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = ends_along_a_long_list();
+  for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
+    SCOPED_TRACE(tile.height);
+    RenderSettings settings = settings_of(scene);
+    settings.tile = tile;
+    const CpuView reference(scene, settings);
+    std::set<std::int32_t> segments;  // in which pixels end
+    const std::int32_t* const last_ids = reference.rasterizer().last_ids();
+    for (std::int64_t p = 0; p < reference.alpha.numel(); ++p) {
+      if (reference.alpha.view(-1)[p].item<float>() > 0.9995f) segments.insert(last_ids[p] / cuda::kSegmentEntries);
+    }
+    ASSERT_GE(segments.size(), 3u) << "pixels of the scene end in several segments";
+
+    expect_as_by_shared_memory(scene, settings, 2);  // rounding may move the end of a pixel near the threshold
+  }
+}
+
+/// 2500 splats that each cover a large image, faint ones before and behind ten opaque ones: hundreds of tiles whose
+/// second and third segments come up when the first ones are done. The image cuts through sub-tiles of 8 x 4 pixels, so
+/// that warps hold pixels outside of it.
+TestScene wall_behind(int n_faint) {
+  constexpr int kSplats = 2500, kOpaque = 10;
+  TestScene scene;
+  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+  scene.view.width = 637;
+  scene.view.height = 397;
+  scene.view.fx = scene.view.fy = 500;
+  scene.view.cx = 320;
+  scene.view.cy = 200;
+  const torch::Tensor index = torch::arange(kSplats, torch::kFloat32);
+  const torch::Tensor depth = 2 + 0.001f * index;
+  const torch::Tensor is_opaque = torch::logical_and(index >= n_faint, index < n_faint + kOpaque);
+  const torch::Tensor opacity = torch::where(is_opaque, torch::full({kSplats}, 0.9f), torch::full({kSplats}, 0.005f));
+  const torch::Tensor zero = torch::zeros({kSplats});
+  scene.gaussians = {torch::stack({zero, zero, depth}, 1).contiguous(),
+                     torch::full({kSplats, 3}, std::log(5.0f)),
+                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
+                     torch::logit(opacity).contiguous(),
+                     torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
+                     torch::zeros({kSplats, 0, 3})};
+  return scene;
+}
+
+TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
+  B3DGS_NEEDS_GPU();
+  for (const int n_faint : {0, 1300}) {
+    SCOPED_TRACE(n_faint);
+    const TestScene scene = wall_behind(n_faint);
+    RenderSettings settings = settings_of(scene);
+    settings.tile = {16, 8};
+    const std::int64_t n_pixels = std::int64_t{scene.view.width} * scene.view.height;
+    expect_as_by_shared_memory(scene, settings, n_pixels / 1000);
+    settings.kernel = ForwardKernel::kSegmented;
+    const CudaView cut(scene, settings);
+    // Which segments are left alone changes from run to run, and the image does not.
+    for (int run = 0; run < 3; ++run) {
+      const CudaView again(scene, settings);
+      EXPECT_TRUE(torch::equal(again.color, cut.color));
+      EXPECT_TRUE(torch::equal(again.depth, cut.depth));
+      EXPECT_TRUE(torch::equal(again.alpha, cut.alpha));
+    }
+  }
+}
+
+/// One tile, whose list has more than a thousand segments; of a splat's width, so that pixels end far behind the first.
+TestScene crowd_in_a_tile() {
+  constexpr std::int64_t kSplats = 1100 * cuda::kSegmentEntries;
+  TestScene scene;
+  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+  scene.view.width = 16;
+  scene.view.height = 8;
+  scene.view.fx = scene.view.fy = 16;
+  scene.view.cx = 8;
+  scene.view.cy = 4;
+  const torch::Tensor index = torch::arange(kSplats, torch::kFloat64);
+  const torch::Tensor depth = 2 + 1e-6 * index;
+  // Multiples of two irrational numbers, which spread evenly.
+  const torch::Tensor x = torch::frac(0.7548776662 * index) - 0.5, y = 0.5 * (torch::frac(0.5698402910 * index) - 0.5);
+  scene.gaussians = {torch::stack({x * depth, y * depth, depth}, 1).to(torch::kFloat32).contiguous(),
+                     torch::full({kSplats, 3}, std::log(0.125f)),
+                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
+                     torch::full({kSplats}, std::log(0.005f / 0.995f)),
+                     torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
+                     torch::zeros({kSplats, 0, 3})};
+  return scene;
+}
+
+TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = crowd_in_a_tile();
+  RenderSettings settings = settings_of(scene);
+  settings.tile = {16, 8};
+  settings.kernel = ForwardKernel::kSegmented;
+  const CudaView cut(scene, settings);
+  EXPECT_GT(cut.alpha.min().item<float>(), 0.999f) << "all pixels end";
+  expect_as_by_shared_memory(scene, settings, 2);
+}
+
+TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
+  B3DGS_NEEDS_GPU();
+  for (const TestScene& scene : {ends_along_a_long_list(), wall_behind(1300)}) {
+    RenderSettings settings = settings_of(scene);
+    settings.tile = {16, 8};
+    settings.kernel = ForwardKernel::kSegmented;
+    settings.deterministic = true;
+    const torch::Tensor nothing = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+    const RenderedViewGrad grad = uneven_grad(scene.view, nothing);
+    CudaView first(scene, settings);
+    const DenseGradients found = first.backward(grad);
+    for (int run = 0; run < 10; ++run) {  // which segments wait for which changes from run to run
+      CudaView second(scene, settings);
+      const DenseGradients again = second.backward(grad);
+      ASSERT_TRUE(torch::equal(first.color, second.color)) << "run " << run;
+      for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+        ASSERT_TRUE(found.parameters.all()[i]->equal(*again.parameters.all()[i]))
+            << GaussianTensors::kNames[i] << ", run " << run;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs::test

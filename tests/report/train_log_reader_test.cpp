@@ -1,0 +1,131 @@
+#include "report/train_log_reader.h"
+
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+namespace b3dgs {
+namespace {
+
+TrainHistory parse(const std::string& lines) {
+  std::istringstream stream(lines);
+  return parse_train_log(stream);
+}
+
+TEST(TrainLogReader, ReadsAllThatALineSays) {
+  const TrainHistory history = parse(
+      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"gpu_peak_bytes":2000000000,"kernel":"combined","backward_kernel":"x",)"
+      R"("stages_ms":{"bin":1.5,"loss":2},"test_psnr":21.5,"test_ssim":0.7})"
+      "\n");
+  ASSERT_EQ(history.points.size(), 1u);
+  const LogPoint& point = history.points[0];
+  EXPECT_EQ(point.iteration, 10);
+  EXPECT_EQ(point.loss, 0.5);
+  EXPECT_EQ(point.ms, 20);
+  EXPECT_EQ(point.count, 100);
+  EXPECT_EQ(point.gpu_peak_bytes, 2000000000);
+  EXPECT_EQ(point.elapsed_s, 0.25);
+  EXPECT_EQ(point.kernel, "combined");
+  EXPECT_EQ(point.backward_kernel, "x");
+  EXPECT_EQ(point.stages_ms, (NamedTimes{{"bin", 1.5}, {"loss", 2}}));
+  EXPECT_EQ(point.test_psnr, 21.5);
+  EXPECT_EQ(point.test_ssim, 0.7);
+}
+
+TEST(TrainLogReader, SumsUpElapsedTimeWhereItIsNotSaid) {
+  const TrainHistory history = parse(R"({"iteration":10,"ms":100}
+{"iteration":30,"ms":50}
+{"iteration":40,"elapsed_s":7}
+{"iteration":50,"ms":100})");
+  ASSERT_EQ(history.points.size(), 4u);
+  EXPECT_DOUBLE_EQ(history.points[0].elapsed_s, 1);
+  EXPECT_DOUBLE_EQ(history.points[1].elapsed_s, 2);
+  EXPECT_DOUBLE_EQ(history.points[2].elapsed_s, 7);
+  EXPECT_DOUBLE_EQ(history.points[3].elapsed_s, 8);
+}
+
+TEST(TrainLogReader, KeepsEventsApartFromPoints) {
+  const TrainHistory history = parse(
+      R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"
+      R"("spread_ms":{"combined":0.1},"views":5,"refused":["naive",7],"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
+      "\n"
+      R"({"iteration":1000,"event":"load_statistics","tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
+      R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
+      "\n"
+      R"({"iteration":1000,"event":"held","reason":"GPU memory","count":2912344,"limit_bytes":4000000000})"
+      "\n"
+      R"({"iteration":1000,"event":"of a later version"})"
+      "\n");
+  EXPECT_TRUE(history.points.empty());
+  ASSERT_EQ(history.checks.size(), 1u);
+  EXPECT_EQ(history.checks[0].pass, "forward");
+  EXPECT_EQ(history.checks[0].times_ms, (NamedTimes{{"combined", 2}, {"shared-memory", 1.5}}));
+  EXPECT_EQ(history.checks[0].spread_ms, (NamedTimes{{"combined", 0.1}}));
+  EXPECT_EQ(history.checks[0].views, 5);
+  EXPECT_EQ(history.checks[0].refused, (std::vector<std::string>{"naive"})) << "what is no name is left out";
+  EXPECT_EQ(history.checks[0].before, "combined");
+  EXPECT_EQ(history.checks[0].after, "shared-memory");
+  EXPECT_EQ(history.checks[0].cost_ms, 12.5);
+  ASSERT_EQ(history.holds.size(), 1u);
+  EXPECT_EQ(history.holds[0].iteration, 1000);
+  EXPECT_EQ(history.holds[0].count, 2912344);
+  EXPECT_EQ(history.holds[0].reason, "GPU memory");
+  ASSERT_EQ(history.loads.size(), 1u);
+  ASSERT_TRUE(history.loads[0].tile_lists);
+  EXPECT_EQ(history.loads[0].tile_lists->p99, 9);
+  EXPECT_EQ(history.loads[0].tile_lists->gini, 0.25);
+  EXPECT_EQ(history.loads[0].tile_lists->log2_bins, (std::vector<double>{0, 1, 2}));
+  EXPECT_FALSE(history.loads[0].pixel_processed);
+}
+
+TEST(TrainLogReader, MakesOneSeriesOfTheCandidatesTimes) {
+  const TrainHistory history = parse(R"({"iteration":1,"event":"kernel_check","pass":"forward","times_ms":{"a":2,"b":1}}
+{"iteration":1,"event":"kernel_check","pass":"backward","times_ms":{"c":5}}
+{"iteration":1,"event":"kernel_times","pass":"forward","times_ms":{"a":3,"b":3}}
+{"iteration":1000,"event":"kernel_times","pass":"forward","times_ms":{"a":4,"b":1.5}}
+{"iteration":2000,"event":"kernel_times","pass":"forward"})");
+  EXPECT_EQ(history.checks.size(), 2u) << "what is timed for the record decides nothing";
+  ASSERT_EQ(history.candidate_times.size(), 4u);
+  EXPECT_EQ(history.candidate_times[0].times_ms, (NamedTimes{{"a", 2}, {"b", 1}})) << "the check's, of two at once";
+  EXPECT_EQ(history.candidate_times[1].pass, "backward");
+  EXPECT_EQ(history.candidate_times[2].iteration, 1000);
+  EXPECT_EQ(history.candidate_times[2].times_ms, (NamedTimes{{"a", 4}, {"b", 1.5}}));
+  EXPECT_TRUE(history.candidate_times[3].times_ms.empty());
+}
+
+TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
+  const TrainHistory history = parse(R"(no json
+{"loss":1}
+{"iteration":"ten"}
+[1,2]
+{"iteration":10,"loss":null,"count":"many","stages_ms":[1],"kernel":7}
+{"iteration":5,"loss":1}
+{"iteration":20,"event":"kernel_check"}
+{"iteration":20,"event":"load_statistics","tile_lists":3}
+{"iteration":20,"lo)");
+  ASSERT_EQ(history.points.size(), 1u) << "an iteration that goes back belongs to another course";
+  EXPECT_FALSE(history.points[0].loss);
+  EXPECT_FALSE(history.points[0].count);
+  EXPECT_TRUE(history.points[0].stages_ms.empty());
+  EXPECT_EQ(history.points[0].kernel, "");
+  EXPECT_EQ(history.points[0].elapsed_s, 0);
+  EXPECT_EQ(history.checks.size(), 1u);
+  ASSERT_EQ(history.loads.size(), 1u);
+  EXPECT_FALSE(history.loads[0].tile_lists);
+  EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
+}
+
+TEST(TrainLogReader, LeavesOutNumbersThatDoNotFit) {
+  const TrainHistory history = parse(R"({"iteration":4294967297,"loss":1}
+{"iteration":-3,"loss":1}
+{"iteration":10,"loss":1,"count":1e300}
+{"iteration":20,"event":"kernel_check","views":99999999999})");
+  ASSERT_EQ(history.points.size(), 1u);
+  EXPECT_EQ(history.points[0].iteration, 10);
+  EXPECT_FALSE(history.points[0].count);
+  ASSERT_EQ(history.checks.size(), 1u);
+  EXPECT_FALSE(history.checks[0].views);
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,141 @@
+// The CPU rasterizer on tensors, and SIMD targets to choose from: what several test files need.
+#pragma once
+
+#include <hwy/targets.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "core/parallel.h"
+#include "raster/cpu/rasterize_cpu.h"
+#include "support/raster/dense_reference.h"
+#include "support/raster/test_scenes.h"
+
+namespace b3dgs::test {
+
+/// Limits Highway to one instruction set while it lives.
+class ScopedSimdTarget {
+ public:
+  explicit ScopedSimdTarget(std::int64_t target) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  }
+  ~ScopedSimdTarget() {
+    hwy::SetSupportedTargetsForTest(0);
+    hwy::GetChosenTarget().DeInit();  // the next call looks at the machine again
+  }
+  ScopedSimdTarget(const ScopedSimdTarget&) = delete;
+  ScopedSimdTarget& operator=(const ScopedSimdTarget&) = delete;
+};
+
+/// Sets the number of threads while it lives.
+class ScopedThreadCount {
+ public:
+  explicit ScopedThreadCount(int n) : before_(thread_count()) { set_thread_count(n); }
+  ~ScopedThreadCount() { set_thread_count(before_); }
+  ScopedThreadCount(const ScopedThreadCount&) = delete;
+  ScopedThreadCount& operator=(const ScopedThreadCount&) = delete;
+
+ private:
+  int before_;
+};
+
+inline RenderSettings settings_of(const TestScene& scene) {
+  RenderSettings settings;
+  settings.background = scene.background;
+  settings.sh_degree = scene.sh_degree;
+  return settings;
+}
+
+inline GaussianArrays arrays_of(const TestScene& scene) {
+  const GaussianTensors& g = scene.gaussians;
+  const auto k = static_cast<double>(g.shN.size(1) + 1);
+  return {g.size(),
+          static_cast<int>(std::lround(std::sqrt(k))) - 1,
+          g.means.data_ptr<float>(),
+          g.log_scales.data_ptr<float>(),
+          g.quats.data_ptr<float>(),
+          g.logit_opacities.data_ptr<float>(),
+          g.sh0.data_ptr<float>(),
+          g.shN.data_ptr<float>()};
+}
+
+/// One view of a scene in the CPU rasterizer. Everything it may write is NaN beforehand, so that what is left out
+/// shows.
+class CpuView {
+ public:
+  CpuView(const TestScene& scene, const RenderSettings& settings) : scene_(scene) {
+    const std::int64_t h = scene.view.height, w = scene.view.width;
+    color = torch::full({h, w, 3}, NAN, torch::kFloat32);
+    depth = torch::full({h, w}, NAN, torch::kFloat32);
+    alpha = torch::full({h, w}, NAN, torch::kFloat32);
+    rasterizer_.forward(arrays_of(scene_), scene_.view, settings,
+                        {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
+  }
+
+  /// Gradients as the dense reference gives them, in float.
+  DenseGradients backward(const RenderedViewGrad& grad) {
+    const auto pointer = [](const torch::Tensor& t) { return t.defined() ? t.data_ptr<float>() : nullptr; };
+    DenseGradients out;
+    out.parameters = scene_.gaussians;
+    for (torch::Tensor* group : out.parameters.all()) *group = torch::full_like(*group, NAN);
+    out.means2d = torch::full({scene_.gaussians.size(), 2}, NAN, torch::kFloat32);
+    GaussianTensors& p = out.parameters;
+    rasterizer_.backward(arrays_of(scene_), {pointer(grad.color), pointer(grad.depth), pointer(grad.alpha)},
+                         {p.means.data_ptr<float>(), p.log_scales.data_ptr<float>(), p.quats.data_ptr<float>(),
+                          p.logit_opacities.data_ptr<float>(), p.sh0.data_ptr<float>(), p.shN.data_ptr<float>(),
+                          out.means2d.data_ptr<float>()});
+    return out;
+  }
+
+  /// [N] int64
+  torch::Tensor radii() const {
+    torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);
+    for (std::int64_t i = 0; i < copy.numel(); ++i) copy[i] = std::int64_t{rasterizer_.radii()[i]};
+    return copy;
+  }
+
+  /// [H, W] int64, index of the last Gaussian blended, -1 if none: last_ids through the tiles' lists. Splats are the
+  /// Gaussians that are seen, in their order.
+  torch::Tensor last_gaussians() const {
+    std::vector<std::int64_t> gaussian_of_splat;
+    for (std::int64_t i = 0; i < scene_.gaussians.size(); ++i) {
+      if (rasterizer_.radii()[i] > 0) gaussian_of_splat.push_back(i);
+    }
+    const TileGrid grid = rasterizer_.grid();
+    const BinnedSplats bins = rasterizer_.bins();
+    torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
+    auto places = last.accessor<std::int64_t, 2>();
+    for (std::int32_t y = 0; y < grid.image_height; ++y) {
+      for (std::int32_t x = 0; x < grid.image_width; ++x) {
+        const std::int32_t id = rasterizer_.last_ids()[y * grid.image_width + x];
+        if (id < 0) continue;
+        const std::int32_t tile = y / grid.tile.height * grid.columns + x / grid.tile.width;
+        places[y][x] = gaussian_of_splat.at(static_cast<std::size_t>(bins.splat_ids[bins.tile_offsets[tile] + id]));
+      }
+    }
+    return last;
+  }
+
+  const cpu::Rasterizer& rasterizer() const { return rasterizer_; }
+
+  torch::Tensor color, depth, alpha;  // float
+
+ private:
+  const TestScene& scene_;
+  cpu::Rasterizer rasterizer_;
+};
+
+/// Gradients by the view that differ from pixel to pixel and channel to channel, of size about 1; 0 where `off` holds.
+inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off) {
+  const std::int64_t h = view.height, w = view.width;
+  const torch::Tensor on = torch::logical_not(off).to(torch::kFloat32);
+  const auto wave = [&](std::int64_t n, double frequency) {
+    return torch::cos(torch::arange(n, torch::kFloat64) * frequency + 0.3).to(torch::kFloat32);
+  };
+  return {(wave(h * w * 3, 1.7).view({h, w, 3}) * on.unsqueeze(2)).contiguous(),
+          (wave(h * w, 0.9).view({h, w}) * on).contiguous(), (wave(h * w, 2.3).view({h, w}) * on).contiguous()};
+}
+
+}  // namespace b3dgs::test

@@ -1,0 +1,83 @@
+// Short trainings and what is left of them.
+#pragma once
+
+#include <string>
+
+#include "support/files.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/trainer.h"
+
+namespace b3dgs::test {
+
+/// Density control at 10, 15, 20, ... with clones, splits and prunes, opacity resets at 12 and 24, SH degree up at 7.
+inline TrainConfig eventful_config() {
+  TrainConfig config;
+  config.iterations = 20;
+  config.seed = 9;
+  config.sh_degree = 1;
+  config.sh_increase_interval = 7;
+  config.densify_from_iter = 5;
+  config.densification_interval = 5;
+  config.opacity_reset_interval = 12;
+  config.densify_grad_threshold = 2e-5;
+  config.percent_dense = 0.02;
+  config.random_background = true;
+  config.test_iterations = config.save_iterations = {};
+  config.kernel = "shared-memory";  // what is measured differs from run to run
+  return config;
+}
+
+/// A checkpoint's bytes, but for how long the training took and which one it was.
+inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
+  CheckpointFile file = read_checkpoint_file(checkpoint);
+  file.header.erase("elapsed_s");
+  file.header.erase("course");
+  const std::filesystem::path copy = checkpoint.string() + ".timeless";
+  write_checkpoint_file(copy, file);
+  const std::string bytes = read_bytes(copy);
+  std::filesystem::remove(copy);
+  return bytes;
+}
+
+/// A training whose steps seem to take so long.
+inline TrainHooks training_with_steps_of(double seconds) {
+  TrainHooks hooks;
+  hooks.clock_s = [seconds, now_s = 0.0]() mutable { return now_s += seconds; };
+  return hooks;
+}
+
+/// Can afford checks of kernels at every interval.
+inline TrainHooks slow_training() {
+  return training_with_steps_of(3600);
+}
+
+/// All kernels take equally long: none has to make room for another.
+class EqualTimer final : public KernelTimer {
+ public:
+  void measure(const std::function<void()>& work) override {
+    work();
+    ms_.push_back(1);
+  }
+  std::vector<double> finish() override { return std::exchange(ms_, {}); }
+
+ private:
+  std::vector<double> ms_;
+};
+
+struct Trained {
+  TrainResult result;
+  std::string ply, checkpoint;  // bytes, the checkpoint's without times
+};
+
+inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
+                     const std::filesystem::path& resume = {}, const TrainHooks& hooks = {}) {
+  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  if (!resume.empty()) trainer.resume(resume);
+  Trained run;
+  run.result = trainer.run();
+  run.ply = read_bytes(run.result.ply);
+  run.checkpoint = timeless_bytes(run.result.checkpoint);
+  return run;
+}
+
+}  // namespace b3dgs::test

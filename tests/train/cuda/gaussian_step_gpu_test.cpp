@@ -1,0 +1,192 @@
+// The fused step on the GPU against its two halves: gradients that are stored, and Adam on the CPU. Steps that are put
+// off against steps that are not.
+#include "train/optimizer/gaussian_step.h"
+
+#include <gtest/gtest.h>
+
+#include "support/approx.h"
+#include "support/gpu_test.h"
+#include "support/train/tiny_scene.h"
+
+namespace b3dgs {
+namespace {
+
+const torch::Device kGpu(torch::kCUDA, 0);
+
+GaussianTensors copy_to(const GaussianTensors& from, torch::Device device) {
+  GaussianTensors copy;
+  for (std::size_t i = 0; i < from.all().size(); ++i) *copy.all()[i] = from.all()[i]->clone().to(device);
+  return copy;
+}
+
+AdamState copy_to(const AdamState& from, torch::Device device) {
+  return {copy_to(from.m, device), copy_to(from.v, device), from.steps};
+}
+
+/// Moments of a training under way: of all degrees that are learned by now.
+AdamState used_moments(const GaussianTensors& gaussians, int sh_degree) {
+  AdamState state = make_adam_state(gaussians);
+  state.steps = 41;
+  for (torch::Tensor* m : state.m.all()) m->normal_(0, 1e-3);
+  for (torch::Tensor* v : state.v.all()) v->uniform_(0, 1e-6);
+  const std::int64_t learned = (sh_degree + 1) * (sh_degree + 1) - 1;
+  for (GaussianTensors* moments : {&state.m, &state.v}) moments->shN.slice(1, learned).zero_();
+  return state;
+}
+
+/// 4 of every 5 in view, the others behind the camera; not a whole number of blocks.
+GaussianTensors some_gaussians(int sh_degree_max) {
+  constexpr std::int64_t kGaussians = 1003;
+  const std::int64_t n_rest = (sh_degree_max + 1) * (sh_degree_max + 1) - 1;
+  GaussianTensors g{torch::randn({kGaussians, 3}),          torch::randn({kGaussians, 3}) * 0.3 - 2,
+                    torch::randn({kGaussians, 4}),          torch::randn({kGaussians}),
+                    torch::randn({kGaussians, 1, 3}) * 0.5, torch::randn({kGaussians, n_rest, 3}) * 0.1};
+  g.means.slice(0, 0, c10::nullopt, 5).slice(1, 2, 3) -= 100;
+  return g;
+}
+
+PinholeView view_from(double x, double z) {
+  return to_pinhole_view(test::look_at_origin(x, 0, z, 90, 70));
+}
+
+RenderSettings settings_of(int sh_degree) {
+  RenderSettings settings;
+  settings.sh_degree = sh_degree;
+  settings.tile = {16, 8};
+  settings.deterministic = true;  // whoever renders the same gets the same sums
+  return settings;
+}
+
+const AdamRates kRates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
+
+class GaussianStepOnGpu : public testing::TestWithParam<std::pair<int, int>> {};
+
+TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(5);
+  const auto [sh_degree, sh_degree_max] = GetParam();
+  const GaussianTensors start = some_gaussians(sh_degree_max);
+  const AdamState moments = used_moments(start, sh_degree);
+  const PinholeView view = view_from(0, -6);
+  const RenderSettings settings = settings_of(sh_degree);
+  Rasterizer rasterizer(kGpu);
+
+  GaussianTensors stepped = copy_to(start, kGpu);
+  AdamState stepped_state = copy_to(moments, kGpu);
+  const RenderedView image = rasterizer.forward(stepped, view, settings);
+  const RenderedViewGrad view_grad{torch::randn(image.color.sizes()).to(kGpu) * 1e-3, {}, {}};
+  GaussianTensors grads;
+  ViewStatistics statistics = rasterizer.backward(stepped, view_grad, grads);
+  const torch::Tensor means2d_grad = statistics.means2d_grad.cpu(), radii = statistics.radii.cpu();
+  ASSERT_GT((radii == 0).sum().item<int>(), 150);
+  ASSERT_GT((radii > 0).sum().item<int>(), 500);
+
+  GaussianTensors expected = copy_to(start, torch::kCPU);
+  AdamState expected_state = copy_to(moments, torch::kCPU);
+  adam_step(kRates, copy_to(grads, torch::kCPU), expected, expected_state);
+
+  GaussianStepper stepper(rasterizer);
+  const torch::Tensor color = image.color.clone();
+  EXPECT_TRUE(torch::equal(stepper.forward(stepped, stepped_state, view, settings).color, color));
+  statistics = stepper.step(kRates, view_grad, stepped, stepped_state, nullptr);
+  stepper.settle(stepped, stepped_state);
+  EXPECT_EQ(stepped_state.steps, 42);
+  EXPECT_TRUE(
+      test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
+  EXPECT_TRUE(torch::equal(statistics.radii.cpu(), radii));
+  // Two kernels' gradients differ in rounding, by up to kRounding of their size; a square by twice that.
+  constexpr double kRounding = 1e-5;
+  const auto agrees = [](const torch::Tensor& actual, const torch::Tensor& wanted, double allowed) {
+    return test::within(actual.cpu(), wanted, allowed * (wanted.numel() > 0 ? wanted.abs().max().item<double>() : 0));
+  };
+  for (std::size_t i = 0; i < expected.all().size(); ++i) {
+    const char* const name = GaussianTensors::kNames[i];
+    EXPECT_TRUE(agrees(*stepped_state.m.all()[i], *expected_state.m.all()[i], kRounding)) << name;
+    EXPECT_TRUE(agrees(*stepped_state.v.all()[i], *expected_state.v.all()[i], 2 * kRounding)) << name;
+    const torch::Tensor& before = *start.all()[i];
+    const torch::Tensor move = stepped.all()[i]->cpu() - before, wanted = *expected.all()[i] - before;
+    // What is stored is rounded to its own size, which is larger than the move.
+    EXPECT_TRUE(test::within(move, wanted, 2 * kRounding * (wanted.abs() + kRates[i]) + 2e-7 * before.abs())) << name;
+  }
+}
+
+/// Bits of all that a step changes.
+testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_state, const GaussianTensors& b,
+                                  const AdamState& b_state) {
+  for (std::size_t i = 0; i < a.all().size(); ++i) {
+    const char* const name = GaussianTensors::kNames[i];
+    if (!torch::equal(*a.all()[i], *b.all()[i])) return testing::AssertionFailure() << name;
+    if (!torch::equal(*a_state.m.all()[i], *b_state.m.all()[i])) return testing::AssertionFailure() << "m of " << name;
+    if (!torch::equal(*a_state.v.all()[i], *b_state.v.all()[i])) return testing::AssertionFailure() << "v of " << name;
+  }
+  return testing::AssertionSuccess();
+}
+
+TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(6);
+  // More steps than can be put off at once. Views from aside, which many Gaussians are outside of, in an irregular
+  // order; degrees that begin to be learned meanwhile.
+  constexpr int kSteps = 150;
+  GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
+  AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often),
+            late_state = make_adam_state(often);
+  const torch::Tensor start = often.shN.clone();
+  Rasterizer rasterizer(kGpu);
+  GaussianStepper often_stepper(rasterizer), rarely_stepper(rasterizer), late_stepper(rasterizer);
+  const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
+  torch::Tensor n_seen = torch::zeros({often.size()});
+  for (int k = 0; k < kSteps; ++k) {
+    const PinholeView view = view_from(0.7 * (k * k % 7 - 3), k % 5 == 0 ? -2.5 : -1.2);
+    const RenderSettings settings = settings_of(std::min(k / 20, 3));
+    const auto step = [&](GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state) {
+      stepper.forward(gaussians, state, view, settings);
+      if (k % 11 == 5 && &stepper == &rarely_stepper) stepper.settle(gaussians, state);  // what a view saw, too
+      return stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+    };
+    step(late_stepper, late, late_state);
+    step(rarely_stepper, rarely, rarely_state);
+    const ViewStatistics statistics = step(often_stepper, often, often_state);
+    n_seen += (statistics.radii > 0).cpu().to(torch::kFloat32);
+    often_stepper.settle(often, often_state);
+    if (k % 37 == 0) {
+      rarely_stepper.settle(rarely, rarely_state);
+      ASSERT_TRUE(is_equal(rarely, rarely_state, often, often_state)) << "after step " << k;
+    }
+  }
+  EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was put off";
+  late_stepper.settle(late, late_state);
+  EXPECT_TRUE(is_equal(late, late_state, often, often_state));
+  EXPECT_GT((n_seen == 0).sum().item<int>(), 100) << "never seen";
+  EXPECT_GT(((n_seen > 0).logical_and(n_seen < kSteps / 2)).sum().item<int>(), 100) << "seen now and then";
+  EXPECT_GT((often.shN - start).abs().max().item<double>(), 0.1) << "harmonics moved";
+}
+
+TEST(DeferredHarmonics, RefusesOtherTensorsWhileStepsAreOutstanding) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(7);
+  GaussianTensors gaussians = copy_to(some_gaussians(2), kGpu);
+  AdamState state = make_adam_state(gaussians);
+  Rasterizer rasterizer(kGpu);
+  GaussianStepper stepper(rasterizer);
+  const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu);
+  const auto step = [&] {
+    stepper.forward(gaussians, state, view_from(0, -6), settings_of(2));
+    stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+  };
+  step();
+  state.m.shN = state.m.shN.clone();
+  EXPECT_THROW(step(), LogicError);
+  EXPECT_THROW(stepper.settle(gaussians, state), LogicError);
+}
+
+INSTANTIATE_TEST_SUITE_P(ByDegree, GaussianStepOnGpu,
+                         testing::Values(std::pair(0, 0), std::pair(0, 3), std::pair(1, 3), std::pair(2, 3),
+                                         std::pair(3, 3), std::pair(1, 1), std::pair(2, 2)),
+                         [](const auto& info) {
+                           return "Learned" + std::to_string(info.param.first) + "Of" +
+                                  std::to_string(info.param.second);
+                         });
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,91 @@
+// Checks of the kernels on the GPU: both passes, with the device's own clock.
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "core/check.h"
+#include "support/gpu_test.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/selection/kernel_chooser.h"
+
+namespace b3dgs {
+namespace {
+
+TrainConfig measured_config() {
+  TrainConfig config = test::eventful_config();
+  config.device = "cuda";
+  config.kernel = config.backward_kernel = "adaptive";
+  config.kernel_policy = "tracking";
+  config.kernel_candidates.clear();
+  for (const ForwardKernelName& kernel : kForwardKernels) config.kernel_candidates.emplace_back(kernel.name);
+  config.kernel_check_interval = 3;
+  config.stats_interval = 5;
+  return config;
+}
+
+TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
+  B3DGS_NEEDS_GPU();
+  const torch::Device device(torch::kCUDA, 0);
+  test::TinySceneOptions options;
+  options.width = 400;
+  options.height = 300;
+  const Scene scene = test::make_tiny_scene(options);
+  const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, device);
+  std::vector<PinholeView> cameras;
+  for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
+  Rasterizer rasterizer(device);
+  KernelChooser chooser(measured_config(), device);
+  const std::vector<KernelCheck> done = chooser.check({1, 1000, 0}, {rasterizer, gaussians, {}, cameras});
+  ASSERT_EQ(done.size(), 2u);
+  EXPECT_STREQ(done[0].pass, "forward");
+  EXPECT_STREQ(done[1].pass, "backward");
+  EXPECT_EQ(done[0].decision.times_ms.size(), kForwardKernels.size());
+  EXPECT_EQ(done[1].decision.times_ms.size(), kBackwardKernels.size());
+  for (const KernelCheck& check : done) {
+    EXPECT_TRUE(check.decision.refused.empty()) << check.decision.reason;
+    EXPECT_GE(check.decision.views, KernelSelector::kMinViews);
+    for (const auto& [kernel, ms] : check.decision.times_ms) EXPECT_GT(ms, 0) << kernel;
+  }
+}
+
+TEST(RasterizerOnGpu, ReblendBackwardRefusesAGradientOfAnotherShapeAsBackwardDoes) {
+  B3DGS_NEEDS_GPU();
+  const torch::Device device(torch::kCUDA, 0);
+  const Scene scene = test::make_tiny_scene();
+  const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, device);
+  Rasterizer rasterizer(device);
+  const torch::Tensor color = rasterizer.forward(gaussians, to_pinhole_view(scene.train[0].camera), {}).color;
+  RenderedViewGrad grad;
+  grad.color = torch::zeros_like(color).narrow(0, 0, 1);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  grad.color = torch::zeros_like(color).cpu();
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  grad.color = torch::zeros_like(color);
+  EXPECT_NO_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad));
+}
+
+TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingGoesOn) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const test::Trained run = test::train(measured_config(), scene, temp.path(), {}, test::slow_training());
+  EXPECT_EQ(run.result.iteration, 20);
+  std::ifstream file(temp / "train.jsonl");
+  int n_forward = 0, n_backward = 0, n_loads = 0;
+  for (std::string line; std::getline(file, line);) {
+    const nlohmann::json json = nlohmann::json::parse(line);
+    const std::string event = json.value("event", "");
+    if (event == "kernel_check") ++(json.at("pass") == "forward" ? n_forward : n_backward);
+    if (event == "load_statistics") ++n_loads;
+    if (!event.empty()) continue;
+    EXPECT_TRUE(find_backward_kernel(json.at("backward_kernel").get<std::string>())) << line;
+  }
+  EXPECT_GE(n_forward, 3);
+  EXPECT_GE(n_backward, 3);
+  EXPECT_EQ(n_loads, 5);
+}
+
+}  // namespace
+}  // namespace b3dgs

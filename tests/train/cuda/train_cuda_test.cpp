@@ -1,0 +1,290 @@
+// The parts of training on a GPU that know no torch.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <numeric>
+#include <thread>
+
+#include "core/check.h"
+#include "core/random.h"
+#include "support/gpu_test.h"
+#include "train/density/split_samples_cuda.h"
+#include "train/images/image_uploader.h"
+#include "train/loss/loss.h"
+#include "train/loss/loss_cuda.h"
+#include "train/output/device_snapshot.h"
+#include "train/timing/event_marks.h"
+
+namespace b3dgs {
+namespace {
+
+/// A stream of its own that can be held up.
+class GatedStream {
+ public:
+  GatedStream() { B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking)); }
+  ~GatedStream() {
+    open();
+    cudaStreamDestroy(stream_);
+  }
+  GatedStream(const GatedStream&) = delete;
+  GatedStream& operator=(const GatedStream&) = delete;
+
+  /// What is queued from now on is not begun before open().
+  void close() {
+    is_open_ = false;
+    const auto wait = [](void* gate) {
+      while (!static_cast<std::atomic<bool>*>(gate)->load()) std::this_thread::yield();
+    };
+    B3DGS_CUDA_CHECK(cudaLaunchHostFunc(stream_, wait, &is_open_));
+  }
+  /// Returns when all is done that was queued.
+  void open() {
+    is_open_ = true;
+    cudaStreamSynchronize(stream_);
+  }
+  cudaStream_t get() const { return stream_; }
+
+ private:
+  cudaStream_t stream_ = nullptr;
+  std::atomic<bool> is_open_{true};
+};
+
+TEST(EventMarks, AreReachedWhenTheDeviceGetsThere) {
+  B3DGS_NEEDS_GPU();
+  GatedStream stream;
+  cuda::EventMarks marks;
+  const int before = marks.record(stream.get());
+  stream.close();
+  const int behind = marks.record(stream.get());
+  EXPECT_NE(before, behind);
+  EXPECT_FALSE(marks.has_reached(behind));
+  stream.open();
+  marks.wait(behind);
+  EXPECT_TRUE(marks.has_reached(before));
+  EXPECT_TRUE(marks.has_reached(behind));
+  EXPECT_GT(marks.ms_between(before, behind), 0);
+  marks.release(before);
+  EXPECT_EQ(marks.record(stream.get()), before) << "used again";
+}
+
+/// Bytes that tell image `seed` from others.
+std::vector<std::uint8_t> image(int seed, std::size_t n) {
+  std::vector<std::uint8_t> bytes(n);
+  for (std::size_t i = 0; i < n; ++i) bytes[i] = static_cast<std::uint8_t>(37 * seed + 3 * i + i / 251);
+  return bytes;
+}
+
+TEST(DeviceSnapshot, KeepsWhatWasThereWhileTheArraysChange) {
+  B3DGS_NEEDS_GPU();
+  const std::size_t sizes[] = {3 * cuda::DeviceReader::kPieceBytes + 1234, 1000};
+  const std::vector<std::uint8_t> images[] = {image(1, sizes[0]), image(2, sizes[1])};
+  const test::DeviceArray<std::uint8_t> large(images[0].data(), static_cast<std::int64_t>(sizes[0]));
+  const test::DeviceArray<std::uint8_t> small(images[1].data(), static_cast<std::int64_t>(sizes[1]));
+  GatedStream stream;
+  cuda::DeviceReader reader;
+  B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  const auto snapshot =
+      cuda::DeviceSnapshot::make({{large.data(), sizes[0]}, {nullptr, 0}, {small.data(), sizes[1]}}, stream.get());
+  ASSERT_NE(snapshot, nullptr);
+  reader.follow(stream.get());
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(large.data(), 0, sizes[0], stream.get()));
+  ASSERT_EQ(snapshot->arrays().size(), 3u);
+  for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
+    std::vector<std::uint8_t> read;
+    const cuda::DeviceBytes& copy = snapshot->arrays()[i];
+    reader.read(copy.data, copy.bytes, [&](const void* piece, std::size_t bytes) {
+      const auto* const from = static_cast<const std::uint8_t*>(piece);
+      read.insert(read.end(), from, from + bytes);
+    });
+    EXPECT_TRUE(read == images[i / 2]) << i;
+  }
+  EXPECT_EQ(cuda::DeviceSnapshot::make({{large.data(), std::size_t{1} << 50}}, stream.get()), nullptr) << "no room";
+}
+
+class ImageUploaderTest : public testing::Test {
+ protected:
+  static constexpr std::size_t kBytes = 1 << 20;
+  /// What a reader on the stream finds in a slot: copied behind all that is queued there.
+  static void read(const std::uint8_t* slot, const test::DeviceArray<std::uint8_t>& out, cudaStream_t stream) {
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(out.data(), slot, kBytes, cudaMemcpyDeviceToDevice, stream));
+  }
+  static std::vector<std::uint8_t> host_copy(const test::DeviceArray<std::uint8_t>& array) {
+    std::vector<std::uint8_t> bytes(kBytes);
+    array.download(bytes.data());
+    return bytes;
+  }
+};
+
+TEST_F(ImageUploaderTest, NeverWritesASlotThatIsStillRead) {
+  B3DGS_NEEDS_GPU();
+  const std::vector<std::uint8_t> first = image(1, kBytes), second = image(2, kBytes);
+  cuda::ImageUploader uploader(1, 2, kBytes);
+  std::copy(first.begin(), first.end(), uploader.staging()[0]);
+  std::copy(second.begin(), second.end(), uploader.staging()[1]);
+  const test::DeviceArray<std::uint8_t> seen_first(kBytes), seen_second(kBytes);
+  GatedStream slow, other;
+  B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  uploader.upload(0, kBytes, 0);
+  const std::uint8_t* const slot = uploader.acquire(0, slow.get());
+  slow.close();
+  read(slot, seen_first, slow.get());
+  uploader.release(0, slow.get());
+  uploader.upload(1, kBytes, 0);  // has to wait for the slow reader
+  read(uploader.acquire(0, other.get()), seen_second, other.get());
+  EXPECT_EQ(cudaStreamQuery(other.get()), cudaErrorNotReady) << "uploaded over what the first reader still needs";
+  slow.open();
+  other.open();
+  EXPECT_TRUE(host_copy(seen_first) == first);
+  EXPECT_TRUE(host_copy(seen_second) == second);
+}
+
+TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
+  B3DGS_NEEDS_GPU();
+  constexpr int kImages = 7, kSlots = 3;
+  cuda::ImageUploader uploader(kSlots, kImages, kBytes);
+  std::vector<std::vector<std::uint8_t>> images;
+  for (int i = 0; i < kImages; ++i) {
+    images.push_back(image(i, kBytes));
+    std::copy(images.back().begin(), images.back().end(), uploader.staging()[static_cast<std::size_t>(i)]);
+  }
+  constexpr int kSteps = 20;
+  GatedStream reader;
+  std::vector<test::DeviceArray<std::uint8_t>> seen;
+  for (int step = 0; step < kSteps; ++step) seen.emplace_back(static_cast<std::int64_t>(kBytes));
+  B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  for (int step = 0; step < kSteps; ++step) {
+    const int slot = step % kSlots;
+    uploader.upload(step % kImages, kBytes, slot);
+    read(uploader.acquire(slot, reader.get()), seen[static_cast<std::size_t>(step)], reader.get());
+    uploader.release(slot, reader.get());
+  }
+  reader.open();
+  for (int step = 0; step < kSteps; ++step) {
+    EXPECT_TRUE(host_copy(seen[static_cast<std::size_t>(step)]) == images[static_cast<std::size_t>(step % kImages)])
+        << "step " << step;
+  }
+}
+
+TEST_F(ImageUploaderTest, RefusesImagesLargerThanASlot) {
+  B3DGS_NEEDS_GPU();
+  cuda::ImageUploader uploader(1, 1, 10);
+  EXPECT_THROW(uploader.upload(0, 11, 0), LogicError);
+}
+
+TEST(SplitSamples, AreThoseOfTheCpuUpToRounding) {
+  B3DGS_NEEDS_GPU();
+  constexpr std::int64_t kGaussians = 3000, kRows = 1000;
+  std::vector<float> means(3 * kGaussians), log_scales(3 * kGaussians), quats(4 * kGaussians);
+  for (std::int64_t i = 0; i < kGaussians; ++i) {
+    const auto row = static_cast<std::uint64_t>(3 * i);
+    const RandomKey key{17, RandomStream::kBackground, 0};
+    const auto a = random_normal(key, row), b = random_normal(key, row + 1), c = random_normal(key, row + 2);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      means[static_cast<std::size_t>(3 * i) + axis] = 10 * a[axis];
+      log_scales[static_cast<std::size_t>(3 * i) + axis] = 2 * b[axis] - 2;
+    }
+    for (std::size_t axis = 0; axis < 4; ++axis) quats[static_cast<std::size_t>(4 * i) + axis] = c[axis];
+  }
+  std::vector<std::int64_t> rows(kRows);
+  for (std::int64_t i = 0; i < kRows; ++i) rows[static_cast<std::size_t>(i)] = 2999 - 2 * i;
+  std::vector<float> expected(3 * kRows), found(3 * kRows);
+  SplitSampleArgs args{kRows,        rows.data(),
+                       means.data(), log_scales.data(),
+                       quats.data(), {/*seed=*/5, RandomStream::kSplit, /*iteration=*/700},
+                       /*sample=*/1, expected.data()};
+  for (std::int64_t i = 0; i < kRows; ++i) draw_split_sample(args, i);
+
+  const test::DeviceArray<std::int64_t> device_rows(rows.data(), kRows);
+  const test::DeviceArray<float> device_means(means.data(), 3 * kGaussians);
+  const test::DeviceArray<float> device_log_scales(log_scales.data(), 3 * kGaussians);
+  const test::DeviceArray<float> device_quats(quats.data(), 4 * kGaussians), device_out(3 * kRows);
+  args.rows = device_rows.data();
+  args.means = device_means.data();
+  args.log_scales = device_log_scales.data();
+  args.quats = device_quats.data();
+  args.out = device_out.data();
+  cuda::draw_split_samples(args, nullptr);
+  device_out.download(found.data());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    EXPECT_NEAR(found[i], expected[i], 1e-6 * std::max(1.0f, std::fabs(expected[i]))) << i;
+  }
+}
+
+struct LossCase {
+  std::int32_t width, height;  // px
+  int invalid_of_16;           // pixels that do not count, of every 16; 0: there is no mask
+};
+
+class LossOnGpu : public testing::TestWithParam<LossCase> {};
+
+TEST_P(LossOnGpu, IsTheCpus) {
+  B3DGS_NEEDS_GPU();
+  const LossCase& image = GetParam();
+  const std::int64_t n_pixels = std::int64_t{image.width} * image.height;
+  const auto n_values = static_cast<std::size_t>(3 * n_pixels);
+  std::vector<float> rendered(n_values), expected(n_values), found(n_values);
+  std::vector<std::uint8_t> truth(n_values), valid(static_cast<std::size_t>(n_pixels));
+  const RandomKey key{23, RandomStream::kBackground, 0};
+  for (std::size_t i = 0; i < n_values; ++i) {
+    const auto random = random_uniform(key, i);
+    truth[i] = static_cast<std::uint8_t>(255 * random[0]);
+    rendered[i] = 1.5f * random[1] - 0.2f;  // beyond what a photograph can be, too
+  }
+  for (std::size_t i = 0; i < valid.size(); ++i) valid[i] = static_cast<int>(7 * i % 16) >= image.invalid_of_16 ? 1 : 0;
+
+  LossArgs args{image.width, image.height, rendered.data(), truth.data()};
+  if (image.invalid_of_16 > 0) args.valid = valid.data();
+  args.n_valid = image.invalid_of_16 > 0 ? count_valid(valid.data(), n_pixels) : n_pixels;
+  args.lambda_dssim = 0.2;
+  args.grad = expected.data();
+  struct alignas(64) Aligned {
+    float of[16];
+  };
+  std::vector<Aligned> workspace(static_cast<std::size_t>(cpu::loss_workspace_size(image.width, image.height)) / 16 +
+                                 1);
+  args.workspace = workspace.front().of;
+  const LossValue wanted = cpu::compute_loss(args);
+
+  const test::DeviceArray<float> device_rendered(rendered.data(), 3 * n_pixels), device_grad(3 * n_pixels);
+  const test::DeviceArray<std::uint8_t> device_truth(truth.data(), 3 * n_pixels), device_valid(valid.data(), n_pixels);
+  const test::DeviceArray<float> device_workspace(cuda::loss_workspace_size(image.width, image.height));
+  const test::DeviceArray<LossValue> device_value(1);
+  args.rendered = device_rendered.data();
+  args.truth = device_truth.data();
+  if (args.valid != nullptr) args.valid = device_valid.data();
+  args.workspace = device_workspace.data();
+  float* const grads[]{nullptr, device_grad.data()};
+  for (float* const grad : grads) {
+    SCOPED_TRACE(grad == nullptr ? "value alone" : "with gradient");
+    args.grad = grad;
+    cuda::compute_loss(args, device_value.data(), nullptr);
+    LossValue value;
+    device_value.download(&value);
+    EXPECT_NEAR(value.loss, wanted.loss, 1e-6);
+    EXPECT_NEAR(value.l1, wanted.l1, 1e-6);
+    EXPECT_NEAR(value.ssim, wanted.ssim, 1e-6);
+  }
+  device_grad.download(found.data());
+  double largest = 0, apart = 0;
+  for (std::size_t i = 0; i < n_values; ++i) {
+    largest = std::max(largest, std::fabs(static_cast<double>(expected[i])));
+    apart = std::max(apart, std::fabs(static_cast<double>(found[i]) - static_cast<double>(expected[i])));
+  }
+  EXPECT_EQ(largest > 0, args.n_valid > 0);
+  EXPECT_LE(apart, 2e-5 * largest);
+}
+
+// Smaller than the window, than a block; a block and a bit more or less; several blocks.
+INSTANTIATE_TEST_SUITE_P(BySize, LossOnGpu,
+                         testing::Values(LossCase{1, 1, 0}, LossCase{5, 3, 0}, LossCase{32, 32, 0}, LossCase{31, 33, 5},
+                                         LossCase{97, 70, 0}, LossCase{97, 70, 1}, LossCase{64, 41, 12},
+                                         LossCase{33, 20, 16}),
+                         [](const auto& info) {
+                           return std::to_string(info.param.width) + "x" + std::to_string(info.param.height) +
+                                  "Invalid" + std::to_string(info.param.invalid_of_16);
+                         });
+
+}  // namespace
+}  // namespace b3dgs
