@@ -45,11 +45,6 @@ void catch_stop_signals() {
   std::signal(SIGTERM, ask_to_stop);
 }
 
-std::string scene_name(const std::string& source_path) {
-  const fs::path scene = fs::absolute(source_path).lexically_normal();
-  return (scene.has_filename() ? scene : scene.parent_path()).filename().string();
-}
-
 void make_absolute(std::string& path) {
   if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }

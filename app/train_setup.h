@@ -16,9 +16,6 @@ const std::atomic<int>& stop_signal();
 /// program at once.
 void catch_stop_signals();
 
-/// "bonsai" of "/data/bonsai/".
-std::string scene_name(const std::string& source_path);
-
 /// A path that stays right when a later command runs in another folder; an empty one stays empty.
 void make_absolute(std::string& path);
 

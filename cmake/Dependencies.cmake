@@ -17,6 +17,9 @@ b3dgs_need(OpenMP_CXX_FOUND "OpenMP" "g++")
 find_package(nlohmann_json 3.10 QUIET)
 b3dgs_need(nlohmann_json_FOUND "nlohmann-json" "nlohmann-json3-dev")
 
+find_package(ZLIB QUIET)
+b3dgs_need(ZLIB_FOUND "zlib" "zlib1g-dev")
+
 find_package(CLI11 QUIET)
 b3dgs_need(CLI11_FOUND "CLI11" "libcli11-dev")
 

@@ -12,4 +12,5 @@ cmake --build --preset cuda-compile --target b3dgs_raster_cuda b3dgs_train_cuda 
   raster_cuda_tests train_cuda_tests adaptive_cuda_tests
 scripts/kernel_resources.sh --check
 scripts/check_rounding.sh
+scripts/check_torch_cuda.sh
 ctest --test-dir build/cuda-compile -L gpu --no-tests=error --parallel 2 --output-on-failure

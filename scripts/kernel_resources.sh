@@ -47,17 +47,17 @@ print_table() {
   local source module report
   echo "# What ptxas of nvcc $(compiler_version) says of every kernel. Written by scripts/kernel_resources.sh --update."
   echo "# Bytes: stack and spills per thread, static shared memory per block."
-  printf '%-38s %-38s %-6s %9s %6s %12s %11s %7s\n' \
+  printf '%-46s %-38s %-6s %9s %6s %12s %11s %7s\n' \
     '# source' kernel arch registers stack spill_stores spill_loads shared
   find src -name '*.cu' | sort | while read -r source; do
-    module=$(dirname "$(dirname "$source")")
+    module=$(cut -d/ -f1,2 <<<"$source")
     report=$(find "$build/$module/CMakeFiles" -path "*.dir/${source#"$module"/}.o.ptxas" 2>/dev/null | head -n 1)
     [[ -n $report ]] || fail "$source has no report below $build; build with scripts/compile_cuda.sh first"
     # From "void b3dgs::cuda::(anonymous namespace)::name<128>(b3dgs::Args)" to "name<128>"
     parse_report "$report" | c++filt | grep -v '\bcub::' |
       sed -E 's/^void //; s/b3dgs::|cuda::|\(anonymous namespace\):://g; s/\([A-Za-z ]+\)([0-9]+)/\1/g; s/\([^|]*\|/|/' |
       awk -F'|' -v source="${source#src/}" '{
-        printf "%-38s %-38s %-6s %9d %6d %12d %11d %7d\n", source, $1, $2, $3, $4, $5, $6, $7 }' | sort
+        printf "%-46s %-38s %-6s %9d %6d %12d %11d %7d\n", source, $1, $2, $3, $4, $5, $6, $7 }' | sort
   done
 }
 

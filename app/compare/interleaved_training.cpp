@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "app/record_run.h"
 #include "app/train_setup.h"
 #include "core/files/remove_tree.h"
 #include "report/train_log_reader.h"

@@ -64,13 +64,6 @@ void StatusLine::clear() {
   shown_.clear();
 }
 
-std::string format_duration(double seconds) {
-  const long long total = std::llround(std::clamp(seconds, 0.0, 3.6e8));
-  const int hours = static_cast<int>(total / 3600), minutes = static_cast<int>(total / 60 % 60);
-  const int rest = static_cast<int>(total % 60);
-  return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
-}
-
 std::string format_bar(double share, int columns) {
   const int inside = std::max(1, columns - 2);
   const int filled = std::clamp(static_cast<int>(share * inside), 0, inside);

@@ -50,8 +50,6 @@ class StatusLine {
   std::string shown_;  // on the terminal now
 };
 
-/// "1:02:03" or "2:03".
-std::string format_duration(double seconds);
 /// "[=====>    ]", `columns` wide in all.
 std::string format_bar(double share, int columns);
 /// "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"

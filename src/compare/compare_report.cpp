@@ -4,11 +4,10 @@
 #include <cctype>
 #include <cmath>
 
-#include "app/terminal/progress.h"
-#include "app/train_setup.h"
 #include "compare/compare_verdict.h"
 #include "core/check.h"
 #include "core/print.h"
+#include "core/text.h"
 #include "report/html_report.h"
 #include "report/report_sections.h"
 

@@ -1,10 +1,14 @@
 // Numbers as people read them.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <string>
+
+#include "core/print.h"
 
 namespace b3dgs {
 
@@ -22,6 +26,14 @@ inline std::string format_gigabytes(std::int64_t bytes) {
   char text[32];
   std::snprintf(text, sizeof text, "%.2f GB", 1e-9 * static_cast<double>(bytes));
   return text;
+}
+
+/// "1:02:03" or "2:03".
+inline std::string format_duration(double seconds) {
+  const long long total = std::llround(std::clamp(seconds, 0.0, 3.6e8));
+  const int hours = static_cast<int>(total / 3600), minutes = static_cast<int>(total / 60 % 60);
+  const int rest = static_cast<int>(total % 60);
+  return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
 }
 
 }  // namespace b3dgs

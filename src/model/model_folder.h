@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "model/evaluation.h"
 #include "scene/scene.h"
 #include "train/config/train_config.h"
-#include "train/evaluate.h"
 
 namespace b3dgs {
 

@@ -5,7 +5,6 @@
 #include <map>
 #include <utility>
 
-#include "compare/compare_summary.h"
 #include "core/check.h"
 #include "core/print.h"
 #include "raster/stages.h"

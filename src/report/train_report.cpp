@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "app/terminal/progress.h"
-#include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/print.h"

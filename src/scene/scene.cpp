@@ -219,4 +219,9 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   return scene;
 }
 
+std::string scene_name(const std::string& source_path) {
+  const std::filesystem::path scene = std::filesystem::absolute(source_path).lexically_normal();
+  return (scene.has_filename() ? scene : scene.parent_path()).filename().string();
+}
+
 }  // namespace b3dgs

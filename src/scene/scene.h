@@ -57,4 +57,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 /// 1.1 x the largest distance of a camera centre from the mean of the centres (world units); 1 if that is 0.
 double scene_extent(const std::vector<View>& views);
 
+/// "bonsai" of "/data/bonsai/".
+std::string scene_name(const std::string& source_path);
+
 }  // namespace b3dgs

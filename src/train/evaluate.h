@@ -22,16 +22,6 @@ TileShape tile_shape(const TrainConfig& config);
 /// How views of a model are rendered where nothing is random. `sh_degree` is at most that of its Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 
-struct ViewQuality {
-  std::string name;
-  ImageQuality quality;
-};
-
-struct Evaluation {
-  std::vector<ViewQuality> views;
-  ImageQuality mean;
-};
-
 /// Called after each view with what was rendered (valid until return).
 using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
 

@@ -6,8 +6,8 @@
 
 #include "adaptive/kernel_selector.h"
 #include "fuzz/fuzz_target.h"
-#include "train/checkpoint/checkpoint_header.h"
-#include "train/checkpoint/checkpoint_layout.h"
+#include "model/checkpoint/checkpoint_header.h"
+#include "model/checkpoint/checkpoint_layout.h"
 
 namespace b3dgs::fuzz {
 namespace {

@@ -6,8 +6,8 @@
 #include "support/expect_error.h"
 #include "support/train/disk_scene.h"
 #include "support/train/tiny_scene.h"
+#include "train/config/view_order.h"
 #include "train/images/upload_slots.h"
-#include "train/images/view_order.h"
 
 namespace b3dgs {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "core/random.h"
 #include "train/config/output_plan.h"
-#include "train/images/view_order.h"
+#include "train/config/view_order.h"
 #include "train/optimizer/lr_schedule.h"
 
 namespace b3dgs {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "app/terminal/progress.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

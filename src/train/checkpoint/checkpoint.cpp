@@ -8,8 +8,8 @@
 #include <system_error>
 
 #include "core/check.h"
+#include "model/checkpoint/checkpoint_header.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/checkpoint/checkpoint_header.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {

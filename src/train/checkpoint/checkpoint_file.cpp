@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
-#include "train/checkpoint/checkpoint_layout.h"
+#include "model/checkpoint/checkpoint_layout.h"
 
 namespace b3dgs {
 namespace {

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "raster/torch/gaussian_tensors.h"
+#include "train/config/view_order.h"
 #include "train/density/density_statistics.h"
-#include "train/images/view_order.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {

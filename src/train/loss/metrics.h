@@ -4,14 +4,10 @@
 
 #include <torch/types.h>
 
+#include "model/evaluation.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {
-
-struct ImageQuality {
-  double psnr = 0;  // dB
-  double ssim = 0;
-};
 
 /// Compares a rendered image [H, W, 3] (clamped to [0, 1] here, and rounded to 8 bits as it would be saved) with the
 /// truth. Pixels where `valid` is 0 count for nothing; null: all are valid.

@@ -1,4 +1,4 @@
-#include "train/checkpoint/checkpoint_layout.h"
+#include "model/checkpoint/checkpoint_layout.h"
 
 #include <zlib.h>
 

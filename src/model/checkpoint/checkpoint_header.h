@@ -6,7 +6,7 @@
 #include <string>
 
 #include "train/config/train_config.h"
-#include "train/images/view_order.h"
+#include "train/config/view_order.h"
 
 namespace b3dgs {
 

@@ -1,4 +1,4 @@
-#include "train/checkpoint/checkpoint_header.h"
+#include "model/checkpoint/checkpoint_header.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,68 @@
+#include "app/record_run.h"
+
+#include <algorithm>
+
+#include "app/model.h"
+#include "report/run_record.h"
+#include "scene/images/image_io.h"
+#include "scene/view_image.h"
+#include "train/loss/metrics.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kPreviews = 3;
+constexpr int kPreviewWidth = 320;  // px
+
+Image8 small(const Image8& image) {
+  if (image.width <= kPreviewWidth) return image;
+  return resize_image(image, kPreviewWidth, std::max(1, image.height * kPreviewWidth / image.width));
+}
+
+/// Views that lie evenly in the list, the first among them.
+std::vector<View> choose_views(const std::vector<View>& views) {
+  std::vector<View> chosen;
+  const std::size_t n = std::min(kPreviews, views.size());
+  for (std::size_t i = 0; i < n; ++i) chosen.push_back(views[i * views.size() / n]);
+  return chosen;
+}
+
+std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& views, const ModelFolder& folder) {
+  std::vector<Preview> previews;
+  const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
+                               const ImageQuality& quality) {
+    const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
+    const fs::path render = report_folder(folder) / ("render_" + image_name(index));
+    write_image(truth, small(*view.image->read()));
+    write_image(render, small(to_image8(rendered.color)));
+    previews.push_back({view.name, quality.psnr, truth, render});
+  };
+  trainer.evaluate(choose_views(views), on_rendered);
+  return previews;
+}
+
+}  // namespace
+
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+  RunRecord record = read_run_record(folder);
+  record.iteration = trainer.iteration();
+  record.held_out = !scene.test.empty();
+  record.previews = render_previews(trainer, record.held_out ? scene.test : scene.train, folder);
+  write_run_record(record, folder);
+}
+
+void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+  RunRecord record = read_run_record(folder);
+  if (record.iteration != trainer.iteration() || record.previews.empty()) {
+    record_previews(trainer, scene, folder);
+    record = read_run_record(folder);
+  }
+  record.machine = session.machine;
+  record.reading_s += session.reading_s;
+  record.output_s += session.result.output_s;
+  write_run_record(record, folder);
+}
+
+}  // namespace b3dgs

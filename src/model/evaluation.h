@@ -1,0 +1,24 @@
+// How well a model renders views whose photographs are known.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace b3dgs {
+
+struct ImageQuality {
+  double psnr = 0;  // dB
+  double ssim = 0;
+};
+
+struct ViewQuality {
+  std::string name;
+  ImageQuality quality;
+};
+
+struct Evaluation {
+  std::vector<ViewQuality> views;
+  ImageQuality mean;
+};
+
+}  // namespace b3dgs
