@@ -135,7 +135,8 @@ TEST(Layers, TheTableNamesNoIncludeThatIsNotThere) {
   }
   for (const Layer& layer : layers) {
     for (const std::string& name : layer.may_include) {
-      if (name != "torch") EXPECT_EQ(used[layer.folder].count(name), 1u) << layer.folder << " includes no " << name;
+      if (name == "torch") continue;
+      EXPECT_EQ(used[layer.folder].count(name), 1u) << layer.folder << " includes no " << name;
     }
   }
 }

@@ -1,0 +1,16 @@
+// Description of the machine, to store along with measured times.
+#pragma once
+
+#include <torch/types.h>
+#include <nlohmann/json.hpp>
+
+namespace b3dgs {
+
+/// Keys: "program", "cpu", "cores" (logical), "memory_gb", "libtorch", "device"; if `device` is a GPU also "gpu",
+/// "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
+nlohmann::ordered_json describe_machine(const torch::Device& device);
+
+/// Adds the keys of a GPU. Only in builds with CUDA.
+void describe_gpu(nlohmann::ordered_json& machine);
+
+}  // namespace b3dgs
