@@ -1,4 +1,4 @@
-#include "app/machine.h"
+#include "app/machine/machine.h"
 
 #include <torch/version.h>
 #include <unistd.h>
