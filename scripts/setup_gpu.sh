@@ -43,8 +43,9 @@ missing() {
 
 # The GPU: at least compute capability 7.5.
 capability=
-if command -v nvidia-smi >/dev/null && gpu=$(nvidia-smi --query-gpu=name,driver_version,compute_cap --format=csv,noheader 2>/dev/null); then
-  gpu=$(head -n 1 <<<"$gpu")
+if command -v nvidia-smi >/dev/null &&
+  gpu=$(nvidia-smi --query-gpu=name,driver_version,compute_cap --format=csv,noheader 2>/dev/null | head -n 1) &&
+  [[ -n $gpu ]]; then
   capability=$(sed 's/.*, *//; s/\.//' <<<"$gpu")
   if ((capability >= 75)); then
     found GPU "${gpu%,*}, compute capability ${gpu##*, }"
