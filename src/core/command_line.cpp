@@ -68,10 +68,10 @@ std::string wrap(const std::string& text, std::size_t columns, std::size_t inden
   return wrapped;
 }
 
-/// "--a, --b", with `prefix` "--".
-std::string joined(const std::vector<std::string>& names, const std::string& prefix) {
+/// "--a, --b", or in Markdown "`--a`, `--b`".
+std::string alias_list(const OptionSpec& spec, const std::string& quote = "") {
   std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + prefix + name;
+  for (const std::string& name : spec.aliases) text += (text.empty() ? "" : ", ") + quote + "--" + name + quote;
   return text;
 }
 
@@ -96,7 +96,7 @@ std::string description(const OptionSpec& spec, HelpDetail detail) {
   std::vector<std::string> notes;
   if (const std::string text = value_text(spec.default_value); !text.empty()) notes.push_back("default " + text);
   if (!spec.range.empty() && (detail == HelpDetail::kAll || spec.lists_choices)) notes.push_back(spec.range);
-  if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + joined(spec.aliases, "--"));
+  if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
   if (notes.empty()) return spec.help;
   // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
   const bool has_note = !spec.help.empty() && spec.help.back() == ')';
@@ -204,10 +204,11 @@ std::string names_and_value(const OptionSpec& spec) {
 
 /// One option of a help text, its description starting at a fixed column.
 std::string help_entry(const OptionSpec& spec, HelpDetail detail) {
-  std::string text = "  " + names_and_value(spec);
-  if (text.size() + 2 > kNameColumns) text += '\n';
-  text.resize(std::max(kNameColumns, text.size() + (text.back() == '\n' ? kNameColumns : 0)), ' ');
-  return text + wrap(description(spec, detail), kTextColumns, kNameColumns) + "\n";
+  const std::string names = "  " + names_and_value(spec);
+  const bool fits = names.size() + 2 <= kNameColumns;
+  const std::string space =
+      fits ? std::string(kNameColumns - names.size(), ' ') : "\n" + std::string(kNameColumns, ' ');
+  return names + space + wrap(description(spec, detail), kTextColumns, kNameColumns) + "\n";
 }
 
 /// A cell of a Markdown table.
@@ -217,9 +218,8 @@ std::string cell(std::string text) {
 }
 
 std::string markdown_row(const OptionSpec& spec) {
-  const std::string letter = spec.letter == '\0' ? "" : std::string("-") + spec.letter;
-  std::string names = letter;
-  if (!spec.aliases.empty()) names += (names.empty() ? "" : ", ") + joined(spec.aliases, "--");
+  std::string names = spec.letter == '\0' ? "" : std::string("`-") + spec.letter + "`";
+  if (!spec.aliases.empty()) names += (names.empty() ? "" : ", ") + alias_list(spec, "`");
   const std::string value = value_text(spec.default_value);
   const bool is_flag = spec.kind == ValueKind::kFlag;
   return "|" + cell("`--" + spec.name + "`") + cell(names) + cell(is_flag && value.empty() ? "off" : value) +

@@ -323,7 +323,7 @@ TEST_F(ConfigFile, NumbersAreNeitherWrappedNorRounded) {
             "accepted");
 }
 
-TEST_F(ConfigFile, AcceptsTheNamesOfTheCommandLine) {
+TEST_F(ConfigFile, TakesTheNamesOfTheCommandLine) {
   TrainConfig config;
   apply_config_file(config, write(R"({"max_steps": 50, "test-iterations": [3], "s": "scene", "data-factor": 2})"));
   EXPECT_EQ(config.iterations, 50);

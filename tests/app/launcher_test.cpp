@@ -34,7 +34,7 @@ TEST(Launcher, AnswersWithoutTheEngine) {
             std::string::npos);
 }
 
-TEST(Launcher, WaitingThreadsSleepUnlessTheUserChoosesOtherwise) {
+TEST(Launcher, ThreadsSleepWhileTheyWaitUnlessTheUserSaysOtherwise) {
   setenv("OMP_DISPLAY_ENV", "true", 1);
   const std::string usual = run_b3dgs({"train", "--help"}).err;
   setenv("OMP_WAIT_POLICY", "active", 1);
@@ -45,7 +45,7 @@ TEST(Launcher, WaitingThreadsSleepUnlessTheUserChoosesOtherwise) {
   EXPECT_NE(told.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << told;
 }
 
-TEST(Demo, RefusesAFolderThatItDidNotCreate) {
+TEST(Demo, RefusesAFolderThatItDidNotMake) {
   const test::TempDir folder;
   test::write_bytes(folder / "mine/model/thesis.txt", "years");
   EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/demo.sh '" + (folder / "mine").string() + "'"), 2);

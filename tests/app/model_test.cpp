@@ -51,7 +51,7 @@ class TrainedModel : public ::testing::Test {
   StatusLine status_{messages_, 0, /*quiet=*/true};
 };
 
-TEST_F(TrainedModel, TheTileSuitsTheDeviceThatRenders) {
+TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
   change_config("device", "cuda");
   const LoadedModel model = load_model(options_, status_);
   EXPECT_EQ(model.config.device, "cpu");
@@ -100,7 +100,7 @@ TEST_F(TrainedModel, APlyInAModelFolderIsRenderedWithItsCameras) {
   EXPECT_NE(alone.err.find("alone.ply; name a scene with -s"), std::string::npos) << alone.err;
 }
 
-TEST_F(TrainedModel, ResultsOfAnotherSizeOrSceneAreStoredSeparately) {
+TEST_F(TrainedModel, ResultsOfAnotherSizeOrSceneStandBesideItsOwn) {
   const nlohmann::json own = results()["ours_3"];
   EXPECT_EQ(own["width"], 64);
   EXPECT_EQ(own["resolution"], -1);

@@ -171,7 +171,7 @@ TEST(Street, DepthsAreLogUniform) {
   EXPECT_LT(distance_from_uniform(u), 1.63 / std::sqrt(20000.0));  // the 1 % critical value
 }
 
-TEST(Street, PointsAreThoseOfThePublishedBenchmarks) {
+TEST(Street, PointsAreThoseOfTheMeasuredFigures) {
   // docs/benchmarks.md has results of `bench street`, which uses these points.
   for (const char* truth : {"surfaces", "points"}) {
     SynthConfig config = small("street", "");
@@ -200,7 +200,7 @@ double psnr_of(const SplatCloud& a, const SplatCloud& b, const Camera& camera) {
   return -10 * std::log10(sum);
 }
 
-TEST(Street, TrueGaussiansDifferFromThePoints) {
+TEST(Street, TrainingHasToFindWhatTheImagesShow) {
   SynthConfig config = small("street", "");
   config.points = 3000;
   config.width = 240;

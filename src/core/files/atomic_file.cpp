@@ -64,7 +64,10 @@ void create_folders(const fs::path& folder, const std::string& target) {
     if (path.has_filename()) parents.push_back(path.parent_path());
   }
   fs::create_directories(folder, error);
-  if (error) io_error("cannot create folder: ", folder.string(), " (for ", target, ": ", error.message(), ")");
+  if (error) {
+    const std::string purpose = target == folder.string() ? "" : ", needed for " + target;
+    io_error("cannot create folder: ", folder.string(), " (", error.message(), ")", purpose);
+  }
   for (const fs::path& parent : parents) {
     if (::access(parent.c_str(), R_OK) == 0) sync_folder(parent, target);  // syncing needs read permission
   }
@@ -99,7 +102,7 @@ void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& writ
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
       const char* reason = written < 0 ? std::strerror(errno) : "no byte was written";
-      io_error("cannot write ", target_.string(), " (", bytes, " bytes: ", reason, "); the old file is unchanged");
+      io_error("cannot write ", target_.string(), " (", bytes, " bytes: ", reason, "); an existing file is unchanged");
     }
     from += written;
     left -= static_cast<std::size_t>(written);
