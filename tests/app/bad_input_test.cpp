@@ -64,7 +64,7 @@ constexpr std::size_t kFirstQuaternion = 12, kFirstCameraId = 68;
 struct BadScene {
   const char* name;
   std::function<void(const fs::path& scene)> damage;
-  std::vector<std::string> says;  // parts of the error message
+  std::vector<std::string> parts;  // of the error message
 };
 
 const std::vector<BadScene>& bad_scenes() {
@@ -112,11 +112,11 @@ const std::vector<BadScene>& bad_scenes() {
   return rows;
 }
 
-void expect_refused(const Outcome& outcome, const std::vector<std::string>& says) {
+void expect_refused(const Outcome& outcome, const std::vector<std::string>& parts) {
   EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
   EXPECT_EQ(outcome.err.compare(0, 7, "error: "), 0) << outcome.err;
   EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
-  for (const std::string& part : says)
+  for (const std::string& part : parts)
     EXPECT_NE(outcome.err.find(part), std::string::npos) << part << " in " << outcome.err;
 }
 
@@ -128,7 +128,7 @@ TEST_P(RejectsScene, InOneLineAndWritesNothing) {
   GetParam().damage(folder.path() / "scene");
   const Outcome outcome = run_b3dgs({"train", "-s", (folder.path() / "scene").string(), "-m",
                                      (folder.path() / "model").string(), "--iterations", "2", "--quiet"});
-  expect_refused(outcome, GetParam().says);
+  expect_refused(outcome, GetParam().parts);
   EXPECT_FALSE(fs::exists(folder.path() / "model"));
 }
 

@@ -302,23 +302,24 @@ TEST_F(ConfigFile, ErrorsNameTheFileAndTheReason) {
 }
 
 TEST_F(ConfigFile, NumbersAreNeitherWrappedNorRounded) {
-  const auto says = [&](const std::string& text, const std::string& wanted) {
+  const auto expect_error = [&](const std::string& text, const std::string& wanted) {
     const std::string found = complaint(text);
     EXPECT_NE(found.find(wanted), std::string::npos) << text << ": " << found;
   };
-  says(R"({"iterations": 4294967297})", "(expected a whole number from -2147483648 to 2147483647, found 4294967297)");
-  says(R"({"iterations": 1e3})", "(expected a whole number, found 1000.0)");
-  says(R"({"iterations": true})", "(expected a whole number, found true)");
-  says(R"({"seed": 18446744073709551615})", "(expected a whole number from -9223372036854775808");
-  says(R"({"test_iterations": [1.9]})", "(expected a list, each entry a whole number, found [1.9])");
-  says(R"({"test_iterations": [7, 4294967297]})",
-       "each entry a whole number from -2147483648 to 2147483647, found [7,");
-  says(R"({"test_iterations": 7})", "invalid value for test_iterations: ");
-  says(R"({"test_iterations": 7})", "(expected a list, found 7)");
-  says(R"({"kernel_candidates": ["naive", 2]})", "each entry a string");
-  says(R"({"opacity_lr": "0.1"})", "(expected a number, found \"0.1\")");
-  says(R"({"opacity_lr": 1e999})", "not valid JSON");
-  says(R"({"eval": 1})", "(expected true or false, found 1)");
+  expect_error(R"({"iterations": 4294967297})",
+               "(expected a whole number from -2147483648 to 2147483647, found 4294967297)");
+  expect_error(R"({"iterations": 1e3})", "(expected a whole number, found 1000.0)");
+  expect_error(R"({"iterations": true})", "(expected a whole number, found true)");
+  expect_error(R"({"seed": 18446744073709551615})", "(expected a whole number from -9223372036854775808");
+  expect_error(R"({"test_iterations": [1.9]})", "(expected a list, each entry a whole number, found [1.9])");
+  expect_error(R"({"test_iterations": [7, 4294967297]})",
+               "each entry a whole number from -2147483648 to 2147483647, found [7,");
+  expect_error(R"({"test_iterations": 7})", "invalid value for test_iterations: ");
+  expect_error(R"({"test_iterations": 7})", "(expected a list, found 7)");
+  expect_error(R"({"kernel_candidates": ["naive", 2]})", "each entry a string");
+  expect_error(R"({"opacity_lr": "0.1"})", "(expected a number, found \"0.1\")");
+  expect_error(R"({"opacity_lr": 1e999})", "not valid JSON");
+  expect_error(R"({"eval": 1})", "(expected true or false, found 1)");
   EXPECT_EQ(complaint(R"({"seed": 9223372036854775807, "opacity_lr": 1, "test_iterations": [2147483647]})"),
             "accepted");
 }

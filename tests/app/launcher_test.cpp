@@ -36,13 +36,13 @@ TEST(Launcher, AnswersWithoutTheEngine) {
 
 TEST(Launcher, ThreadsSleepWhileTheyWaitUnlessTheUserSaysOtherwise) {
   setenv("OMP_DISPLAY_ENV", "true", 1);
-  const std::string usual = run_b3dgs({"train", "--help"}).err;
+  const std::string by_default = run_b3dgs({"train", "--help"}).err;
   setenv("OMP_WAIT_POLICY", "active", 1);
-  const std::string told = run_b3dgs({"train", "--help"}).err;
+  const std::string overridden = run_b3dgs({"train", "--help"}).err;
   unsetenv("OMP_WAIT_POLICY");
   unsetenv("OMP_DISPLAY_ENV");
-  EXPECT_NE(usual.find("OMP_WAIT_POLICY = 'PASSIVE'"), std::string::npos) << usual;
-  EXPECT_NE(told.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << told;
+  EXPECT_NE(by_default.find("OMP_WAIT_POLICY = 'PASSIVE'"), std::string::npos) << by_default;
+  EXPECT_NE(overridden.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << overridden;
 }
 
 TEST(Demo, RefusesAFolderThatItDidNotMake) {

@@ -32,9 +32,9 @@ class Resume : public ::testing::Test {
     return run_b3dgs(words, options);
   }
   static void expect_success(const Outcome& outcome) { EXPECT_EQ(outcome.exit_code, 0) << outcome.err; }
-  static void expect_refused(const Outcome& outcome, const std::vector<std::string>& says) {
+  static void expect_refused(const Outcome& outcome, const std::vector<std::string>& parts) {
     EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
-    for (const std::string& part : says) {
+    for (const std::string& part : parts) {
       EXPECT_NE(outcome.err.find(part), std::string::npos) << part << " in " << outcome.err;
     }
   }
