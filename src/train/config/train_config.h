@@ -113,7 +113,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY of Gaussians or points instead of the scene's points");
   field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
-        OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: on a GPU if there is one");
+        OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
         "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
