@@ -100,15 +100,15 @@ std::vector<int> ModelFolder::checkpoint_iterations() const {
   return list_iterations(root_ / "checkpoints", ".b3dgs");
 }
 
-std::string ModelFolder::course() const {
-  std::ifstream file(root_ / "course.json");
+std::string ModelFolder::training_id() const {
+  std::ifstream file(root_ / "training.json");
   const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  const bool is_named = json.is_object() && json.contains("course") && json["course"].is_string();
-  return is_named ? json["course"].get<std::string>() : "";
+  const bool has_id = json.is_object() && json.contains("training_id") && json["training_id"].is_string();
+  return has_id ? json["training_id"].get<std::string>() : "";
 }
 
-void ModelFolder::write_course(const std::string& id) const {
-  write_json(root_ / "course.json", {{"course", id}}, 2);
+void ModelFolder::write_training_id(const std::string& id) const {
+  write_json(root_ / "training.json", {{"training_id", id}}, 2);
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {

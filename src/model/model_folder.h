@@ -39,9 +39,9 @@ class ModelFolder {
   /// Whether there is a PLY or a checkpoint: hours of work.
   bool holds_model() const { return !ply_iterations().empty() || !checkpoint_iterations().empty(); }
 
-  /// The id of the training whose files these are (course.h); empty if none is named, as in folders of early versions.
-  std::string course() const;
-  void write_course(const std::string& id) const;
+  /// The training that the folder belongs to (training_id.h), from training.json; empty in folders of early versions.
+  std::string training_id() const;
+  void write_training_id(const std::string& id) const;
 
   /// input.ply, cameras.json (test cameras first), cfg_args, config.json.
   void write_inputs(const TrainConfig& config, const Scene& scene) const;

@@ -65,7 +65,7 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
       header.elapsed_s = finite_number(*it, "elapsed_s", place);
       if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
     }
-    header.course = json.value("course", std::string());
+    header.training_id = json.value("training_id", std::string());
     header.is_density_pending = json.value("is_density_pending", false);
     if (const auto it = json.find("n_removed"); it != json.end()) {
       header.n_removed = json_integer<std::int64_t>(*it, "n_removed", place, 0);

@@ -19,7 +19,7 @@ struct CheckpointHeader {
   ViewOrder view_order;          // views of the scene, each once
   double loss_average = 0;       // finite
   double elapsed_s = 0;          // at least 0
-  std::string course;            // "" in the first checkpoints, which had none
+  std::string training_id;       // empty in checkpoints of early versions
   bool is_density_pending = false;
   std::int64_t n_removed = 0;  // at least 0
   std::int64_t held_at = 0;    // at least 0

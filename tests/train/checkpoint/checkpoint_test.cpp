@@ -288,13 +288,13 @@ TEST(NewestCheckpoint, FallsBackToTheOneBeforeADamagedOne) {
   EXPECT_NE(messages[0].find("iteration_1000.b3dgs: is truncated"), std::string::npos) << messages[0];
 }
 
-TEST(OldCheckpoints, AreRemovedButForTheNewestOfTheirOwnCourse) {
+TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   const Scene scene = small_scene();
-  const auto write = [&](int iteration, const std::string& course) {
+  const auto write = [&](int iteration, const std::string& training_id) {
     TrainState state = make_state(scene);
-    state.course = course;
+    state.training_id = training_id;
     write_checkpoint(folder.checkpoint(iteration), make_config(), state, scene);
   };
   for (const int iteration : {10, 20, 30, 40, 60}) write(iteration, "ours");

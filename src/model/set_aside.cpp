@@ -1,10 +1,9 @@
-#include "model/course.h"
+#include "model/set_aside.h"
 
 #include <algorithm>
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <random>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -102,32 +101,6 @@ fs::path new_folder(const ModelFolder& folder, int iteration) {
 }
 
 }  // namespace
-
-std::string new_course_id() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[random() % 16];
-  return id;
-}
-
-bool has_room_for(const ModelFolder& folder, const fs::path& checkpoint, const std::string& course) {
-  if (!folder.holds_model()) return true;
-  const std::string own = folder.course();
-  std::error_code error;
-  const bool lies_there = fs::equivalent(checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error);
-  return course.empty() || own.empty() ? lies_there : course == own;
-}
-
-void check_course(const ModelFolder& folder, const fs::path& checkpoint, const std::string& course) {
-  if (has_room_for(folder, checkpoint, course)) return;
-  input_error(folder.root().string(), ": holds the model of another training than ", checkpoint.string(),
-              "; name another folder with -m, or replace the model with --overwrite");
-}
-
-std::string course_in(const ModelFolder& folder) {
-  const std::string own = folder.course();
-  return own.empty() || !folder.holds_model() ? new_course_id() : own;
-}
 
 fs::path set_aside_after(const ModelFolder& folder, int iteration) {
   const std::vector<fs::path> files = later_files(folder, iteration);
