@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/pinhole_view.h"
+#include "model/raster_input.h"
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/math/sh.h"
 
