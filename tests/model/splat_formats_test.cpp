@@ -41,7 +41,7 @@ TEST(SplatFormats, EachReadsWhatItWrites) {
   }
 }
 
-TEST(SplatFormats, EachRefusesADamagedFile) {
+TEST(SplatFormats, EachRejectsADamagedFile) {
   const test::TempDir folder;
   for (const SplatFormat& format : splat_formats()) {
     const fs::path path = folder / (std::string("a") + format.extension);
