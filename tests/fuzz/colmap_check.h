@@ -1,4 +1,4 @@
-// Checks that a COLMAP model which was read can be used.
+// Checks that the values of a COLMAP model, once read, are usable.
 #pragma once
 
 #include <cmath>
