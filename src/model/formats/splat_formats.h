@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
 
