@@ -16,7 +16,7 @@ namespace {
 constexpr int kNeighbors = 3;
 constexpr std::int64_t kLeafSize = 10;          // most points in a leaf; 6 to 16 are about equally fast
 constexpr float kMinSquaredDistance = 1e-7f;    // keeps the scale of duplicates above 0
-constexpr std::int64_t kQueriesPerTask = 4096;  // close to each other in space, so they share cache lines
+constexpr std::int64_t kQueriesPerTask = 4096;  // close to each other in space, so their data stays in the cache
 
 struct Point {
   std::array<float, 3> position;

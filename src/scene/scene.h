@@ -19,9 +19,8 @@ struct View {
   std::string name;  // as in COLMAP's images file, sub-folders included
   std::string file;  // the photograph; empty: the image is not from a file
   Camera camera;
-  std::shared_ptr<ViewImage> image;  // null if SceneOptions::load_images is false
-  std::shared_ptr<const Image8>
-      valid;  // mask of one channel: 255 where the image is valid, 0 elsewhere; null: all valid
+  std::shared_ptr<ViewImage> image;     // null if SceneOptions::load_images is false
+  std::shared_ptr<const Image8> valid;  // mask of one channel: 255 where valid, 0 elsewhere; null: all valid
 };
 
 inline constexpr int kTestEvery = 8;  // as in the published results of the field
@@ -42,7 +41,7 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
-  double extent = 0;                  // world units: 1.1 x largest distance of a training camera from their mean
+  double extent = 0;                  // world units; scene_extent() of the training views
   std::vector<std::string> summary;   // about a dozen lines that describe the scene
   std::vector<std::string> warnings;  // one line for each thing that is missing
 };

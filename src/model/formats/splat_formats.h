@@ -13,8 +13,8 @@ struct SplatFormat {
   const char* name;       // in messages
   const char* extension;  // lower case, with the dot
 
-  /// @throws InputError if the file is missing, damaged, or holds values that are not finite or a quaternion of length
-  /// 0
+  /// @throws InputError if the file is missing or damaged, or a Gaussian has values that are not finite or a quaternion
+  /// of length 0
   SplatCloud (*read)(const std::filesystem::path& path);
   /// The file appears complete or not at all. @throws IoError
   void (*write)(const std::filesystem::path& path, const SplatCloud& cloud);

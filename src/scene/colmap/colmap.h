@@ -13,7 +13,7 @@
 
 namespace b3dgs {
 
-/// COLMAP's camera models by id. The table of camera_models.cpp has more rows than there are names here.
+/// COLMAP's camera models by ID; values without a name here are rows of the table in camera_models.cpp.
 enum class CameraModel : int {
   kSimplePinhole = 0,
   kPinhole = 1,

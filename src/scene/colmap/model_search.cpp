@@ -41,8 +41,8 @@ std::vector<fs::path> folders_to_search(const fs::path& source) {
 
 SparseModelFolder find_model_folder(const fs::path& source) {
   if (!fs::is_directory(source)) {
-    const char* fault = fs::exists(source) ? ": not a directory" : ": scene folder not found";
-    input_error(source.string(), fault, " (expected a folder with images/ and sparse/0/)");
+    const char* fault = fs::exists(source) ? "scene is not a folder: " : "scene folder not found: ";
+    input_error(fault, source.string(), " (expected images/ and sparse/0/)");
   }
   std::vector<Candidate> candidates;
   for (const fs::path& folder : folders_to_search(source)) {
@@ -64,8 +64,7 @@ SparseModelFolder find_model_folder(const fs::path& source) {
   for (Candidate& candidate : candidates) {
     try {
       candidate.n_images = count_colmap_images(candidate.folder);
-    } catch (
-        const InputError& error) {  // another model may be valid; otherwise reading this one reports the error again
+    } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
       found.notes.push_back(error.what());
     }
   }

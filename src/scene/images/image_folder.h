@@ -21,9 +21,8 @@ class ImageFolder {
   /// Which folder is used instead, for the user; "" if none is.
   const std::string& note() const { return note_; }
 
-  /// The files of registered images by name. An image without a file of its name gets one with a similar name if no
-  /// other image has it; images without either are left out. @throws InputError if two images lead to the same similar
-  /// file
+  /// The files of registered images, by name. An image without a file of its name gets one with a similar name that no
+  /// other image has; images without either are left out. @throws InputError if two images match only the same file
   std::map<std::string, std::filesystem::path> find_all(const std::vector<std::string>& names) const;
 
   /// The file with this name, empty if there is none: relative to the folder, with or without a leading "images/", or

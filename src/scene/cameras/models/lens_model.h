@@ -14,8 +14,7 @@ struct LensModel {
   double (*radial_factor)(const double* k, double r);
   /// All of the distortion: from the undistorted point to the distorted one.
   std::array<double, 2> (*distort)(const double* k, double x, double y);
-  /// Whether a camera whose coefficients are all 0 is a pinhole. Never so for a fisheye: without coefficients it is the
-  /// equidistant projection.
+  /// Whether a camera whose coefficients are all 0 is a pinhole. A fisheye is not: it is the equidistant projection.
   bool is_pinhole_at_zero;
 };
 
