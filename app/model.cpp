@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "train/device.h"
 #include "train/threads.h"
 
@@ -133,7 +134,7 @@ LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, Sta
     input_error(ply.string(), ": a PLY has no cameras; name a scene that has them with -s, or render a model folder");
   }
   LoadedModel model;
-  model.splats = read_splat_ply(ply);
+  model.splats = read_splats(ply);
   apply_options(model, options);
   model.scene = open_cameras(model.config, status);
   return model;

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "model/pinhole_view.h"
+#include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
 #include "train/config/train_config.h"

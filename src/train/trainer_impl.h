@@ -75,7 +75,7 @@ struct Trainer::Impl {
 
   void start();
   void begin();
-  void begin_course();
+  void claim_folder();
   /// One iteration with all that it writes. @throws with the checkpoint that was left
   void iterate();
   void finish_files();

@@ -2,26 +2,27 @@
 
 #include <cstdio>
 
-#include "model/course.h"
 #include "model/disk_space.h"
+#include "model/set_aside.h"
+#include "model/training_id.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
 
-/// The folder is this course's from here on.
-void Trainer::Impl::begin_course() {
+/// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
+void Trainer::Impl::claim_folder() {
   if (resumed.empty()) {
-    state.course = new_course_id();
+    state.training_id = new_training_id();
   } else {
-    check_course(folder, resumed, state.course);
-    state.course = course_in(folder);
+    check_training_id(folder, resumed, state.training_id);
+    state.training_id = training_id_for(folder);
     const std::filesystem::path aside = set_aside_after(folder, state.iteration);
     if (!aside.empty()) {
       say(detail::concat("what this folder held of iterations after ", state.iteration, " is now in ", aside.string()));
     }
   }
-  folder.write_course(state.course);
+  folder.write_training_id(state.training_id);
 }
 
 /// What has to be there before the first step of this session; nothing when called again.
@@ -29,7 +30,7 @@ void Trainer::Impl::begin() {
   if (log) return;
   if (state.gaussians.size() == 0) start();
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
-  begin_course();
+  claim_folder();
   folder.write_inputs(config, scene);
   log = std::make_unique<TrainLog>(folder.log(), state.iteration);
   logged_iteration = staged_iteration = state.iteration;
@@ -167,7 +168,7 @@ void Trainer::Impl::note_files() {
       }
     } else if (is_checkpoint) {
       result.checkpoint = file.path;
-      remove_superseded_checkpoints(folder, state.course, file.iteration, config.keep_checkpoints);
+      remove_superseded_checkpoints(folder, state.training_id, file.iteration, config.keep_checkpoints);
     } else {
       result.ply = file.path;
     }

@@ -20,9 +20,7 @@ class SetupGpu : public testing::Test {
     test::write_bytes(path, "#!/bin/sh\ncat <<'ANSWER'\n" + answer + "\nANSWER\n");
     fs::permissions(path, fs::perms::owner_all);
   }
-  void add_gpu(const std::string& capability) {
-    add_program("nvidia-smi", "NVIDIA Test GPU, 550.54, " + capability);
-  }
+  void add_gpu(const std::string& capability) { add_program("nvidia-smi", "NVIDIA Test GPU, 550.54, " + capability); }
   void add_nvcc() { add_program("nvcc", "Cuda compilation tools, release 12.6, V12.6.20"); }
 
   /// The exit code of setup_gpu.sh with these arguments; its output is in `output`.

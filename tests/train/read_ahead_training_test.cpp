@@ -106,7 +106,7 @@ TEST(ReadAheadTraining, NamesAPhotographThatIsTruncatedAndLeavesTheLastGoodStep)
 
 TEST(ReadAheadTraining, NamesAPhotographThatIsReplacedByOneOfAnotherSize) {
   spoil_in_mid_training([](const fs::path& file) { write_image(file, Image8(30, 20, 3)); },
-                        "60 x 44 px when the scene was loaded, decoded it has 30 x 20");
+                        "expected 60 x 44 px (its size when the scene was loaded), found 30 x 20");
 }
 
 TEST(ReadAheadTraining, NamesATestPhotographThatIsMissingInAnEvaluation) {

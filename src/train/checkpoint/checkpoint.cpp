@@ -140,7 +140,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
           {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
           {"loss_average", state.loss_average},
           {"elapsed_s", state.elapsed_s},
-          {"course", state.course},
+          {"training_id", state.training_id},
           {"is_density_pending", state.is_density_pending},
           {"n_removed", state.n_removed},
           {"held_at", state.held_at},
@@ -174,7 +174,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.view_order = std::move(header.view_order);
   state.loss_average = header.loss_average;
   state.elapsed_s = header.elapsed_s;
-  state.course = std::move(header.course);
+  state.training_id = std::move(header.training_id);
   state.is_density_pending = header.is_density_pending;
   state.n_removed = header.n_removed;
   state.held_at = header.held_at;
@@ -194,15 +194,15 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   return checkpoint;
 }
 
-void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& course, int iteration, int keep) {
+void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& training_id, int iteration, int keep) {
   std::vector<std::filesystem::path> own;  // the newest first
   const std::vector<int> iterations = folder.checkpoint_iterations();
   for (auto it = iterations.rbegin(); it != iterations.rend(); ++it) {
     if (*it > iteration) continue;
     try {
       const Json header = read_checkpoint_header(folder.checkpoint(*it));
-      const std::string other = header.value("course", "");
-      if (other.empty() || other == course) own.push_back(folder.checkpoint(*it));
+      const std::string other = header.value("training_id", "");
+      if (other.empty() || other == training_id) own.push_back(folder.checkpoint(*it));
     } catch (const std::exception&) {
       continue;  // whose it was cannot be known
     }

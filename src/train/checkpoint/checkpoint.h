@@ -49,9 +49,9 @@ void write_checkpoint(const std::filesystem::path& path, const TrainConfig& conf
 /// views than the scene's
 Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device);
 
-/// Removes what the checkpoint of `iteration`, just written, makes superfluous: of the `course` all but the newest
-/// `keep` up to it. Other courses' checkpoints, later ones and damaged ones stay.
-void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& course, int iteration, int keep);
+/// Removes what the checkpoint of `iteration`, just written, makes superfluous: of the training `training_id` all but
+/// the newest `keep` up to it. Checkpoints of other trainings, later ones and damaged ones stay.
+void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& training_id, int iteration, int keep);
 
 /// The newest checkpoint of the folder that can be read, or nothing; damaged ones are reported to `on_message` with the
 /// reason.

@@ -21,7 +21,7 @@ struct TrainState {
   ViewOrder view_order;
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all runs so far
-  std::string course;       // id of the training (course.h); empty in checkpoints of early versions
+  std::string training_id;  // see training_id.h; empty in checkpoints of early versions
   // Density control of the last iteration is still to come: the training ended between its step and that.
   bool is_density_pending = false;
   std::int64_t n_removed = 0;  // Gaussians that could not be rendered (bad_gaussians.h)

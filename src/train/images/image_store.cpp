@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
-#include "model/pinhole_view.h"
+#include "model/raster_input.h"
 #include "scene/view_image.h"
 #include "train/images/image_reader.h"
 #include "train/loss/loss.h"

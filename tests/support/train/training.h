@@ -31,7 +31,7 @@ inline TrainConfig eventful_config() {
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
-  file.header.erase("course");
+  file.header.erase("training_id");
   const std::filesystem::path copy = checkpoint.string() + ".timeless";
   write_checkpoint_file(copy, file);
   const std::string bytes = read_bytes(copy);

@@ -1,10 +1,9 @@
-#include "model/course.h"
+#include "model/set_aside.h"
 
 #include <algorithm>
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <random>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -20,7 +19,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kImagesPrefix = "ours_";
 
-/// N of "ours_N" and "ours_N_VARIANT", -1 for other names.
+/// N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
 int iteration_of(const std::string& name) {
   const std::string prefix = kImagesPrefix;
   int iteration = -1;
@@ -35,10 +34,10 @@ Json read_json(const fs::path& path) {
   return Json::parse(file, nullptr, /*allow_exceptions=*/false);
 }
 
-/// Checkpoints, PLYs and folders of images of later iterations.
+/// Checkpoints, PLYs and folders of renders of later iterations.
 std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
   std::vector<fs::path> files;
-  // The newest first: should this be interrupted, none that stays is newer than one that was moved.
+  // The newest first: if this is interrupted, no remaining checkpoint is newer than one that was moved.
   std::vector<int> checkpoints = folder.checkpoint_iterations();
   std::reverse(checkpoints.begin(), checkpoints.end());
   for (const int own : checkpoints) {
@@ -56,7 +55,7 @@ std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
   return files;
 }
 
-/// Entries "ours_N" of a results file up to the iteration, and those after it.
+/// The entries of a results file up to the iteration, and those after it.
 std::pair<Json, Json> divide_results(const fs::path& path, int iteration) {
   std::pair<Json, Json> parts{Json::object(), Json::object()};
   const Json all = read_json(path);
@@ -71,7 +70,7 @@ void write_json(const fs::path& path, const Json& json) {
   write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-/// Lines of the log after the iteration.
+/// The log's lines of later iterations.
 std::string later_lines(const fs::path& log, int iteration) {
   std::string lines;
   std::ifstream file(log);
@@ -103,32 +102,6 @@ fs::path new_folder(const ModelFolder& folder, int iteration) {
 
 }  // namespace
 
-std::string new_course_id() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[random() % 16];
-  return id;
-}
-
-bool has_room_for(const ModelFolder& folder, const fs::path& checkpoint, const std::string& course) {
-  if (!folder.holds_model()) return true;
-  const std::string own = folder.course();
-  std::error_code error;
-  const bool lies_there = fs::equivalent(checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error);
-  return course.empty() || own.empty() ? lies_there : course == own;
-}
-
-void check_course(const ModelFolder& folder, const fs::path& checkpoint, const std::string& course) {
-  if (has_room_for(folder, checkpoint, course)) return;
-  input_error(folder.root().string(), ": holds the model of another training than ", checkpoint.string(),
-              "; name another folder with -m, or replace the model with --overwrite");
-}
-
-std::string course_in(const ModelFolder& folder) {
-  const std::string own = folder.course();
-  return own.empty() || !folder.holds_model() ? new_course_id() : own;
-}
-
 fs::path set_aside_after(const ModelFolder& folder, int iteration) {
   const std::vector<fs::path> files = later_files(folder, iteration);
   std::vector<std::pair<fs::path, std::pair<Json, Json>>> results;
@@ -148,8 +121,8 @@ fs::path set_aside_after(const ModelFolder& folder, int iteration) {
   if (const std::string lines = later_lines(folder.log(), iteration); !lines.empty()) {
     write_file(aside / folder.log().filename(), lines);
   }
-  for (const char* of_report : {"report.html", "report"}) {
-    if (fs::exists(folder.root() / of_report)) move_below(folder.root() / of_report, folder, aside);
+  for (const char* report : {"report.html", "report"}) {
+    if (fs::exists(folder.root() / report)) move_below(folder.root() / report, folder, aside);
   }
   for (const fs::path& path : files) move_below(path, folder, aside);
   return aside;

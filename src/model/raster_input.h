@@ -1,11 +1,13 @@
-// The rasterizer's form of a scene's camera. No torch: data_synth uses it too.
+// A scene's camera and a cloud of Gaussians in the form that the rasterizer takes.
 #pragma once
 
+#include "model/formats/splat_cloud.h"
 #include "raster/args.h"
 #include "scene/cameras/camera.h"
 
 namespace b3dgs {
 
+/// The camera in single precision, with its centre.
 inline PinholeView to_pinhole_view(const Camera& camera) {
   PinholeView view{};
   for (std::size_t i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(camera.cam_from_world.rotation[i]);
@@ -21,6 +23,14 @@ inline PinholeView to_pinhole_view(const Camera& camera) {
   view.width = camera.width;
   view.height = camera.height;
   return view;
+}
+
+/// Pointers into `cloud`, which has to outlive them.
+inline GaussianArrays to_gaussian_arrays(const SplatCloud& cloud) {
+  return {cloud.size(),       cloud.sh_degree,
+          cloud.means.data(), cloud.log_scales.data(),
+          cloud.quats.data(), cloud.logit_opacities.data(),
+          cloud.sh0.data(),   cloud.shN.data()};
 }
 
 }  // namespace b3dgs

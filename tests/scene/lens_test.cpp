@@ -1,10 +1,11 @@
-#include "scene/cameras/distortion.h"
+#include "scene/cameras/lens.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "core/check.h"
+#include "scene/colmap/colmap.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {
@@ -55,7 +56,33 @@ TEST(Distortion, FisheyesByHand) {
               theta * (1 + 0.1 * t2 + 0.2 * t2 * t2 + 0.3 * std::pow(t2, 3) + 0.4 * std::pow(t2, 4)), 1e-15);
 }
 
-TEST(Distortion, LeavesTheAxisWhereItIs) {
+// Holds for every row of the table of camera models, also for new ones.
+TEST(Distortion, OfEverySupportedModelIsConsistent) {
+  ASSERT_GE(supported_camera_models().size(), 9u);
+  for (const CameraModel model : supported_camera_models()) {
+    SCOPED_TRACE(camera_model_name(model));
+    std::vector<double> params(static_cast<std::size_t>(camera_model_param_count(model)), 0);
+    const bool has_two_focal_lengths = std::string(camera_model_params(model)).rfind("fx", 0) == 0;
+    const std::size_t first = has_two_focal_lengths ? 4 : 3;
+    params[0] = params[has_two_focal_lengths ? 1 : 0] = 100;
+    if (params.size() > first) params[first] = 0.05;  // k1: no tangential distortion
+    const Lens camera = lens(model, params);
+    ASSERT_EQ(camera.coefficients.size(), params.size() - first);
+    const auto [axis_x, axis_y] = distort(camera, 0, 0);
+    EXPECT_EQ(axis_x, 0);
+    EXPECT_EQ(axis_y, 0);
+    const double factor = camera.model->radial_factor(camera.coefficients.data(), std::sqrt(0.7 * 0.7 + 0.4 * 0.4));
+    const auto [x, y] = distort(camera, 0.7, 0.4);
+    EXPECT_NEAR(x, 0.7 * factor, 1e-15);
+    EXPECT_NEAR(y, 0.4 * factor, 1e-15);
+    const bool is_pinhole = params.size() == first;
+    EXPECT_EQ(camera.is_pinhole(), is_pinhole);
+    EXPECT_EQ(factor == 1, is_pinhole);
+    EXPECT_GT(monotonic_radius(camera, 0.5), 0.49);
+  }
+}
+
+TEST(Distortion, KeepsTheOpticalAxisFixed) {
   for (const double x : {0.0, 1e-300, 1e-15}) {
     const auto [xd, yd] = distort(lens(CameraModel::kOpenCvFisheye, {10, 11, 5, 6, 0.1, 0.2, 0.3, 0.4}), x, 0);
     EXPECT_DOUBLE_EQ(xd, x);
@@ -82,7 +109,7 @@ TEST(Distortion, TakesFocalLengthsAndPrincipalPointInColmapsOrder) {
             (std::array<double, 4>{20, 33, 10, 18}));
 }
 
-TEST(Distortion, RefusesOtherModelsByName) {
+TEST(Distortion, NamesUnsupportedModels) {
   EXPECT_TRUE(fails_with<InputError>({"camera 1", "FOV", "image_undistorter"}, [] {
     lens(CameraModel::kFov, {10, 11, 5, 5, 0.9});
   }));
@@ -91,7 +118,7 @@ TEST(Distortion, RefusesOtherModelsByName) {
   }));
 }
 
-TEST(Distortion, RefusesFocalLengthsThatAreNotPositive) {
+TEST(Distortion, RejectsFocalLengthsThatAreNotPositive) {
   EXPECT_TRUE(fails_with<InputError>({"camera 1", "focal lengths", "-10"}, [] {
     lens(CameraModel::kPinhole, {10, -10, 5, 5});
   }));
@@ -107,7 +134,7 @@ TEST(Distortion, MonotonicRadiusIsWhereTheDerivativeVanishes) {
               1e-3);
 }
 
-TEST(LensOf, RefusesWhatNoCameraHas) {
+TEST(LensOf, RejectsImpossibleIntrinsics) {
   const auto refuses = [](std::vector<double> params, const std::string& part) {
     const ColmapCamera camera{1, CameraModel::kPinhole, 64, 48, std::move(params)};
     return test::fails_with<InputError>({"place", part}, [&] { lens_of(camera, "place"); });

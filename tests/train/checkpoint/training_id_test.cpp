@@ -1,6 +1,6 @@
-// Whose a model folder is, and what becomes of files that a training leaves behind.
+// Which training a model folder belongs to, and what happens to files of later iterations when one is resumed.
 
-#include "model/course.h"
+#include "model/training_id.h"
 
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -27,7 +27,7 @@ using test::read_bytes;
 using test::train;
 using test::Trained;
 
-class Course : public testing::Test {
+class TrainingId : public testing::Test {
  protected:
   /// 20 iterations with checkpoints and PLYs at 8, 16 and 20.
   static TrainConfig config() {
@@ -36,7 +36,7 @@ class Course : public testing::Test {
     config.keep_checkpoints = 9;
     return config;
   }
-  /// All regular files below a folder by their relative paths.
+  /// Contents of all regular files below a folder, by relative path.
   static std::map<std::string, std::string> files_of(const fs::path& folder) {
     std::map<std::string, std::string> files;
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
@@ -53,7 +53,7 @@ class Course : public testing::Test {
   const ModelFolder a{temp / "a"}, b{temp / "b"};
 };
 
-TEST_F(Course, OfAnotherModelIsNotContinuedWhereThatOneLies) {
+TEST_F(TrainingId, KeepsTrainingsOutOfEachOthersFolders) {
   train(config(), scene, a.root());
   TrainConfig other = config();
   other.seed = 10;
@@ -61,18 +61,18 @@ TEST_F(Course, OfAnotherModelIsNotContinuedWhereThatOneLies) {
   const auto before = files_of(b.root());
   EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "another training", "--overwrite"},
                                            [&] { resume(a.checkpoint(8), b.root()); }));
-  EXPECT_TRUE(files_of(b.root()) == before) << "something was changed";
+  EXPECT_TRUE(files_of(b.root()) == before) << "the refused training changed files";
 
-  // In an empty folder it goes on, as a course of its own.
+  // In an empty folder the training continues under a new ID.
   resume(a.checkpoint(8), temp / "c");
   EXPECT_TRUE(read_bytes(ModelFolder(temp / "c").ply(20)) == read_bytes(a.ply(20)));
-  EXPECT_FALSE(ModelFolder(temp / "c").course().empty());
-  EXPECT_NE(ModelFolder(temp / "c").course(), a.course());
+  EXPECT_FALSE(ModelFolder(temp / "c").training_id().empty());
+  EXPECT_NE(ModelFolder(temp / "c").training_id(), a.training_id());
   EXPECT_TRUE(test::fails_with<InputError>({"another training"}, [&] { resume(a.checkpoint(8), temp / "c"); }));
   resume(ModelFolder(temp / "c").checkpoint(20), temp / "c");
 }
 
-TEST_F(Course, GoingBackSetsLaterFilesAside) {
+TEST_F(TrainingId, ResumingAnEarlierCheckpointSetsLaterFilesAside) {
   train(config(), scene, a.root());
   for (const char* set : {"test/ours_8", "test/ours_16", "interpolated/ours_20"}) {
     test::write_bytes(a.root() / set / "renders" / "00000.png", set);
@@ -83,7 +83,7 @@ TEST_F(Course, GoingBackSetsLaterFilesAside) {
   shorter.iterations = 12;
   train(shorter, scene, a.root(), a.checkpoint(8));
 
-  EXPECT_EQ(a.ply_iterations(), (std::vector<int>{8, 12})) << "eval takes the last one";
+  EXPECT_EQ(a.ply_iterations(), (std::vector<int>{8, 12})) << "b3dgs eval uses the last one";
   EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{8, 12}));
   EXPECT_TRUE(fs::exists(a.root() / "test/ours_8"));
   EXPECT_FALSE(fs::exists(a.root() / "test/ours_16"));
@@ -100,39 +100,39 @@ TEST_F(Course, GoingBackSetsLaterFilesAside) {
   std::ifstream log(aside / "train.jsonl");
   int n_lines = 0;
   for (std::string line; std::getline(log, line); ++n_lines) EXPECT_GT(nlohmann::json::parse(line)["iteration"], 8);
-  EXPECT_GE(n_lines, 3) << "those of 10, 16 and 20";
+  EXPECT_GE(n_lines, 3) << "the lines of iterations 10, 16 and 20";
 
-  // Again: what is there stays, and what was made meanwhile goes beside it.
+  // Again: files set aside before stay, and later ones go to another folder.
   train(shorter, scene, a.root(), a.checkpoint(8));
   EXPECT_TRUE(fs::exists(aside / "checkpoints/iteration_20.b3dgs"));
   EXPECT_TRUE(fs::exists(a.root() / "set_aside/after_iteration_8_2/checkpoints/iteration_12.b3dgs"));
 }
 
-TEST_F(Course, WithNothingLaterMovesNothing) {
+TEST_F(TrainingId, ResumingTheNewestCheckpointMovesNothing) {
   TrainConfig half = config();
   half.iterations = 16;
   train(half, scene, a.root());
-  std::ofstream(a.log(), std::ios::app) << "{\"iteration\": 17}\n";  // as a killed training leaves it
+  std::ofstream(a.log(), std::ios::app) << "{\"iteration\": 17}\n";  // what a killed training leaves
   train(config(), scene, a.root(), a.checkpoint(16));
   EXPECT_FALSE(fs::exists(a.root() / "set_aside"));
 }
 
-TEST_F(Course, OfAnEarlyVersionIsThatOfItsFolder) {
+TEST_F(TrainingId, WithoutOneACheckpointBelongsToItsFolder) {
   train(config(), scene, a.root());
   for (const int iteration : {8, 20}) {
     CheckpointFile file = read_checkpoint_file(a.checkpoint(iteration));
-    for (const char* key : {"course", "is_density_pending", "n_removed"}) file.header.erase(key);
+    for (const char* key : {"training_id", "is_density_pending", "n_removed"}) file.header.erase(key);
     file.header["scene"].erase("photographs");
     file.header["config"].erase("checkpoint_minutes");
     write_checkpoint_file(a.checkpoint(iteration), file);
   }
-  fs::remove(a.root() / "course.json");
+  fs::remove(a.root() / "training.json");
   fs::copy_file(a.checkpoint(8), temp / "copy.b3dgs");
   EXPECT_TRUE(test::fails_with<InputError>({"another training"}, [&] { resume(temp / "copy.b3dgs", a.root()); }));
   const std::string ply = read_bytes(a.ply(20));
   resume(a.checkpoint(8), a.root());
   EXPECT_TRUE(read_bytes(a.ply(20)) == ply);
-  EXPECT_FALSE(a.course().empty());
+  EXPECT_FALSE(a.training_id().empty());
 }
 
 TEST(FolderLock, RefusesASecondTrainingAndNamesTheFirst) {
@@ -144,7 +144,7 @@ TEST(FolderLock, RefusesASecondTrainingAndNamesTheFirst) {
     EXPECT_TRUE(test::fails_with<InputError>({folder.string(), "process " + own, "train_tests"},
                                              [&] { FolderLock second(folder); }));
   }
-  EXPECT_TRUE(fs::is_empty(folder)) << "it leaves nothing";
+  EXPECT_TRUE(fs::is_empty(folder)) << "the lock file is removed";
   const FolderLock again(folder);
 }
 
@@ -170,12 +170,12 @@ TEST(FolderLock, EndsWithItsProcess) {
   {
     const FolderLock lock(folder);
     EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1)
-        << "the unfinished file stays";
+        << "the unfinished file was removed, the lock file remains";
   }
   EXPECT_TRUE(fs::is_empty(folder));
 }
 
-TEST(DiskSpace, ForecastsWhatTheFilesOfATrainingTake) {
+TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
@@ -184,7 +184,7 @@ TEST(DiskSpace, ForecastsWhatTheFilesOfATrainingTake) {
   const std::int64_t n = run.result.n_gaussians;
   const auto ply = static_cast<std::int64_t>(run.ply.size());
   EXPECT_GT(ply, ply_bytes(n, 1));
-  EXPECT_LT(ply, ply_bytes(n, 1) + 1000) << "a header";
+  EXPECT_LT(ply, ply_bytes(n, 1) + 1000) << "more than a header";
   const auto checkpoint = static_cast<std::int64_t>(fs::file_size(run.result.checkpoint));
   EXPECT_GT(checkpoint, checkpoint_bytes(n, 1));
   EXPECT_LT(checkpoint, checkpoint_bytes(n, 1) + 10000);
@@ -193,7 +193,7 @@ TEST(DiskSpace, ForecastsWhatTheFilesOfATrainingTake) {
 
   const std::int64_t wanted = ply_bytes(n, 1) + 3 * checkpoint_bytes(n, 1);
   EXPECT_EQ(disk_warning("model", wanted, n, 1, 2), "");
-  EXPECT_EQ(disk_warning("model", -1, n, 1, 2), "") << "nothing is known";
+  EXPECT_EQ(disk_warning("model", -1, n, 1, 2), "") << "free space unknown";
   EXPECT_NE(disk_warning("model", wanted - 1, n, 1, 2).find("model: "), std::string::npos);
 }
 
