@@ -23,17 +23,17 @@ struct BenchRun {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"width"}, c.width, InRange{1, 16384}, "of made-up scenes: image width, px");
-  field(Option{"height"}, c.height, InRange{1, 16384}, "of made-up scenes: image height, px");
-  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
-  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
+  field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
+  field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
+  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px (0 = as in training on this device)");
+  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px (0 = as in training on this device)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
-        "tiles of a Gaussian: exact, or the 3-sigma square");
-  field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
-  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed runs after one warm-up; the median is shown");
-  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto takes a GPU if there is one");
-  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
-  field(Option{"json"}, c.json, Any{}, "write all figures to this file as well");
+        "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
+  field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
+  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed repetitions after one warm-up; the median is shown");
+  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto: a GPU if there is one");
+  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
 /// The fields that a benchmark's config inherits.
@@ -80,18 +80,14 @@ struct BenchConfig : BenchRun {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"scene"}, c.scene, Any{},
-        "street (LiDAR-like points along a road as training starts from them, a load that is uneven on purpose), "
-        "balanced (Gaussians spread over the image, evenly or by --skew), a "
-        "COLMAP folder (its points as training starts from them), or a model folder (its last PLY)");
-  field(Option{"ply"}, c.ply, Any{}, "Gaussians of this PLY instead of the folder's");
-  field(Option{"cameras"}, c.cameras, Any{}, "camera from this cameras.json instead of the folder's");
-  field(Option{"view"}, c.view, Any{}, "the camera of this image; without it the first");
-  field(Option{"images", 'i'}, c.images, Any{}, "of a COLMAP folder: its image folder");
-  field(Option{"points"}, c.points, AtLeast{1}, "of street and balanced: number of Gaussians");
+  field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
+  field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this PLY instead");
+  field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
+  field(Option{"view"}, c.view, Any{}, "use the camera of this image (default: the first)");
+  field(Option{"images", 'i'}, c.images, Any{}, "image folder inside the COLMAP folder");
+  field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and balanced");
   field(Option{"skew"}, c.skew, InRange{0, 2},
-        "of balanced: density falls as distance from the image's centre to the power -2 skew; 0 is even, 1 crowds as "
-        "street does");
+        "density of balanced ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_run_fields(c, field);
 }
 

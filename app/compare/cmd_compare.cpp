@@ -34,23 +34,15 @@ struct CompareOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(
-      Option{"configs"}, c.configs, Any{},
-      "what to compare, the first being the baseline: entries between commas, each [NAME:]PART+PART..., a part being a "
-      "--kernel, original (naive, per-pixel backward pass, square culling, 16x16 tiles: what comes nearest to the "
-      "original trainer) or option=value of any training option below, as in "
-      "naive,adaptive,shared-memory+culling=square");
-  field(Option{"seeds"}, c.seeds, AtLeast{0}, "train with each of these, one after the other, instead of --seed");
-  field(Option{"noise"}, c.noise, Any{},
-        "train the first configuration twice, and show beside every difference how much it differs from itself");
-  field(Option{"chunk"}, c.chunk, AtLeast{1},
-        "iterations of a turn: the configurations take turns, so that drift of the "
-        "machine hits all alike");
-  field(Option{"config"}, c.config, Any{}, "JSON file with names of training options as keys; options given here win");
-  field(Option{"resume"}, c.resume, Any{},
-        "continue the comparison in the output folder (-m), with its options unless others are given");
-  field(Option{"overwrite"}, c.overwrite, Any{}, "replace the comparison that the output folder holds");
-  field(Option{"quiet"}, c.quiet, Any{}, "show no progress, no messages and no summary of the scene");
+  field(Option{"configs"}.common(), c.configs, Any{},
+        "[NAME:]PART+PART..., comma-separated; PART: kernel, original or option=value");
+  field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
+  field(Option{"noise"}, c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
+  field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations are trained in turns");
+  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
+  field(Option{"resume"}.common(), c.resume, Any{}, "resume the comparison in the output folder (-m)");
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing comparison in the output folder");
+  field(Option{"quiet"}, c.quiet, Any{}, "print results and warnings only");
 }
 
 /// Views are held out unless --no_eval says otherwise: a comparison of times is worth little without quality.
@@ -188,9 +180,11 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
 
 int run_compare(const std::vector<std::string>& words) {
   CommandLine line("compare",
-                   "Trains a COLMAP scene with several configurations in turns, and compares time and quality: "
-                   "b3dgs compare SCENE [-m OUTPUT]. Writes compare.json, report.html and the models. All models of a "
-                   "seed are in memory at the same time.");
+                   "Train a COLMAP scene with several configurations in turns, and compare time and quality. Writes "
+                   "compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
+                   "first of --configs is the baseline; `original` stands for the options that are closest to the "
+                   "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles).",
+                   "b3dgs compare scenes/garden --configs original,naive,adaptive+culling=square");
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});

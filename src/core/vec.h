@@ -1,4 +1,4 @@
-// Small vectors and matrices for host and device: only the operators that are in use.
+// Small vectors and matrices for host and device code, with the operators that the project needs.
 #pragma once
 
 #if defined(__CUDACC__)
@@ -84,7 +84,7 @@ B3DGS_HD Vec3<Real> transpose_times(const Mat3<Real>& a, Vec3<Real> v) {
           a.m[2] * v.x + a.m[5] * v.y + a.m[8] * v.z};
 }
 
-/// s * v for a symmetric s.
+/// Symmetric matrix times vector.
 template <class Real>
 B3DGS_HD Vec3<Real> operator*(const Sym3<Real>& s, Vec3<Real> v) {
   return {s.xx * v.x + s.xy * v.y + s.xz * v.z, s.xy * v.x + s.yy * v.y + s.yz * v.z,

@@ -1,4 +1,4 @@
-// b3dgs compare and the reports, from outside.
+// Runs b3dgs compare and b3dgs report.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 
@@ -67,7 +67,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
     EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "point_cloud/iteration_60/point_cloud.ply"));
     EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "report.html"));
   }
-  // Kernels compute the same, so both learn the same.
+  // The kernels compute the same result, so both configurations learn the same.
   const auto loss = [&](int run) { return result["runs"][run]["curves"]["loss"].back().get<double>(); };
   EXPECT_NEAR(loss(0), loss(1), 0.02 * loss(0));
   EXPECT_FALSE(fs::exists(output() / ".warm_up"));
@@ -76,7 +76,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_NE(html.find("<h1>" + result["summary"]["verdict"].get<std::string>() + "</h1>"), std::string::npos);
   EXPECT_NE(html.find("data:image/jpeg"), std::string::npos);
-  EXPECT_NE(html.find("No kernels were timed"), std::string::npos) << "what is missing is said";
+  EXPECT_NE(html.find("No kernels were timed"), std::string::npos) << "missing data is mentioned";
 }
 
 TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
@@ -103,11 +103,11 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
   EXPECT_TRUE(read_bytes(output("whole") / ply) == read_bytes(output() / ply));
 
   const Outcome again = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
-  EXPECT_EQ(again.exit_code, 0) << "all is done: only the report is written again; " << again.err;
+  EXPECT_EQ(again.exit_code, 0) << "training is complete, so only the report is written again; " << again.err;
   EXPECT_EQ(result()["runs"], parts["runs"]);
 }
 
-TEST_F(Compare, ShowsWhatTheMachineMakesOfTheBaselineIfAskedTo) {
+TEST_F(Compare, NoiseTrainsTheBaselineTwice) {
   const Outcome outcome =
       compare({"--iterations", "20", "--noise", "--quiet", "--configs", "original,shared-memory,paper"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -118,7 +118,8 @@ TEST_F(Compare, ShowsWhatTheMachineMakesOfTheBaselineIfAskedTo) {
   EXPECT_TRUE(result["summary"]["machine_spread"].is_number());
   EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
   EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"backward_kernel", "tile", "culling"}));
-  EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"]) << "one and the same";
+  EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"])
+      << "same configuration, same result";
   EXPECT_NE(outcome.out.find("original against itself (original_again): time "), std::string::npos) << outcome.out;
   EXPECT_NE(outcome.out.find(" % +-"), std::string::npos) << outcome.out;
   EXPECT_NE(page().find("±"), std::string::npos);
@@ -130,13 +131,13 @@ TEST_F(Compare, ShowsWhatTheMachineMakesOfTheBaselineIfAskedTo) {
   EXPECT_NE(more.err.find("--resume continues without --noise"), std::string::npos) << more.err;
 }
 
-TEST_F(Compare, OptionsOfARunAreThoseThatWereAskedFor) {
+TEST_F(Compare, StoresTheRequestedOptions) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
-  EXPECT_EQ(config["image_cache_gb"], -1) << "what is free then is no option that changes when the run goes on";
+  EXPECT_EQ(config["image_cache_gb"], -1) << "not the memory that was free";
 }
 
-TEST(FirstInTurn, IsEachInTurnAndAnotherOneForEachSeed) {
+TEST(FirstInTurn, RotatesWithTurnsAndSeeds) {
   for (const std::size_t n : {2u, 3u, 5u}) {
     std::set<std::size_t> of_turns, of_seeds;
     for (std::size_t i = 0; i < n; ++i) {
@@ -160,7 +161,7 @@ TEST_F(Compare, SeveralSeedsGiveARange) {
   EXPECT_FALSE(result["runs"][2]["kernel_checks"].empty()) << "the candidates were timed";
   const TrainHistory history = read_train_log(output() / "adaptive/seed_5/train.jsonl");
   ASSERT_FALSE(history.candidate_times.empty());
-  EXPECT_EQ(history.candidate_times.back().iteration, 20) << "as often as the load, to the end";
+  EXPECT_EQ(history.candidate_times.back().iteration, 20) << "logged at stats_interval, to the end";
   EXPECT_NE(page().find("Kernel time of the forward candidates"), std::string::npos);
   EXPECT_EQ(test::xml_fault(page()), "");
 
@@ -175,21 +176,21 @@ TEST_F(Compare, SeveralSeedsGiveARange) {
     return of["runs"][run]["curves"]["elapsed_s"][0].get<double>();
   };
   EXPECT_NEAR(elapsed_s(this->result(), 2), elapsed_s(result, 2) + 5, 1e-6);
-  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "nothing is chosen there";
+  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "this configuration has nothing to choose";
 }
 
-TEST_F(Compare, BadRequestsAreRefusedBeforeAnythingIsWritten) {
+TEST_F(Compare, InvalidRequestsAreRejectedBeforeAnythingIsWritten) {
   const auto refused = [&](const Words& words, const std::string& reason) {
     const Outcome outcome = compare(words);
     EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
     EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
     EXPECT_FALSE(fs::exists(output()));
   };
-  refused({"--configs", "naive,fastest"}, "kernel must be one of");
+  refused({"--configs", "naive,fastest"}, "invalid value for --kernel (expected one of");
   refused({"--configs", "naive,naive"}, "occurs twice");
   refused({"--configs", "naive"}, "at least two");
   refused({"--seeds", "1", "1"}, "occurs twice");
-  refused({"--chunk", "0"}, "chunk must be at least 1");
+  refused({"--chunk", "0"}, "invalid value for --chunk (expected at least 1");
   refused({"--resume"}, "holds no comparison");
   EXPECT_EQ(run_b3dgs({"compare"}).exit_code, 2);
 }
@@ -204,7 +205,7 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   const Outcome other = run_b3dgs({"compare", "--resume", "-m", output().string(), "--configs", "naive,combined"});
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
-  // Models without their comparison are not gone on with as if they were of this one.
+  // Models without compare.json are not taken for models of this comparison.
   fs::remove(output() / "compare.json");
   const Outcome orphans = compare({"--iterations", "7"});
   EXPECT_EQ(orphans.exit_code, 2);
@@ -213,18 +214,18 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   EXPECT_EQ(result()["summary"]["done"], 7);
 }
 
-TEST_F(Compare, OverwriteTakesTheOldRunsAwayOnceTheSceneIsRead) {
+TEST_F(Compare, OverwriteRemovesTheOldModelsAfterTheSceneIsRead) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet", "--configs", "naive,combined"}).exit_code, 0);
   const fs::path old = output() / "combined/seed_0/point_cloud/iteration_5/point_cloud.ply";
   ASSERT_TRUE(fs::exists(old));
   const Outcome typo = run_b3dgs(
       {"compare", scene() + "x", "-m", output().string(), "--configs", "naive,combined", "--overwrite", "--quiet"});
   EXPECT_EQ(typo.exit_code, 2) << typo.err;
-  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene costs nothing";
+  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene must not remove models";
   EXPECT_EQ(result()["summary"]["done"], 5);
 
   ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
-  EXPECT_FALSE(fs::exists(old)) << "a run that the new comparison does not have";
+  EXPECT_FALSE(fs::exists(old)) << "a configuration that the new comparison does not have";
   EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
 }
 
@@ -236,7 +237,7 @@ TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
   EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
 }
 
-TEST_F(Compare, AGivenPlyStandsInForASceneWithoutPoints) {
+TEST_F(Compare, InitPlyReplacesTheScenePoints) {
   ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
                        "--quiet"})
                 .exit_code,
@@ -260,7 +261,7 @@ TEST_F(Compare, SeedsHave64Bits) {
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5000000001/train.jsonl"));
 }
 
-TEST_F(Compare, WhatResumeWouldIgnoreIsRefused) {
+TEST_F(Compare, OptionsThatResumeWouldIgnoreAreRejected) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const auto refused = [&](const Words& more, const std::string& reason) {
     Words words{"compare", "--resume", "-m", output().string()};
@@ -278,7 +279,7 @@ TEST_F(Compare, WhatResumeWouldIgnoreIsRefused) {
   EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
 }
 
-TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
+TEST_F(Compare, ReportsAreRewrittenFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
   fs::remove(output() / "report.html");
@@ -296,7 +297,7 @@ TEST_F(Compare, ReportsAreWrittenAgainFromTheFolder) {
   EXPECT_EQ(run_b3dgs({"report", "/nonexistent"}).exit_code, 2);
 }
 
-/// Lines as a training on a GPU writes them, with everything that a report can show.
+/// Writes a log like that of a training on a GPU, with everything that a report can show.
 void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
   std::ofstream file(path);
   double elapsed_s = 0;
@@ -335,7 +336,7 @@ void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
   }
 }
 
-/// Share of pixels that are not of the most frequent colour, and how many colours there are.
+/// Share of pixels that differ from the most frequent colour, and number of colours.
 struct PictureContent {
   double drawn_share = 0;
   std::size_t n_colors = 0;
@@ -372,7 +373,7 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
   for (const std::string folder : {"", "naive/seed_0"}) {
     for (const std::string scheme : {"light", "dark"}) {
       const fs::path report = output() / folder / "report.html", screenshot = output() / (scheme + ".png");
-      const std::string command = std::string(B3DGS_SCRIPTS) + "/check_report.sh " + report.string() + " " +
+      const std::string command = std::string(B3DGS_SOURCE) + "/scripts/check_report.sh " + report.string() + " " +
                                   screenshot.string() + " " + scheme + " 2>&1";
       const int status = std::system(command.c_str());
       if (WEXITSTATUS(status) == 77) GTEST_SKIP() << "chromium is not installed";
@@ -381,7 +382,7 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
       const PictureContent content = content_of(image);
       EXPECT_GT(content.drawn_share, 0.02);
       EXPECT_GT(content.n_colors, 50u);
-      EXPECT_EQ(image.pixels[0] > 128, scheme == "light") << "the paper is white or black as asked for";
+      EXPECT_EQ(image.pixels[0] > 128, scheme == "light") << "the background follows the colour scheme";
     }
   }
 }

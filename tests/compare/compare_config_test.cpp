@@ -68,14 +68,14 @@ TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
   const auto expect_refused = [](const std::string& text, const std::string& reason) {
     EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
   };
-  expect_refused("naive,naiv", "kernel must be one of naive");
+  expect_refused("naive,naiv", "invalid value for --kernel (expected one of naive");
   expect_refused("naive", "takes at least two");
   expect_refused("naive,naive", "occurs twice");
   expect_refused("naive,", "an empty part");
   expect_refused("naive,combined+", "an empty part");
   expect_refused("naive,combined+culing=square", "did you mean culling?");
   expect_refused("naive,combined+tile_width=8", "did you mean tile?");
-  expect_refused("naive,combined+culling=round", "culling must be one of");
+  expect_refused("naive,combined+culling=round", "invalid value for --culling (expected one of");
   expect_refused("naive,combined+seed=3", "has to be the same for all");
   expect_refused("naive,combined+max_steps=3", "has to be the same for all");
   expect_refused("naive,init_ply=/tmp/x.ply", "cannot name a folder");

@@ -301,9 +301,10 @@ TEST(Trainer, RendersAsTheOptionsSay) {
   const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
     return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
   };
-  EXPECT_TRUE(refused({{"tile", "8x8"}}, "tile must be one of auto, 16x16, 16x8"));
-  EXPECT_TRUE(refused({{"backward_kernel", "naive"}}, "backward_kernel must be one of per-pixel, per-splat"));
-  EXPECT_TRUE(refused({{"image_cache_gb", -2}}, "image_cache_gb must be at least -1"));
+  EXPECT_TRUE(refused({{"tile", "8x8"}}, "invalid value for tile: test (expected one of auto, 16x16, 16x8"));
+  EXPECT_TRUE(refused({{"backward_kernel", "naive"}},
+                      "invalid value for backward_kernel: test (expected one of per-pixel, per-splat"));
+  EXPECT_TRUE(refused({{"image_cache_gb", -2}}, "invalid value for image_cache_gb: test (expected at least -1"));
 }
 
 TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) {

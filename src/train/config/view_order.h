@@ -1,4 +1,4 @@
-// Which view comes next: a shuffled stack without replacement, refilled when it is empty.
+// Which view comes next: views are drawn at random without replacement, until all were drawn.
 #pragma once
 
 #include <algorithm>
@@ -10,12 +10,12 @@
 
 namespace b3dgs {
 
-/// The whole state: a checkpoint holds these two.
+/// Both members are the whole state; a checkpoint stores them.
 struct ViewOrder {
   std::uint32_t n_refills = 0;
-  std::vector<std::int32_t> remaining;  // taken from the back
+  std::vector<std::int32_t> remaining;  // next() takes the last one
 
-  /// Index in [0, n_views).
+  /// The next view, in [0, n_views).
   std::int32_t next(std::int64_t seed, std::int32_t n_views) {
     if (remaining.empty()) refill(seed, n_views);
     const std::int32_t view = remaining.back();
@@ -23,7 +23,7 @@ struct ViewOrder {
     return view;
   }
 
-  /// The next n that next() will give; nothing changes.
+  /// The next n results of next(), without changing the state.
   std::vector<std::int32_t> upcoming(std::int64_t seed, std::int32_t n_views, std::size_t n) const {
     std::vector<std::int32_t> views(remaining.rbegin(),
                                     remaining.rbegin() + static_cast<std::ptrdiff_t>(std::min(n, remaining.size())));
