@@ -46,7 +46,7 @@ std::vector<std::string> missing_unbalanced_kernels(const std::vector<Configurat
   return missing;
 }
 
-std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHistory>& configurations,
+std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations,
                                               std::size_t index, const std::vector<int>& done_by_seed) {
   const ConfigurationHistory& ours = configurations[index];
   if (!may_balance(ours.config) || !missing_unbalanced_kernels(configurations, ours.config).empty()) {
@@ -55,7 +55,7 @@ std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHis
   const std::vector<double> ours_s = seconds_of(ours, done_by_seed);
   if (ours_s.empty()) return std::nullopt;
   std::vector<double> naive_s, unbalanced_s;
-  BalancingSteps steps;
+  BalancingGain steps;
   steps.name = ours.name;
   for (const ForwardKernelName& row : kForwardKernels) {
     if (row.is_balanced) continue;

@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "report/compare_times.h"
+#include "report/time_saved.h"
 
 namespace b3dgs {
 
 /// The three steps from naive over the best unbalanced kernel to a balanced one (or a choice that may use one).
-struct BalancingSteps {
+struct BalancingGain {
   std::string name, naive, unbalanced;   // configurations; `unbalanced` is the fastest whose kernel is not balanced
   Spread ours_s, naive_s, unbalanced_s;  // seconds
   Spread to_unbalanced;                  // saved from naive to unbalanced, share of naive's time
@@ -22,7 +22,7 @@ struct BalancingSteps {
 
 /// Of configurations[index], over the iterations that all have done by seed. Nothing if it has no balanced kernel, or
 /// if one of the unbalanced kernels was not trained with the same options.
-std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHistory>& configurations,
+std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations,
                                               std::size_t index, const std::vector<int>& done_by_seed);
 
 /// Kernels that are not balanced and that no configuration has which differs from `ours` in nothing but forward

@@ -20,8 +20,8 @@ int color_of(std::size_t configuration) {
 }
 
 /// The runs of the first seed, which the curves show.
-std::vector<ReportedRun> first_runs(const Comparison& comparison) {
-  std::vector<ReportedRun> runs;
+std::vector<LabeledRun> first_runs(const Comparison& comparison) {
+  std::vector<LabeledRun> runs;
   for (std::size_t i = 0; i < comparison.runs.size(); ++i) {
     const ComparedRun& run = comparison.runs[i].front();
     runs.push_back({comparison.configurations[i].name, run.history, run.record, color_of(i)});
@@ -122,7 +122,7 @@ html::Row saved_row(const std::string& name, const ComparedConfiguration& compar
   const int n_seeds = static_cast<int>(compared.by_seed.size());
   return {name, share_cell(compared.before, compared.noise.before, n_seeds),
           share_cell(compared.after, compared.noise.after, n_seeds),
-          share_cell(compared.overall, compared.noise.overall, n_seeds), inflection_cell(compared.inflection, n_seeds)};
+          share_cell(compared.overall, compared.noise.overall, n_seeds), inflection_cell(compared.switch_iteration, n_seeds)};
 }
 
 /// What balancing brings by itself.
@@ -139,7 +139,7 @@ std::string balancing_part(const Comparison& comparison) {
   }
   std::vector<html::Row> rows;
   int marked = -1;
-  for (const BalancingSteps& steps : summary.balancing) {
+  for (const BalancingGain& steps : summary.balancing) {
     if (steps.name == summary.ours) marked = static_cast<int>(rows.size());
     const auto cell = [&](const Spread& saved) { return share_cell(saved, summary.noise(), saved.n); };
     rows.push_back({steps.name, steps.naive, cell(steps.to_unbalanced), steps.unbalanced, cell(steps.balancing),
@@ -169,7 +169,7 @@ std::string configurations_part(const ComparisonSummary& summary) {
   std::string note =
       "Before and after are of the seeds that have both. The inflection point is the first check after which another "
       "forward kernel was in use.";
-  if (ours != nullptr && !ours->inflection) {
+  if (ours != nullptr && !ours->switch_iteration) {
     note = ours->name + " has no inflection point here, so that there is no before and after it. " + note;
   }
   return html::table({"share of " + summary.baseline + "'s time saved by", "before inflection", "after it", "overall",
@@ -184,14 +184,14 @@ std::string paper_part(const ComparisonSummary& summary) {
       "The paper compares naive with the choice between combined and shared-memory, both with the original's backward "
       "pass and optimizer, on an A100 with its own scene, 960 x 540 px: 19.6 % saved before the inflection at about "
       "iteration 2,000, 7.9 % after it, 8.5 % overall.";
-  if (summary.beside_paper.empty()) {
+  if (summary.paper_comparisons.empty()) {
     return html::paragraph(measured +
                                " Nothing here compares with that; --configs original,paper:original+kernel=paper "
                                "comes nearest.",
                            "soft");
   }
   std::vector<html::Row> rows;
-  for (const PaperComparison& own : summary.beside_paper) {
+  for (const PaperComparison& own : summary.paper_comparisons) {
     rows.push_back(saved_row(own.compared.name + " against " + own.baseline, own.compared));
   }
   rows.push_back({"the paper", "19.6 %", "7.9 %", "8.5 %", "about 2,000"});
@@ -207,7 +207,7 @@ std::string saved_section(const Comparison& comparison) {
   return balancing_part(comparison) + configurations_part(comparison.summary) + paper_part(comparison.summary);
 }
 
-ChartSeries elapsed_curve(const ReportedRun& run) {
+ChartSeries elapsed_curve(const LabeledRun& run) {
   ChartSeries series{run.name, {{0, 0}}, run.color};
   for (const LogPoint& point : run.history.points) {
     series.points.push_back({static_cast<double>(point.iteration), point.elapsed_s});
@@ -215,7 +215,7 @@ ChartSeries elapsed_curve(const ReportedRun& run) {
   return series;
 }
 
-ChartSeries difference_curve(const ReportedRun& baseline, const ReportedRun& run) {
+ChartSeries difference_curve(const LabeledRun& baseline, const LabeledRun& run) {
   ChartSeries series{run.name, {{0, 0}}, run.color};
   const int until = std::min(baseline.history.last_iteration(), run.history.last_iteration());
   for (const LogPoint& point : run.history.points) {
@@ -227,14 +227,14 @@ ChartSeries difference_curve(const ReportedRun& baseline, const ReportedRun& run
 }
 
 std::string time_section(const Comparison& comparison) {
-  const std::vector<ReportedRun> runs = first_runs(comparison);
+  const std::vector<LabeledRun> runs = first_runs(comparison);
   LineChart total{"Training time over the iterations", "iteration", "seconds of training"};
   LineChart difference{"Seconds saved over the iterations", "iteration",
                        "seconds saved against " + comparison.summary.baseline};
-  for (const ReportedRun& run : runs) total.series.push_back(elapsed_curve(run));
+  for (const LabeledRun& run : runs) total.series.push_back(elapsed_curve(run));
   for (std::size_t i = 1; i < runs.size(); ++i) difference.series.push_back(difference_curve(runs[0], runs[i]));
   const bool has_several_seeds = comparison.plan.seeds.size() > 1;
-  if (const std::optional<int> inflection = inflection_point(history_of_ours(comparison))) {
+  if (const std::optional<int> inflection = first_kernel_switch(history_of_ours(comparison))) {
     const std::string of_seed = has_several_seeds ? detail::concat(" of seed ", comparison.plan.seeds[0]) : "";
     total.events = difference.events = {
         {static_cast<double>(*inflection), "inflection" + of_seed + ", " + format_count(*inflection)}};
@@ -314,7 +314,7 @@ std::string settings_section(const Comparison& comparison) {
 }  // namespace
 
 std::string comparison_report(const Comparison& comparison) {
-  const std::vector<ReportedRun> runs = first_runs(comparison);
+  const std::vector<LabeledRun> runs = first_runs(comparison);
   const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
   const std::string body =
       what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +

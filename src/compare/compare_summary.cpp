@@ -108,10 +108,10 @@ std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHi
   return differences;
 }
 
-KernelPartSummary summarize_part(const std::vector<SavedTime>& by_seed, KernelPart SavedTime::*part) {
+KernelPartSummary summarize_part(const std::vector<TimeSaved>& by_seed, KernelPart TimeSaved::*part) {
   KernelPartSummary summary;
   std::vector<double> iterations, saved;
-  for (const SavedTime& seed : by_seed) {
+  for (const TimeSaved& seed : by_seed) {
     const KernelPart& own = seed.*part;
     summary.kernels.insert(own.kernels.begin(), own.kernels.end());
     if (own.iterations == 0 || own.baseline_s <= 0) continue;
@@ -157,7 +157,7 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   compared.was_slower_from_start = true;
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
     if (done_by_seed[seed] == 0) continue;
-    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
+    const std::optional<TimeSaved> saved = time_saved(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
     compared.was_slower_from_start =
@@ -166,7 +166,7 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
     keep_larger(saved->noise.overall, compared.noise.overall);
     keep_larger(saved->noise.before, compared.noise.before);
     keep_larger(saved->noise.after, compared.noise.after);
-    if (saved->inflection) inflection.push_back(*saved->inflection);
+    if (saved->switch_iteration) inflection.push_back(*saved->switch_iteration);
     if (!saved->before || !saved->after) continue;
     before.push_back(*saved->before);
     after.push_back(*saved->after);
@@ -174,9 +174,9 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   compared.overall = spread_of(overall);
   compared.before = spread_of(before);
   compared.after = spread_of(after);
-  compared.inflection = spread_of(inflection);
-  compared.balanced = summarize_part(compared.by_seed, &SavedTime::balanced);
-  compared.others = summarize_part(compared.by_seed, &SavedTime::others);
+  compared.switch_iteration = spread_of(inflection);
+  compared.balanced = summarize_part(compared.by_seed, &TimeSaved::balanced);
+  compared.others = summarize_part(compared.by_seed, &TimeSaved::others);
   return compared;
 }
 
@@ -218,11 +218,11 @@ Json to_json(const std::optional<double>& value) {
   return value ? Json(*value) : Json(nullptr);
 }
 
-Json to_json(const MachineSpread& noise) {
+Json to_json(const RunToRunVariation& noise) {
   return {{"overall", to_json(noise.overall)}, {"before", to_json(noise.before)}, {"after", to_json(noise.after)}};
 }
 
-Json to_json(const BalancingSteps& steps, const std::optional<double>& noise) {
+Json to_json(const BalancingGain& steps, const std::optional<double>& noise) {
   return {{"name", steps.name},
           {"naive", steps.naive},
           {"unbalanced", steps.unbalanced},
@@ -239,7 +239,7 @@ Json times_json(const ComparedConfiguration& own) {
           {"saved_before_inflection", to_json(own.before)},
           {"saved_after_inflection", to_json(own.after)},
           {"machine_spread", to_json(own.noise)},
-          {"inflection", to_json(own.inflection)}};
+          {"inflection", to_json(own.switch_iteration)}};
 }
 
 }  // namespace
@@ -261,7 +261,7 @@ const ComparedConfiguration* ComparisonSummary::find(const std::string& name) co
   return it == compared.end() ? nullptr : &*it;
 }
 
-const BalancingSteps* ComparisonSummary::find_balancing(const std::string& name) const {
+const BalancingGain* ComparisonSummary::find_balancing(const std::string& name) const {
   const auto it = std::find_if(balancing.begin(), balancing.end(), [&](const auto& own) { return own.name == name; });
   return it == balancing.end() ? nullptr : &*it;
 }
@@ -294,7 +294,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
     summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
   }
   for (std::size_t i = 0; i < configurations.size(); ++i) {
-    if (const auto steps = balancing_steps(configurations, i, summary.done_by_seed)) {
+    if (const auto steps = balancing_gain(configurations, i, summary.done_by_seed)) {
       summary.balancing.push_back(*steps);
     }
   }
@@ -302,7 +302,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   for (const ConfigurationHistory& own : configurations) {
     for (const ConfigurationHistory& other : configurations) {
       if (!is_paper_pair(own.config, other.config)) continue;
-      summary.beside_paper.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
+      summary.paper_comparisons.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
     }
   }
   return summary;
@@ -336,7 +336,7 @@ Json to_json(const ComparisonSummary& summary) {
   Json compared = Json::array();
   for (const ComparedConfiguration& own : summary.compared) {
     Json quality = Json::array(), by_seed = Json::array();
-    for (const SavedTime& saved : own.by_seed) {
+    for (const TimeSaved& saved : own.by_seed) {
       by_seed.push_back({{"until", saved.until}, {"baseline_s", saved.baseline_s}, {"ours_s", saved.ours_s}});
     }
     for (const QualityDifference& difference : own.quality) {
@@ -356,10 +356,10 @@ Json to_json(const ComparisonSummary& summary) {
                             {"quality", quality}});
   }
   Json balancing = Json::array(), beside_paper = Json::array();
-  for (const BalancingSteps& steps : summary.balancing) balancing.push_back(to_json(steps, summary.noise()));
-  for (const PaperComparison& own : summary.beside_paper) {
-    beside_paper.push_back(times_json(own.compared));
-    beside_paper.back()["baseline"] = own.baseline;
+  for (const BalancingGain& steps : summary.balancing) balancing.push_back(to_json(steps, summary.noise()));
+  for (const PaperComparison& own : summary.paper_comparisons) {
+    paper_comparisons.push_back(times_json(own.compared));
+    paper_comparisons.back()["baseline"] = own.baseline;
   }
   return {{"verdict", verdict(summary)},
           {"baseline", summary.baseline},

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "compare/compare_balancing.h"
-#include "report/compare_times.h"
+#include "report/time_saved.h"
 
 namespace b3dgs {
 
@@ -39,10 +39,10 @@ struct ComparedConfiguration {
   std::string name;
   std::vector<std::string> differs_in;  // options other than those of the forward kernel
   bool has_own_kernel = false;          // differs from the baseline in options of the forward kernel too
-  std::vector<SavedTime> by_seed;       // of those that have begun
-  std::optional<Spread> overall, inflection;
+  std::vector<TimeSaved> by_seed;       // of those that have begun
+  std::optional<Spread> overall, switch_iteration;
   std::optional<Spread> before, after;  // over the seeds that have both, or they would tell of different seeds
-  MachineSpread noise;                  // the largest over seeds; missing without a repetition of the baseline
+  RunToRunVariation noise;                  // the largest over seeds; missing without a repetition of the baseline
   KernelPartSummary balanced, others;
   bool was_slower_from_start = false;  // the first check found the balanced kernel slower, in all seeds
   std::vector<QualityDifference> quality;
@@ -61,13 +61,13 @@ struct ComparisonSummary {
   int done = 0;                   // by all runs of the seeds that have begun
   std::vector<int> done_by_seed;  // by all configurations; 0: not all have begun, and nothing of the seed counts
   std::vector<ComparedConfiguration> compared;
-  std::vector<BalancingSteps> balancing;     // of the configurations of which they can be told
+  std::vector<BalancingGain> balancing;     // of the configurations of which they can be told
   std::vector<std::string> missing_kernels;  // unbalanced ones without which those of ours cannot be told
-  std::vector<PaperComparison> beside_paper;
+  std::vector<PaperComparison> paper_comparisons;
 
   int seeds_begun() const;
   const ComparedConfiguration* find(const std::string& name) const;
-  const BalancingSteps* find_balancing(const std::string& name) const;
+  const BalancingGain* find_balancing(const std::string& name) const;
   /// Share of its time by which the baseline differs from itself. Nothing if it was not trained twice.
   std::optional<double> noise() const;
 };

@@ -11,9 +11,9 @@
 namespace b3dgs {
 namespace {
 
-double mean_seconds(const ComparedConfiguration& ours, double SavedTime::*seconds) {
+double mean_seconds(const ComparedConfiguration& ours, double TimeSaved::*seconds) {
   double sum = 0;
-  for (const SavedTime& saved : ours.by_seed) sum += saved.*seconds;
+  for (const TimeSaved& saved : ours.by_seed) sum += saved.*seconds;
   return sum / static_cast<double>(ours.by_seed.size());
 }
 
@@ -66,14 +66,14 @@ std::string what_it_did(double saved, const std::string& than, double no_differe
 std::string used_text(const ComparedConfiguration& ours) {
   if (!ours.others.iterations) return "";
   int until = 0;
-  for (const SavedTime& seed : ours.by_seed) until = std::max(until, seed.until);
+  for (const TimeSaved& seed : ours.by_seed) until = std::max(until, seed.until);
   return ", using " + listed(ours.balanced.kernels) + " in " + iterations_text(*ours.balanced.iterations) + " of " +
          std::to_string(until) + " iterations" +
          in_seeds(ours.balanced.iterations->n, static_cast<int>(ours.by_seed.size()));
 }
 
 /// Where a balanced kernel was in use and the steps to it are known. Balancing is credited with the last step alone.
-std::string balancing_verdict(const ComparedConfiguration& ours, const BalancingSteps& steps, double no_difference) {
+std::string balancing_verdict(const ComparedConfiguration& ours, const BalancingGain& steps, double no_difference) {
   const double saved = steps.balancing.mean;
   const bool pays = saved >= no_difference;
   const bool has_two_steps = steps.unbalanced != steps.naive;
@@ -91,18 +91,18 @@ std::string balancing_verdict(const ComparedConfiguration& ours, const Balancing
 
 /// Where no balanced kernel was in use: what was saved is what the others save.
 std::string unbalanced_verdict(const ComparisonSummary& summary, const ComparedConfiguration& ours,
-                               const BalancingSteps* steps) {
+                               const BalancingGain* steps) {
   const std::string names = listed(ours.others.kernels);
   std::string text =
       "Balancing did not pay on this scene: " +
       (ours.was_slower_from_start ? names + " was faster from the start" : "no balanced kernel was in use") +
       "; with " + (ours.was_slower_from_start ? "it " : names + " ") + ours.name + " " +
       what_it_did(ours.overall->mean, summary.baseline, no_difference(summary));
-  std::vector<std::pair<std::string, double>> times{{ours.name, mean_seconds(ours, &SavedTime::ours_s)}};
+  std::vector<std::pair<std::string, double>> times{{ours.name, mean_seconds(ours, &TimeSaved::ours_s)}};
   if (steps != nullptr && steps->unbalanced != summary.baseline) {
     times.emplace_back(steps->unbalanced, steps->unbalanced_s.mean);
   }
-  times.emplace_back(summary.baseline, mean_seconds(ours, &SavedTime::baseline_s));
+  times.emplace_back(summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s));
   return text + " (" + times_text(times) + ")";
 }
 
@@ -119,13 +119,13 @@ std::string configuration_verdict(const ComparisonSummary& summary, const Compar
             ", not balanced either, was not trained";
   }
   return text + " (" +
-         times_text({{ours.name, mean_seconds(ours, &SavedTime::ours_s)},
-                     {summary.baseline, mean_seconds(ours, &SavedTime::baseline_s)}}) +
+         times_text({{ours.name, mean_seconds(ours, &TimeSaved::ours_s)},
+                     {summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s)}}) +
          ")";
 }
 
 std::string finding(const ComparisonSummary& summary, const ComparedConfiguration& ours) {
-  const BalancingSteps* const steps = summary.find_balancing(ours.name);
+  const BalancingGain* const steps = summary.find_balancing(ours.name);
   const bool is_kernel_known = ours.balanced.iterations || ours.others.iterations;
   if (steps != nullptr && ours.balanced.iterations) {
     const std::string text = balancing_verdict(ours, *steps, no_difference(summary));
@@ -157,7 +157,7 @@ std::string format_noise(const std::optional<double>& share) {
   return share ? " +-" + format_percent(*share) : "";
 }
 
-std::string describe(const BalancingSteps& steps, const std::optional<double>& noise) {
+std::string describe(const BalancingGain& steps, const std::optional<double>& noise) {
   const auto step = [&](const std::string& from, const std::string& to, const Spread& saved) {
     return from + " to " + to + " " + format_percent(saved.mean) + format_noise(noise);
   };
@@ -190,7 +190,7 @@ std::string verdict(const ComparisonSummary& summary) {
   const ComparedConfiguration* ours = summary.find(summary.ours);
   if (ours == nullptr || !ours->overall) return "Nothing can be said yet: not every configuration has been trained.";
   std::string text = finding(summary, *ours);
-  const BalancingSteps* const steps = summary.find_balancing(ours->name);
+  const BalancingGain* const steps = summary.find_balancing(ours->name);
   const Spread& saved = steps != nullptr && ours->balanced.iterations ? steps->balancing : *ours->overall;
   if (saved.min < 0 && saved.max > 0 && saved.range() >= kNoDifference) {
     text += "; the seeds disagree, from " + format_percent(saved.min) + " to " + format_percent(saved.max);

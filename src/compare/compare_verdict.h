@@ -25,7 +25,7 @@ std::string format_noise(const std::optional<double>& share);
 
 /// "naive to shared-memory 53.3 %, shared-memory to adaptive (balancing) 31.8 %, naive to adaptive 68.2 %", each with
 /// the machine's spread if that was measured.
-std::string describe(const BalancingSteps& steps, const std::optional<double>& noise);
+std::string describe(const BalancingGain& steps, const std::optional<double>& noise);
 
 /// What a configuration that was trained twice says of the machine: of its time and of each figure of quality.
 std::string describe_repetition(const ComparisonSummary& summary);

@@ -203,7 +203,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
     comparison.runs.emplace_back();
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
-      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
+      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_info(folder)});
       if (measures_kernels(configuration.config)) {
         for (LogPoint& point : comparison.runs.back().back().history.points) point.elapsed_s += 1e-3 * plan.loading_ms;
       }
@@ -235,15 +235,15 @@ void print_comparison(const Comparison& comparison) {
           elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
     }
     const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
-                           std::optional<double> MachineSpread::*noise) {
+                           std::optional<double> RunToRunVariation::*noise) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
       return format_percent((summary.compared[i - 1].*field)->mean) +
              format_noise(summary.compared[i - 1].noise.*noise);
     };
     std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
-                share_width, share(&ComparedConfiguration::overall, &MachineSpread::overall).c_str(), share_width,
-                share(&ComparedConfiguration::before, &MachineSpread::before).c_str(), share_width,
-                share(&ComparedConfiguration::after, &MachineSpread::after).c_str(),
+                share_width, share(&ComparedConfiguration::overall, &RunToRunVariation::overall).c_str(), share_width,
+                share(&ComparedConfiguration::before, &RunToRunVariation::before).c_str(), share_width,
+                share(&ComparedConfiguration::after, &RunToRunVariation::after).c_str(),
                 quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(), quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
@@ -253,7 +253,7 @@ void print_comparison(const Comparison& comparison) {
     std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
                 in_seeds(compared.before->n, n_seeds).c_str());
   }
-  for (const BalancingSteps& steps : summary.balancing) {
+  for (const BalancingGain& steps : summary.balancing) {
     std::printf("%s: %s\n", steps.name.c_str(), describe(steps, summary.noise()).c_str());
   }
   if (!summary.repetition.empty()) std::printf("%s\n", describe_repetition(summary).c_str());

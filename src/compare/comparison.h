@@ -9,7 +9,7 @@
 
 #include "compare/compare_config.h"
 #include "compare/compare_summary.h"
-#include "report/run_record.h"
+#include "report/run_info.h"
 
 namespace b3dgs {
 
@@ -41,7 +41,7 @@ bool holds_comparison(const std::filesystem::path& root);
 struct ComparedRun {
   std::int64_t seed = 0;
   TrainHistory history;  // with the plan's loading_ms in its times, if the configuration chooses
-  RunRecord record;
+  RunInfo record;
 };
 
 struct Comparison {

@@ -234,9 +234,9 @@ std::string load_histograms(const TrainHistory& history, LoadField field, const 
 
 }  // namespace
 
-std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optional<double> LogPoint::*field) {
+std::vector<ChartSeries> curves(const std::vector<LabeledRun>& runs, std::optional<double> LogPoint::*field) {
   std::vector<ChartSeries> series;
-  for (const ReportedRun& run : runs) {
+  for (const LabeledRun& run : runs) {
     ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
       if (point.*field) curve.points.push_back({static_cast<double>(point.iteration), *(point.*field)});
@@ -247,9 +247,9 @@ std::vector<ChartSeries> curves(const std::vector<ReportedRun>& runs, std::optio
   return series;
 }
 
-std::vector<ChartSeries> count_curves(const std::vector<ReportedRun>& runs) {
+std::vector<ChartSeries> count_curves(const std::vector<LabeledRun>& runs) {
   std::vector<ChartSeries> series;
-  for (const ReportedRun& run : runs) {
+  for (const LabeledRun& run : runs) {
     ChartSeries curve{run.name, {}, run.color};
     for (const LogPoint& point : run.history.points) {
       if (point.count)
@@ -279,14 +279,14 @@ NamedTimes mean_stages(const TrainHistory& history) {
   return sums;
 }
 
-std::string stage_section(const std::vector<ReportedRun>& runs) {
+std::string stage_section(const std::vector<LabeledRun>& runs) {
   std::vector<NamedTimes> stages;
-  for (const ReportedRun& run : runs) stages.push_back(mean_stages(run.history));
+  for (const LabeledRun& run : runs) stages.push_back(mean_stages(run.history));
   const std::vector<std::string> names = stage_names(stages);
   if (names.empty()) return html::paragraph("Times by stage were not sampled in this training.", "soft");
   StackedBars chart{"Mean time of a step by stage", "ms", {}, {}};
   html::Row head{"stage, ms per step"};
-  for (const ReportedRun& run : runs) head.push_back(run.name);
+  for (const LabeledRun& run : runs) head.push_back(run.name);
   for (const std::string& name : names) chart.part_names.push_back(readable(name));
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (stages[i].empty()) continue;
@@ -330,7 +330,7 @@ std::string load_section(const TrainHistory& history) {
   return body.empty() ? html::paragraph("Load statistics were not taken.", "soft") : body;
 }
 
-std::string preview_section(const std::vector<ReportedRun>& runs) {
+std::string preview_section(const std::vector<LabeledRun>& runs) {
   if (runs.empty() || runs[0].record.previews.empty()) return html::paragraph("No views were rendered.", "soft");
   std::vector<html::Picture> pictures;
   const auto add = [&](const std::filesystem::path& file, const std::string& caption, const std::string& alt) {
@@ -340,7 +340,7 @@ std::string preview_section(const std::vector<ReportedRun>& runs) {
   for (std::size_t i = 0; i < runs[0].record.previews.size(); ++i) {
     const Preview& first = runs[0].record.previews[i];
     add(first.truth, "photograph " + first.view, "photograph " + first.view);
-    for (const ReportedRun& run : runs) {
+    for (const LabeledRun& run : runs) {
       if (i >= run.record.previews.size()) continue;
       const Preview& preview = run.record.previews[i];
       add(preview.render, run.name + ", " + format_figure(preview.psnr) + " dB", run.name + " renders " + preview.view);

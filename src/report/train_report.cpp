@@ -41,7 +41,7 @@ std::string headline(const TrainConfig& config, const TrainHistory& history) {
   return text + ", " + format_duration(last.elapsed_s) + " of training";
 }
 
-std::string times(const TrainHistory& history, const RunRecord& record) {
+std::string times(const TrainHistory& history, const RunInfo& record) {
   const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
   return detail::concat("Training took ", format_seconds(elapsed_s, elapsed_s),
                         " with densification, optimizer, uploads and kernel checks. Reading the scene (",
@@ -65,7 +65,7 @@ std::string curve_figure(const std::string& title, const std::string& y_label, b
   return html::figure(draw(chart), caption);
 }
 
-std::string course(const ReportedRun& run) {
+std::string course(const LabeledRun& run) {
   std::string body = curve_figure("Loss over the training", "loss", true, curves({run}, &LogPoint::loss),
                                   "Loss, running average over steps.");
   const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
@@ -83,8 +83,8 @@ std::string course(const ReportedRun& run) {
 std::filesystem::path write_train_report(const ModelFolder& folder) {
   const TrainConfig config = folder.read_config();
   const TrainHistory history = read_train_log(folder.log());
-  const RunRecord record = read_run_record(folder);
-  const ReportedRun run{scene_name(config.source_path), history, record, 0};
+  const RunInfo record = read_run_info(folder);
+  const LabeledRun run{scene_name(config.source_path), history, record, 0};
   std::string body = html::paragraph(times(history, record), "soft");
   body += history.points.empty() ? html::paragraph("train.jsonl holds no line yet: there are no curves.")
                                  : html::section("Course", course(run));

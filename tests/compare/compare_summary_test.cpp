@@ -22,9 +22,9 @@ TEST(CompareSummary, InterpolatesElapsedTime) {
 }
 
 TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
-  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2001));
+  const auto saved = time_saved(history(10, 10), with_inflection(history(8, 9.5), 2001));
   ASSERT_TRUE(saved);
-  EXPECT_EQ(saved->inflection, 2001);
+  EXPECT_EQ(saved->switch_iteration, 2001);
   EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
   EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
   EXPECT_NEAR(saved->overall, 0.125, 1e-9);
@@ -33,23 +33,23 @@ TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
 }
 
 TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
-  const auto saved = saved_time(history(10, 10), history(8, 8));
+  const auto saved = time_saved(history(10, 10), history(8, 8));
   ASSERT_TRUE(saved);
-  EXPECT_FALSE(saved->inflection);
+  EXPECT_FALSE(saved->switch_iteration);
   EXPECT_FALSE(saved->before);
   EXPECT_FALSE(saved->after);
   EXPECT_NEAR(saved->overall, 0.2, 1e-9);
-  EXPECT_FALSE(saved_time(history(10, 10), TrainHistory{}));
+  EXPECT_FALSE(time_saved(history(10, 10), TrainHistory{}));
 
-  const auto from_the_start = saved_time(history(10, 10), with_inflection(history(8, 8), 1));
+  const auto from_the_start = time_saved(history(10, 10), with_inflection(history(8, 8), 1));
   ASSERT_TRUE(from_the_start);
   EXPECT_FALSE(from_the_start->before) << "nothing lies before the first step";
   EXPECT_NEAR(from_the_start->after.value(), 0.2, 1e-3);
 
   TrainHistory backward = with_inflection(history(8, 8), 2000);
   for (KernelCheckEvent& check : backward.checks) check.pass = "backward";
-  EXPECT_FALSE(inflection_point(backward));
-  EXPECT_FALSE(inflection_point(TrainHistory{}));
+  EXPECT_FALSE(first_kernel_switch(backward));
+  EXPECT_FALSE(first_kernel_switch(TrainHistory{}));
 }
 
 TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
@@ -88,7 +88,7 @@ TEST(CompareSummary, BalancingIsOneOfThreeSteps) {
        trained("segmented", {history(4, 4), history(3, 3)})},
       4000);
   ASSERT_EQ(summary.balancing.size(), 1u) << "of the balanced one alone";
-  const BalancingSteps& steps = summary.balancing[0];
+  const BalancingGain& steps = summary.balancing[0];
   EXPECT_EQ(steps.name, "segmented");
   EXPECT_EQ(steps.naive, "naive");
   EXPECT_EQ(steps.unbalanced, "shared-memory");
@@ -173,10 +173,10 @@ TEST(CompareSummary, OnlyWhatIsMeasuredAsThePaperDidStandsBesideIt) {
       summarize_comparison({trained("naive", {history(10, 10)}), trained("paper", {history(9, 9)}), original("naive"),
                             original("adaptive"), original("paper"), original("combined")},
                            4000);
-  ASSERT_EQ(summary.beside_paper.size(), 1u) << "not with our backward pass, nor another pair, nor a fixed kernel";
-  EXPECT_EQ(summary.beside_paper[0].baseline, "original_naive");
-  EXPECT_EQ(summary.beside_paper[0].compared.name, "original_paper");
-  EXPECT_TRUE(summary.beside_paper[0].compared.before);
+  ASSERT_EQ(summary.paper_comparisons.size(), 1u) << "not with our backward pass, nor another pair, nor a fixed kernel";
+  EXPECT_EQ(summary.paper_comparisons[0].baseline, "original_naive");
+  EXPECT_EQ(summary.paper_comparisons[0].compared.name, "original_paper");
+  EXPECT_TRUE(summary.paper_comparisons[0].compared.before);
   EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }
 
@@ -238,7 +238,7 @@ TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
   EXPECT_EQ(compared.before->n, 1);
   EXPECT_EQ(compared.after->n, 1) << "the second seed has an after, but no before";
   EXPECT_NEAR(compared.after->mean, 0.05, 1e-9);
-  EXPECT_EQ(compared.inflection->n, 2);
+  EXPECT_EQ(compared.switch_iteration->n, 2);
   EXPECT_EQ(compared.overall->n, 3);
   EXPECT_EQ(in_seeds(compared.before->n, compared.overall->n), " in 1 of 3 seeds");
   EXPECT_EQ(in_seeds(3, 3), "");

@@ -35,7 +35,7 @@ double saved_share(double before_s, double after_s);
 double elapsed_at(const TrainHistory& history, double iteration);
 
 /// Iteration of the first check after which another forward kernel was in use: the paper's inflection point.
-std::optional<int> inflection_point(const TrainHistory& history);
+std::optional<int> first_kernel_switch(const TrainHistory& history);
 
 /// The part of a training that one kind of forward kernel did, balanced ones or the others.
 struct KernelPart {
@@ -50,24 +50,24 @@ struct RepeatedRun {
 };
 
 /// By which share of its time a repeated run differs from itself.
-struct MachineSpread {
+struct RunToRunVariation {
   std::optional<double> overall, before, after;  // the inflection point of the run that it stands beside
 };
 
 /// Shares of the baseline's time that were saved, (baseline - ours) / baseline, over the iterations that both have
 /// done.
-struct SavedTime {
+struct TimeSaved {
   int until = 0;  // iteration
   double baseline_s = 0, ours_s = 0;
-  std::optional<int> inflection;
+  std::optional<int> switch_iteration;
   std::optional<double> before, after;  // the inflection point; missing without one, and before one at the start
   double overall = 0;
   KernelPart balanced, others;  // by ours' kernel; both empty if the log does not name it
-  MachineSpread noise;          // over the same iterations; missing without a repeated run
+  RunToRunVariation noise;          // over the same iterations; missing without a repeated run
 };
 
 /// Nothing if one of them has not begun.
-std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours,
+std::optional<TimeSaved> time_saved(const TrainHistory& baseline, const TrainHistory& ours,
                                     const std::optional<RepeatedRun>& repeated = std::nullopt);
 
 }  // namespace b3dgs

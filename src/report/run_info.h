@@ -19,7 +19,7 @@ struct Preview {
   std::filesystem::path truth, render;  // PNG
 };
 
-struct RunRecord {
+struct RunInfo {
   nlohmann::ordered_json machine = nlohmann::ordered_json::object();
   double reading_s = 0;   // of the scene, all sessions
   double output_s = 0;    // evaluation, saving and checkpoints, all sessions
@@ -29,13 +29,13 @@ struct RunRecord {
 };
 
 /// An empty record if there is none, or a damaged one: it is no reason to fail.
-RunRecord read_run_record(const ModelFolder& folder);
+RunInfo read_run_info(const ModelFolder& folder);
 
 std::filesystem::path report_folder(const ModelFolder& folder);
 
 /// @throws IoError
-void write_run_record(const RunRecord& record, const ModelFolder& folder);
+void write_run_info(const RunInfo& record, const ModelFolder& folder);
 
-void remove_run_record(const ModelFolder& folder);
+void remove_run_info(const ModelFolder& folder);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-#include "report/run_record.h"
+#include "report/run_info.h"
 
 #include <algorithm>
 #include <fstream>
@@ -12,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-Json to_json(const RunRecord& record) {
+Json to_json(const RunInfo& record) {
   Json previews = Json::array();
   for (const Preview& preview : record.previews) {
     previews.push_back({{"view", preview.view},
@@ -30,15 +30,15 @@ fs::path report_folder(const ModelFolder& folder) {
   return folder.root() / "report";
 }
 
-void write_run_record(const RunRecord& record, const ModelFolder& folder) {
+void write_run_info(const RunInfo& record, const ModelFolder& folder) {
   write_file(report_folder(folder) / "run.json",
              to_json(record).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-RunRecord read_run_record(const ModelFolder& folder) {
+RunInfo read_run_info(const ModelFolder& folder) {
   std::ifstream file(report_folder(folder) / "run.json");
   const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  RunRecord record;
+  RunInfo record;
   if (!json.is_object()) return record;
   try {
     record.machine = json.value("machine", Json::object());
@@ -57,7 +57,7 @@ RunRecord read_run_record(const ModelFolder& folder) {
   return record;
 }
 
-void remove_run_record(const ModelFolder& folder) {
+void remove_run_info(const ModelFolder& folder) {
   remove_tree(report_folder(folder));
 }
 
