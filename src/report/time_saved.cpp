@@ -12,7 +12,7 @@ double seconds_between(const TrainHistory& history, int from, int until) {
   return elapsed_at(history, until) - elapsed_at(history, from);
 }
 
-/// After `from`, up to and with `until`.
+/// Over the iterations from + 1 to until.
 std::optional<double> run_to_run_variation(const std::optional<RepeatedRun>& repeated, int from, int until) {
   if (!repeated || std::min(repeated->first.last_iteration(), repeated->second.last_iteration()) < until) {
     return std::nullopt;
