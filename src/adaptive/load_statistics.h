@@ -13,7 +13,7 @@ struct LoadStatistics {
   std::int64_t n = 0;
   std::int64_t min = 0, median = 0, p90 = 0, p99 = 0, max = 0;
   double mean = 0;
-  double gini = 0;                      // Gini coefficient, 0: all counts are equal; close to 1: one has nearly everything
+  double gini = 0;  // Gini coefficient, 0: all counts are equal; close to 1: one has nearly everything
   std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: counts in [2^(k-1), 2^k); ends with the bin of max
 };
 
