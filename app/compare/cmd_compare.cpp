@@ -66,8 +66,9 @@ std::string output_folder(const CommandLine& line) {
   TrainConfig given;
   line.apply(given);
   if (!given.model_path.empty()) return given.model_path;
-  if (given.source_path.empty())
+  if (given.source_path.empty()) {
     input_error("command line: missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  }
   return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
 }
 
@@ -91,8 +92,9 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     plan.base.kernel_times_interval = plan.base.stats_interval;
   }
   plan.base.model_path = root;
-  if (plan.base.source_path.empty())
+  if (plan.base.source_path.empty()) {
     input_error("command line: missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  }
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
 
@@ -164,8 +166,8 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
   SceneOptions scene_options = b3dgs::scene_options(plan.base);
-  scene_options.n_readers =
-      static_cast<int>(plan.configurations().size()) + 1;  // one reader for evaluation, which runs one at a time
+  // One per configuration and one for evaluations, of which only one runs at a time.
+  scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
   hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
   const double reading_s = steady_seconds() - start_s;

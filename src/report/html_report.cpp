@@ -43,8 +43,9 @@ summary { cursor: pointer; font-size: 18px; font-weight: 650; }
 svg.chart { display: block; width: 100%; height: auto; overflow: visible;
   font: 12px system-ui, "DejaVu Sans", sans-serif; }
 .tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); }
-.note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 { paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
- .inside { fill: var(--paper); }
+.note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 {
+  paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
+.inside { fill: var(--paper); }
 .grid { stroke: var(--grid); } .base { stroke: var(--base); } .event { stroke: var(--soft); stroke-dasharray: 3 3; }
 polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round; }
 .s0 { stroke: var(--c0); } .f0, .t0 { fill: var(--c0); } .s1 { stroke: var(--c1); } .f1, .t1 { fill: var(--c1); }
@@ -55,7 +56,8 @@ polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: 
 .pictures { display: grid; gap: 12px 8px; }
 .pictures img { width: 100%; height: auto; display: block; border-radius: 3px; }
 .pictures div { font-size: 12.5px; color: var(--soft); overflow-wrap: anywhere; min-width: 0; }
-.hover { position: fixed; pointer-events: none; padding: 4px 8px; border-radius: 4px; font-size: 12.5px; white-space: pre;
+.hover { position: fixed; pointer-events: none; padding: 4px 8px; border-radius: 4px; font-size: 12.5px;
+  white-space: pre;
   background: var(--ink); color: var(--paper); font-variant-numeric: tabular-nums; }
 @media print { body { max-width: none; padding: 0; } figure, tr, .pictures { break-inside: avoid; }
   h2, h3, summary { break-after: avoid; }
@@ -75,7 +77,9 @@ constexpr const char* kScript = R"js(
   window.addEventListener("afterprint", function () { folded.forEach(function (section) { section.open = false; }); });
   var box = document.createElement("div");
   box.className = "hover"; box.hidden = true; document.body.appendChild(box);
-  function show(v) { return Math.abs(v) >= 1000 ? Math.round(v).toLocaleString("en") : String(Number(v.toPrecision(3))); }
+  function show(v) {
+    return Math.abs(v) >= 1000 ? Math.round(v).toLocaleString("en") : String(Number(v.toPrecision(3)));
+  }
   document.querySelectorAll("svg[data-x]").forEach(function (svg) {
     var x = svg.dataset.x.split(" ").map(Number), y = svg.dataset.y.split(" ");
     var isLog = y[4] === "log"; y = y.slice(0, 4).map(Number);
