@@ -2,7 +2,7 @@
 
 #include "core/check.h"
 #include "core/print.h"
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
 namespace {
