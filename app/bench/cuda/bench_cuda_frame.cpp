@@ -124,7 +124,8 @@ std::vector<float> CudaFrame::image() const {
 
 std::vector<NamedArray> CudaFrame::gradients() const {
   std::vector<float> log_scales = download(grad_log_scales_.data(), 3 * n_);
-  // Turning a ball changes nothing: what rounding leaves there is as large as what it leaves of the scales.
+  // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those in
+  // the gradients of the scales. Differences are therefore taken relative to the latter.
   double by_scale = 0;
   for (const float value : log_scales) by_scale = std::max(by_scale, std::fabs(double{value}));
   return {{"means", download(grad_means_.data(), 3 * n_)},

@@ -1,4 +1,4 @@
-// Logs of trainings that never were, for what is said of comparisons.
+// Synthetic training histories for tests of comparisons.
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace b3dgs::test {
 
-/// Lines every 10 iterations: `early_ms` a step up to iteration 2000, `late_ms` after it. No kernel is named.
+/// Lines every 10 iterations: `early_ms` per step up to iteration 2000, `late_ms` after it. No kernel is named.
 inline TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   TrainHistory history;
   double elapsed_s = 0;
@@ -23,14 +23,14 @@ inline TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   return history;
 }
 
-/// As a training that never changed its kernel writes it.
+/// With the same forward kernel in all lines.
 inline TrainHistory with_kernel(TrainHistory history, const std::string& kernel) {
   for (LogPoint& point : history.points) point.kernel = kernel;
   return history;
 }
 
-/// As a training writes it that went over from combined to shared-memory before the step of `iteration`.
-inline TrainHistory with_inflection(TrainHistory history, int iteration) {
+/// With a switch from combined to shared-memory before the step of `iteration`.
+inline TrainHistory with_switch(TrainHistory history, int iteration) {
   for (LogPoint& point : history.points) {
     point.kernel = point.iteration < iteration ? "combined" : "shared-memory";
   }
@@ -58,7 +58,7 @@ inline TrainConfig config_with(const std::string& kernel) {
   return config;
 }
 
-/// A configuration that is called as its kernel.
+/// A configuration named after its kernel.
 inline ConfigurationHistory trained(const std::string& kernel, std::vector<TrainHistory> by_seed) {
   return {kernel, config_with(kernel), std::move(by_seed)};
 }

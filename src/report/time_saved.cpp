@@ -1,4 +1,4 @@
-#include "report/compare_times.h"
+#include "report/time_saved.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@ double seconds_between(const TrainHistory& history, int from, int until) {
   return elapsed_at(history, until) - elapsed_at(history, from);
 }
 
-/// After `from`, up to and with `until`.
-std::optional<double> machine_spread(const std::optional<RepeatedRun>& repeated, int from, int until) {
+/// Over the iterations from + 1 to until.
+std::optional<double> run_to_run_variation(const std::optional<RepeatedRun>& repeated, int from, int until) {
   if (!repeated || std::min(repeated->first.last_iteration(), repeated->second.last_iteration()) < until) {
     return std::nullopt;
   }
@@ -52,30 +52,30 @@ double elapsed_at(const TrainHistory& history, double iteration) {
   return from_s;
 }
 
-std::optional<int> inflection_point(const TrainHistory& history) {
+std::optional<int> first_kernel_switch(const TrainHistory& history) {
   for (const KernelCheckEvent& check : history.checks) {
     if (check.pass == kForwardPass && check.has_changed()) return check.iteration;
   }
   return std::nullopt;
 }
 
-std::optional<SavedTime> saved_time(const TrainHistory& baseline, const TrainHistory& ours,
+std::optional<TimeSaved> time_saved(const TrainHistory& baseline, const TrainHistory& ours,
                                     const std::optional<RepeatedRun>& repeated) {
-  SavedTime saved;
+  TimeSaved saved;
   saved.until = std::min(baseline.last_iteration(), ours.last_iteration());
   saved.baseline_s = elapsed_at(baseline, saved.until);
   saved.ours_s = elapsed_at(ours, saved.until);
   if (saved.until == 0 || saved.baseline_s <= 0) return std::nullopt;
   saved.overall = saved_share(saved.baseline_s, saved.ours_s);
-  saved.noise.overall = machine_spread(repeated, 0, saved.until);
-  saved.inflection = inflection_point(ours);
-  if (saved.inflection && *saved.inflection < saved.until) {
-    const int last_before = *saved.inflection - 1;
+  saved.noise.overall = run_to_run_variation(repeated, 0, saved.until);
+  saved.switch_iteration = first_kernel_switch(ours);
+  if (saved.switch_iteration && *saved.switch_iteration < saved.until) {
+    const int last_before = *saved.switch_iteration - 1;
     const double baseline_s = elapsed_at(baseline, last_before), ours_s = elapsed_at(ours, last_before);
     if (baseline_s > 0) saved.before = saved_share(baseline_s, ours_s);
     if (saved.baseline_s > baseline_s) saved.after = saved_share(saved.baseline_s - baseline_s, saved.ours_s - ours_s);
-    saved.noise.before = machine_spread(repeated, 0, last_before);
-    saved.noise.after = machine_spread(repeated, last_before, saved.until);
+    saved.noise.before = run_to_run_variation(repeated, 0, last_before);
+    saved.noise.after = run_to_run_variation(repeated, last_before, saved.until);
   }
   for (const KernelPeriod& period : kernel_periods(ours)) {
     const int until = std::min(period.until, saved.until);
