@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Checks every Markdown file of the repository: relative links lead to a file (and to a heading of it, where the link
 # names one), and no line is longer than 100 columns. Tables, code blocks and the targets of links may be longer.
+# In docs/, tests that are named (`Suite.Name`, with * for any rest) exist.
 # Prints each fault as FILE:LINE: what is wrong. Exit code 1 if there are any.
 # Usage: scripts/check_links.sh [FILE.md ...]    default: all that git does not ignore
 set -euo pipefail
@@ -51,6 +52,14 @@ check_link() {
   fi
 }
 
+# Suite.Name of every test, also where the macro spans two lines.
+tests=$(find tests -name '*.cpp' -exec cat {} + | tr '\n' ' ' | grep -oE 'TEST(_F|_P)?\( *[A-Za-z0-9_]+, *[A-Za-z0-9_]+' |
+  sed -E 's/.*\( *//; s/, */./')
+
+check_test() {
+  grep -qE "^$(sed 's/\./\\./; s/\*/.*/' <<<"$3")\$" <<<"$tests" || fail "$1:$2: no such test: $3"
+}
+
 for file in "${files[@]}"; do
   [[ -f $file ]] || { fail "$file: no such file"; continue; }
   while IFS=: read -r line target; do
@@ -58,6 +67,9 @@ for file in "${files[@]}"; do
     target=${target%)}
     check_link "$file" "$line" "${target%% *}"
   done < <(without_code "$file" | grep -noE '\]\([^)]+\)' || true)
+  while IFS=: read -r line name; do
+    [[ $file == docs/* ]] && check_test "$file" "$line" "${name//\`/}"
+  done < <(grep -noE '`[A-Z][A-Za-z0-9]+\.[A-Za-z0-9]*\*?`' "$file" | grep -vE '\.(md|txt|html)`' || true)
   while IFS=: read -r line _; do
     fail "$file:$line: longer than $max_columns columns"
   done < <(without_code "$file" | sed -E '/^ *\|/s/.*//; s/\]\([^)]*\)/]/g; s/<?https?:[^ )>]*>?//g' |
