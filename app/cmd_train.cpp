@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "app/commands.h"
-#include "app/machine.h"
+#include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/record_run.h"
 #include "app/terminal/progress.h"

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "app/commands.h"
+#include "core/version.h"
 
 namespace b3dgs {
 namespace {
@@ -19,7 +20,7 @@ namespace fs = std::filesystem;
 enum ExitCode { kDone = 0, kFailed = 1, kAskedWrongly = 2 };
 
 std::string general_help() {
-  std::string text = "Balanced3DGS " B3DGS_VERSION
+  std::string text = std::string("Balanced3DGS ") + version() +
                      ": 3D Gaussian Splatting from COLMAP scenes\n\n"
                      "Usage: b3dgs COMMAND [OPTIONS]\n\nCommands:\n";
   for (const CommandName& command : kCommandNames) {
@@ -63,7 +64,7 @@ int main(int argc, char** argv) {
   }
   const std::string word = argv[1];
   if (word == "--help" || word == "-h" || word == "help") return answer(general_help());
-  if (word == "--version") return answer("b3dgs " B3DGS_VERSION "\n");
+  if (word == "--version") return answer(std::string("b3dgs ") + version() + "\n");
   make_threads_sleep_while_they_wait();
   return become_engine(argv);
 }

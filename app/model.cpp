@@ -9,7 +9,7 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "model/cameras_json.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "train/device.h"
 #include "train/threads.h"
 

@@ -7,8 +7,8 @@
 
 #include "app/terminal/progress.h"
 #include "core/config.h"
+#include "model/formats/splat_cloud.h"
 #include "model/model_folder.h"
-#include "model/splat_cloud.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
 #include "train/config/train_config.h"

@@ -9,7 +9,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 

@@ -15,7 +15,7 @@ if ((${#targets[@]} == 0)); then
   mapfile -t targets < <(sed -n 's/^b3dgs_add_fuzz_target(\([a-z_]*\) .*/\1/p' tests/fuzz/CMakeLists.txt)
 fi
 
-scripts/install_packages.sh clang-14 libclang-rt-14-dev libomp-14-dev
+scripts/install_packages.sh --tests clang-14 libclang-rt-14-dev libomp-14-dev
 cmake --preset cpu
 cmake --build --preset cpu --target write_seeds
 cmake --preset fuzz

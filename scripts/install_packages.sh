@@ -1,22 +1,38 @@
 #!/usr/bin/env bash
-# Installs what building, testing and the demo need on Debian 12 (root or sudo), and packages that are named.
-# Does nothing where all is there.
-# Usage: scripts/install_packages.sh [PACKAGE...]
+# Installs what building needs on Debian 12 (as root or with sudo), and packages that are named. Does nothing where all
+# of it is there.
+# Usage: scripts/install_packages.sh [--tests] [--without-libtorch] [PACKAGE...]
+#   --tests             what the tests need, too
+#   --without-libtorch  for a build against another LibTorch, one with CUDA
 set -euo pipefail
 
 packages=(
   g++ cmake ninja-build
-  libtorch-dev
-  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # of OpenCV only what is linked
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
-  libgtest-dev
-  libexpat1-dev  # the tests parse what reports are made of
-  chromium       # the tests look at a report in a browser (120 MB to fetch, 410 MB installed)
-  colmap  # the tests let COLMAP's own model_analyzer read what we write
 )
+libtorch=(libtorch-dev)
+for argument in "$@"; do
+  case $argument in
+    --tests)
+      packages+=(
+        libgtest-dev
+        libexpat1-dev  # parses the reports
+        chromium       # shows a report as a reader sees it (120 MB to fetch, 410 MB installed)
+        colmap         # its model_analyzer reads the scenes that we write
+      )
+      ;;
+    --without-libtorch) libtorch=() ;;
+    -*)
+      echo "install_packages.sh: error: unknown option: $argument (expected --tests or --without-libtorch)" >&2
+      exit 2
+      ;;
+    *) packages+=("$argument") ;;
+  esac
+done
+packages+=("${libtorch[@]}")
 
 missing=()
-packages+=("$@")
 for package in "${packages[@]}"; do
   [[ $(dpkg-query -W -f='${Status}' "$package" 2>/dev/null) == "install ok installed" ]] || missing+=("$package")
 done
@@ -25,7 +41,7 @@ if ((${#missing[@]} == 0)); then exit 0; fi
 sudo=()
 if ((EUID != 0)); then
   if ! command -v sudo >/dev/null; then
-    echo "install_packages.sh: needs root or sudo to install: ${missing[*]}" >&2
+    echo "install_packages.sh: error: needs root or sudo to install: ${missing[*]}" >&2
     exit 1
   fi
   sudo=(sudo)

@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 preset=${1:-cpu}
 
-scripts/install_packages.sh
-cmake --preset "$preset"
+scripts/install_packages.sh --tests
+cmake --preset "$preset" -DB3DGS_TESTS=ON
 cmake --build --preset "$preset"
 ctest --preset "$preset" --parallel 2

@@ -1,6 +1,6 @@
 #include "app/bench/step_floor.h"
 
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
 namespace {

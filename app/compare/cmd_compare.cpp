@@ -4,7 +4,7 @@
 
 #include "app/commands.h"
 #include "app/compare/interleaved_training.h"
-#include "app/machine.h"
+#include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/terminal/progress.h"
 #include "app/train_setup.h"

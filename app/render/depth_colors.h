@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 

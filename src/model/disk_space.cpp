@@ -6,7 +6,7 @@
 #include <cstdio>
 
 #include "core/check.h"
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
 namespace {

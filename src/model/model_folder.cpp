@@ -10,7 +10,7 @@
 #include "core/files/atomic_file.h"
 #include "core/json_text.h"
 #include "model/cameras_json.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 
 namespace b3dgs {
 namespace {

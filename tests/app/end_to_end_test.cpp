@@ -5,7 +5,7 @@
 #include <csignal>
 #include <nlohmann/json.hpp>
 
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
 #include "support/run_program.h"

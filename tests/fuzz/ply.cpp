@@ -3,7 +3,7 @@
 #include <optional>
 
 #include "fuzz/fuzz_target.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 
 namespace b3dgs::fuzz {
 namespace {

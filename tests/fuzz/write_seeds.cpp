@@ -6,7 +6,7 @@
 #include "adaptive/kernel_selector.h"
 #include "core/files/atomic_file.h"
 #include "fuzz/fuzz_target.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"

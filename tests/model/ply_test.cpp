@@ -1,4 +1,4 @@
-#include "model/ply.h"
+#include "model/formats/ply.h"
 
 #include <gtest/gtest.h>
 

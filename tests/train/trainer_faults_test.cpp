@@ -13,7 +13,7 @@
 
 #include "core/check.h"
 #include "core/files/folder_lock.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"

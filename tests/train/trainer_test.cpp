@@ -7,7 +7,7 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"

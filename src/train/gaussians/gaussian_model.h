@@ -1,7 +1,7 @@
 // Parameters of a model as tensors: from points or files, and back.
 #pragma once
 
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "scene/point_cloud.h"
 

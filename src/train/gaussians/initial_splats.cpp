@@ -1,7 +1,7 @@
 #include "train/gaussians/initial_splats.h"
 
 #include "core/check.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {

@@ -1,7 +1,7 @@
 // What training starts from.
 #pragma once
 
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 #include "scene/scene.h"
 #include "train/config/train_config.h"
 

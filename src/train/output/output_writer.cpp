@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "core/check.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA

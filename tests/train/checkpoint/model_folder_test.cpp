@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "model/cameras_json.h"
-#include "model/ply.h"
+#include "model/formats/ply.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"

@@ -6,7 +6,7 @@
 #include <regex>
 #include <string>
 
-#include "app/machine.h"
+#include "app/machine/machine.h"
 
 namespace b3dgs {
 namespace {

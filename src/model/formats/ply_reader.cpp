@@ -1,4 +1,4 @@
-#include "model/ply_reader.h"
+#include "model/formats/ply_reader.h"
 
 #include <algorithm>
 #include <array>

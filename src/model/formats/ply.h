@@ -6,7 +6,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
-#include "model/splat_cloud.h"
+#include "model/formats/splat_cloud.h"
 #include "scene/point_cloud.h"
 
 namespace b3dgs {

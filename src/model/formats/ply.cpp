@@ -1,6 +1,6 @@
 // The properties of Gaussians and of points in PLY files. The one place that knows that files hold the spherical
 // harmonics channel by channel, the transpose of memory.
-#include "model/ply.h"
+#include "model/formats/ply.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "model/ply_reader.h"
+#include "model/formats/ply_reader.h"
 
 namespace b3dgs {
 namespace {

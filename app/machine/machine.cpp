@@ -1,4 +1,4 @@
-#include "app/machine.h"
+#include "app/machine/machine.h"
 
 #include <torch/version.h>
 #include <unistd.h>
@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "core/version.h"
 #include "train/device.h"
 
 namespace b3dgs {
@@ -27,7 +28,7 @@ std::string cpu_name() {
 
 nlohmann::ordered_json describe_machine(const torch::Device& device) {
   nlohmann::ordered_json machine;
-  machine["program"] = "b3dgs " B3DGS_VERSION;
+  machine["program"] = std::string("b3dgs ") + version();
   if (const std::string name = cpu_name(); !name.empty()) machine["cpu"] = name;
   machine["cores"] = std::thread::hardware_concurrency();
   const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
