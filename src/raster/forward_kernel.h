@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "raster/kernel_rows.h"
+#include "raster/kernel_table.h"
 
 namespace b3dgs {
 

@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "support/raster/cpu_harness.h"
-#include "support/raster/judge.h"
+#include "support/raster/reference_check.h"
 
 namespace b3dgs::test {
 namespace {

@@ -8,7 +8,7 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/math/bad_gaussian.h"
+#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/sh.h"
 
@@ -42,7 +42,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 [[noreturn]] void fail_not_finite(const GaussianArrays& g, std::int64_t i) {
   const Vec3f mean = load3(g.means, i), scale = load3(g.log_scales, i);
   const Vec4f quat = load4(g.quats, i);
-  throw BadGaussianError(
+  throw InvalidGaussianError(
       i, detail::concat("Gaussian ", i, kNotFiniteText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z,
                         "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x, ", ", quat.y,
                         ", ", quat.z, ", ", quat.w, "), opacity logit ", g.logit_opacities[i], ", colour (",

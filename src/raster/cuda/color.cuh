@@ -2,7 +2,7 @@
 #pragma once
 
 #include "raster/cuda/passes.h"
-#include "raster/math/rows.h"
+#include "raster/math/array_rows.h"
 #include "raster/math/sh.h"
 
 namespace b3dgs::cuda {

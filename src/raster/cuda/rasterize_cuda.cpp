@@ -10,7 +10,7 @@
 #include "raster/cuda/forward/forward_scratch.h"
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/passes.h"
-#include "raster/math/bad_gaussian.h"
+#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/pair_limit.h"
@@ -184,7 +184,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
   if (counts.not_finite < n) {
-    throw BadGaussianError(counts.not_finite, detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
+    throw InvalidGaussianError(counts.not_finite, detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
   }
   if (has_too_many_pairs(counts.n_isects)) {
     throw NumericError(

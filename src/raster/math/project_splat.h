@@ -7,7 +7,7 @@
 
 #include "raster/args.h"
 #include "raster/math/projection.h"
-#include "raster/math/rows.h"
+#include "raster/math/array_rows.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs {

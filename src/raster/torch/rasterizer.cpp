@@ -5,7 +5,7 @@
 #include "core/check.h"
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_room.h"
+#include "raster/torch/tensor_storage.h"
 
 // Set by the build where both nvcc and a LibTorch with CUDA are there.
 #if B3DGS_TORCH_CUDA

@@ -53,7 +53,7 @@ class Rasterizer {
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
   /// Renders one view and keeps what backward() needs. Parameters are contiguous float tensors on the device.
-  /// @throws BadGaussianError naming the Gaussian if a parameter it needs is not finite.
+  /// @throws InvalidGaussianError naming the Gaussian if a parameter it needs is not finite.
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
 
   /// Gradients of the last forward(); `gaussians` must be unchanged since. `grads` is allocated if undefined or of

@@ -9,7 +9,7 @@
 #include "core/check.h"
 #include "raster/view_memory.h"
 #include "support/raster/cuda_harness.h"
-#include "support/raster/judge.h"
+#include "support/raster/reference_check.h"
 
 namespace b3dgs::test {
 namespace {

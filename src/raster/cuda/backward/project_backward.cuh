@@ -4,7 +4,7 @@
 
 #include "raster/cuda/passes.h"
 #include "raster/math/projection.h"
-#include "raster/math/rows.h"
+#include "raster/math/array_rows.h"
 #include "raster/math/sh.h"
 
 namespace b3dgs::cuda {

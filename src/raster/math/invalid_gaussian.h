@@ -9,9 +9,9 @@
 namespace b3dgs {
 
 /// What a Gaussian needs for a view is not finite, or it is wider than any image: without it, the others can go on.
-class BadGaussianError : public NumericError {
+class InvalidGaussianError : public NumericError {
  public:
-  BadGaussianError(std::int64_t row, const std::string& message) : NumericError(message), row_(row) {}
+  InvalidGaussianError(std::int64_t row, const std::string& message) : NumericError(message), row_(row) {}
 
   /// Of the model's tensors.
   std::int64_t row() const { return row_; }
