@@ -7,6 +7,7 @@
 
 #include "data_synth/synth_config.h"
 #include "model/splat_cloud.h"
+#include "raster/math/opacity.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 #include "scene/point_cloud.h"
@@ -35,6 +36,5 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera);
 /// Colour in [0, 1] as the coefficient of SH degree 0, and back.
 float sh0_from_color(double color);
 double color_from_sh0(float coefficient);
-float logit(double probability);
 
 }  // namespace b3dgs

@@ -1,5 +1,4 @@
-// The judge judged: the dense reference against hand calculations, and its autograd gradients against finite
-// differences.
+// The dense reference compared with hand calculations, and its autograd gradients with finite differences.
 #include "support/raster/dense_reference.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// The CPU rasterizer on scenes that no training should make, with every kernel and instruction set.
+// The CPU rasterizer on extreme and invalid scenes, with every kernel and instruction set.
 #include "support/raster/hostile_scenes.h"
 
 namespace b3dgs::test {
@@ -15,7 +15,7 @@ TEST(HostileScenes, GiveFiniteResultsOrAreRefusedByEveryKernel) {
       SCOPED_TRACE(testing::Message() << "scene " << seed << ", " << kernel.name);
       settings.kernel = kernel.kernel;
       expect_finite_or_refused<CpuView>(scene, settings, outcome);
-      if (HasFailure()) return;  // one case says it all
+      if (HasFailure()) return;  // one failing case is enough
     }
   }
   EXPECT_GT(outcome.rendered, 600);

@@ -1,5 +1,5 @@
-// Counts what the forward blend looks at: tiles from the pool, one pixel at a time. Asked for once in a thousand steps,
-// so plain code does.
+// Load counting: threads take tiles from the pool and count one pixel at a time. Training calls this only for its
+// statistics, so scalar code is fast enough.
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"

@@ -1,4 +1,4 @@
-// A Gaussian that cannot be rendered.
+// The error for a Gaussian that cannot be rendered.
 #pragma once
 
 #include <cstdint>
@@ -8,12 +8,13 @@
 
 namespace b3dgs {
 
-/// What a Gaussian needs for a view is not finite, or it is wider than any image: without it, the others can go on.
+/// A Gaussian whose parameters, projection or colour are not finite or beyond the limits in constants.h. Training
+/// removes that Gaussian and continues.
 class InvalidGaussianError : public NumericError {
  public:
   InvalidGaussianError(std::int64_t row, const std::string& message) : NumericError(message), row_(row) {}
 
-  /// Of the model's tensors.
+  /// Row of the Gaussian in the parameter arrays.
   std::int64_t row() const { return row_; }
 
  private:
