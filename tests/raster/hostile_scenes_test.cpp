@@ -4,7 +4,7 @@
 namespace b3dgs::test {
 namespace {
 
-TEST(HostileScenes, GiveFiniteResultsOrAreRefusedByEveryKernel) {
+TEST(HostileScenes, GiveFiniteResultsOrAnErrorWithEveryKernel) {
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   HostileOutcome outcome;
   for (std::uint32_t seed = 0; seed < hostile_scene_count(); ++seed) {

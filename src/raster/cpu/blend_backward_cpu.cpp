@@ -1,6 +1,6 @@
-// Backward blend. Threads take tiles from the pool; SIMD lanes are pixels; a tile's splats are visited back to front.
-// The gradient of a (tile, splat) pair is summed over the tile's pixels in registers and written once, to the pair's
-// slot: nothing is stored per pixel and splat, and no two threads write to the same place.
+// Backward blend. Threads take tiles from an atomic counter; SIMD lanes are pixels; a tile's splats are visited back to
+// front. The gradient of a (tile, splat) pair is summed over the tile's pixels in registers and written once, to the
+// pair's slot: nothing is stored per pixel and splat, and no two threads write to the same place.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/blend_backward_cpu.cpp"

@@ -1,5 +1,5 @@
-// Load counting: threads take tiles from the pool and count one pixel at a time. Training calls this only for its
-// statistics, so scalar code is fast enough.
+// Load counting: threads take tiles from an atomic counter and count one pixel at a time. Training calls this only for
+// its statistics, so scalar code is fast enough.
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"

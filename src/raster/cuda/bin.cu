@@ -2,16 +2,15 @@
 // are then written in that order and sorted stably by tile, with short keys.
 //
 //   1. list_seen: stream compaction of the Gaussians that the view sees, in their order (CUB).
-//   2. Radix sort of the seen Gaussians by depth (CUB). Their place in this order is the splat's rank.
+//   2. Radix sort of the seen Gaussians by depth (CUB). Its place in this order is a splat's rank.
 //   3. Exclusive scan of the tile counts in rank order: the first slot of each splat (CUB).
-//   4. emit_pairs_kernel: a thread per rank copies its splat and writes its pairs, tile and rank, to its slots. Splats
-//   with
-//      many tiles are written by the whole warp.
+//   4. emit_pairs_kernel: a thread per rank copies its splat and writes its pairs, tile and rank, to its slots. The
+//      whole warp writes the pairs of a splat with many tiles.
 //   5. Radix sort of the pairs by tile (CUB); stable, so lists stay in depth order.
 //   6. find_tiles_kernel: a thread per pair finds where each tile's list begins.
 //   7. number_buckets_kernel: a warp per tile numbers its buckets of 32 entries, for kernels that work on buckets.
-// With `deterministic`, the sort carries slots instead of ranks, and gather_slots_kernel looks up the ranks afterwards.
-// No shared memory and no barriers except within CUB.
+// With `deterministic`, step 5 carries slots instead of ranks, and gather_slots_kernel looks up the ranks afterwards.
+// The kernels here use no shared memory and no barriers.
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>

@@ -1,11 +1,10 @@
 // Projection: Gaussians to splats.
-//   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether it is seen; the thread then writes
-//   splat,
-//     colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
+//   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
+//     splat, colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
 //   Shared memory: the block's numbers of splats and pairs. Warps add to them, and one thread adds them to the global
 //     counters: two global atomics per block.
 //   Barriers: two, around the block's sums.
-//   For the host: ViewCounts, read once per step to size the buffers of binning.
+//   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 

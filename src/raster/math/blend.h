@@ -166,10 +166,9 @@ struct BlendGrad {
 
 // The backward pass visits a pixel's blended splats again, from the last to the first. Let T be the transmittance in
 // front of a splat, `value` the dot product of dL/d(pixel colour, depth) with the splat's colour and depth, and
-//   S = sum over the splats behind it of weight * value, plus T_final (dot(dL/dcolour, background) - dL/d(pixel
-//   alpha)).
+//   S = sum of weight * value over the splats behind it + T_final (dot(dL/dcolour, background) - dL/dalpha_pixel).
 // Then
-//   dL/d(alpha) = T value - S / (1 - alpha).
+//   dL/dalpha = T value - S / (1 - alpha).
 // The pixel's own alpha is 1 - T_final, so its gradient enters S like a background. (Treating it as a value of 1 in
 // every splat would compute a difference of nearly equal sums.) S is accumulated back to front. Front to back, it would
 // be the total minus the part in front, and the rounding error of the total would dominate where S is small.

@@ -45,8 +45,7 @@ struct ProjectedGaussian {
   Splat splat{};             // red, green, blue and clamped are 0
 };
 
-/// Projects Gaussian i. With TileCount::kAny `n_tiles` is only a lower bound, but it is 0 exactly if no tile is
-/// touched.
+/// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, but it is 0 exactly if no tile is touched.
 template <TileCount kCount>
 B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::int64_t i,
                                          const ViewTransform<float>& view, float near_plane, Culling culling,

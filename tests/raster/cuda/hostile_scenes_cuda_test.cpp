@@ -6,7 +6,7 @@
 namespace b3dgs::test {
 namespace {
 
-TEST(HostileScenesCuda, GiveFiniteResultsOrAreRefusedByEveryKernel) {
+TEST(HostileScenesCuda, GiveFiniteResultsOrAnErrorWithEveryKernel) {
   B3DGS_NEEDS_GPU();
   HostileOutcome outcome;
   for (std::uint32_t seed = 0; seed < hostile_scene_count(); ++seed) {

@@ -1,4 +1,4 @@
-// The CUDA rasterizer on tensors of the host: the counterpart of cpu_harness.h.
+// For tests: the CUDA rasterizer on tensors in host memory; the counterpart of cpu_harness.h.
 #pragma once
 
 #include "raster/cuda/rasterize_cuda.h"
@@ -90,7 +90,7 @@ class CudaView {
     return last;
   }
 
-  /// For passes on the view that has been rendered.
+  /// For further passes on the rendered view.
   cuda::Rasterizer& rasterizer() { return rasterizer_; }
   const cuda::LaunchContext& context() const { return context_; }
   ImageArrays image() const { return {color_.data(), depth_.data(), alpha_.data()}; }

@@ -1,7 +1,6 @@
 // Forward blend, combined (the paper's fine-grained combined load balancing).
-//   Threads: take tasks of 2 x 2 pixels (quads) from an atomic counter. A crowded tile becomes tens of tasks, so
-//   threads
-//     finish at about the same time even if one tile holds most of the work.
+//   Threads: take tasks of 2 x 2 pixels (quads) from an atomic counter. A crowded tile becomes tens of tasks, and
+//     threads finish at about the same time even if one tile holds most of the work.
 //   Lanes: consecutive splats of the list (a group). A group is fetched once for the four pixels of the task.
 //   Per group and pixel: evaluate the splats, prefix product of 1 - alpha (splat_groups-inl.h).
 //   Ends: a task stops after the group that finishes the last of its pixels.

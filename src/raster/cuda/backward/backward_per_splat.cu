@@ -1,16 +1,18 @@
 // Backward blend, per-splat. All buckets have the same size, so the launch is balanced by construction.
 //
 // Kernel 1, sum_behind: for each pixel and bucket, the state behind the bucket: transmittance, and S of blend.h.
-//   Block: 32 pixels of a tile, a lane each; its 8 warps split the pixels' buckets into 8 chunks. Each warp sums the
-//   parts of its chunk (stored by the forward pass); with the sums of the chunks behind its own, in shared memory, it
-//   then walks its buckets back to front and writes the state behind each. One barrier.
-// Kernel 2, backward_per_splat: a warp per bucket (32 list entries), a lane per splat. The tile's pixels stream through
-//   the lanes: a pixel enters the last lane with its state behind the bucket, and each step passes (transmittance, S)
-//   to the lane below, so that every splat meets the pixel in reverse list order. At any time 32 consecutive pixels are
-//   in the 32 lanes. Each lane sums its splat's gradient in registers and adds it to memory once, with three vector
-//   atomics (or stores it in the pair's slot, if gradients must be deterministic). Pixels that finished before the
-//   bucket, and sub-tiles of 8 x 4 pixels that none of its splats reaches, are left out. Shared memory: a ring of 128
-//   pixels per warp. Barriers: none, except warp-wide ones around writes to the ring.
+//   Block: 32 pixels of a tile, a lane each; its 8 warps split the pixels' buckets into 8 chunks.
+//   Each warp sums the parts of its chunk, which the forward pass stored. With the sums of the chunks behind its own,
+//     from shared memory, it then walks its buckets back to front and writes the state behind each.
+//   Barriers: one, between the two phases.
+//
+// Kernel 2, backward_per_splat: a warp per bucket (32 list entries), a lane per splat.
+//   The tile's pixels stream through the lanes: a pixel enters the last lane with its state behind the bucket, and each
+//     step passes (transmittance, S) to the lane below, so that every splat meets the pixel in reverse list order.
+//   Each lane sums its splat's gradient in registers and adds it to memory once, with three vector atomics; if
+//     gradients must be deterministic, it stores it in the pair's slot instead.
+//   Pixels that finished before the bucket, and sub-tiles of 8 x 4 pixels that no splat of it reaches, are left out.
+//   Shared memory: a ring of 128 pixels per warp. Barriers: only within the warp, around writes to the ring.
 
 #include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"

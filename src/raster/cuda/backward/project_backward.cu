@@ -1,7 +1,6 @@
 // Backward projection: a splat's sums to the gradient by its Gaussian's stored parameters.
 //   Grid: a thread per Gaussian; Gaussians that the view does not see get zeros.
-//   Shared memory: the block's SH gradients above degree 0, up to 45 floats per Gaussian, so that the block writes them
-//   to
+//   Shared memory: the block's SH gradients above degree 0, up to 45 floats per Gaussian; the block then writes them to
 //     global memory contiguously.
 //   Barriers: one, before that.
 // Training uses a fused kernel instead, which applies the optimizer step without storing gradients.

@@ -1,21 +1,23 @@
 // Forward blend, combined: the paper's fine-grained combined load balancing.
 //
-// Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch?
-//   A warp takes a bucket (32 entries of a tile's list), a lane an entry. Each lane finds the quads that its splat's
-//   ellipse touches, a bit each; a transposition across the warp turns this into one word per quad with a bit per
-//   entry. This step is not in the paper: a pixel sees few splats of a crowded list, and tasks then fetch only those.
-// Kernel 2, forward_combined: as many blocks of 4 warps as the GPU can hold take tasks (quads) from an atomic counter.
-//   A crowded tile becomes 32 or 64 tasks, so no block works longer than one quad takes. Block: one quad. Warp: one of
-//   its pixels. Thread, while splats are evaluated: one splat at all four pixels. Lane, while splats are blended: one
-//   of 32 splats of the warp's pixel, which get their transmittances from a prefix product (gaussian_wise.cuh). Per
-//   task, repeated until the list ends or all four pixels are finished:
-//     1. Scan: the block reads the quad's words for 1024 entries and appends the marked ones to `candidates`.
-//     2. Evaluate: 128 candidates at a time, a thread each, at the four pixel centres. Those that contribute to a pixel
-//        are appended to its queue, in list order. A queue is a ring in shared memory.
-//     3. Blend: each warp blends full groups of 32 from its pixel's queue; up to 31 splats wait for the next round.
-//   Shared memory: candidates, four queues, per-warp counts (QuadMemory, about 20 KB); two tickets for the task
-//   counter. Barriers: two per scan, two per evaluation, one at the end of a task (the next task is known, the memory
-//   is free). Saved for the backward pass: final transmittance, last splat, and the bucket parts (BucketParts).
+// Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? Not in the paper: a pixel sees few
+// splats of a crowded list, and with the marks a task fetches only those that touch its quad.
+//   Warp: a bucket (32 entries of a tile's list). Lane: an entry; it finds the quads that its splat's ellipse touches,
+//     a bit each. A bit transposition across the warp turns this into a word per quad, with a bit per entry.
+//
+// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 32 or 64 tasks, so no block works longer than
+// one quad takes.
+//   Grid: as many blocks of 4 warps as are resident at once; they take quads from an atomic counter.
+//   Block: a quad. Warp: one of its four pixels.
+//   Repeated until the list ends or all four pixels are finished:
+//     1. Scan: the block reads the quad's words for 1024 entries and appends the marked entries to `candidates`.
+//     2. Evaluate: 128 candidates at a time, one per thread, each at all four pixel centres. A candidate is appended
+//        to the queues of the pixels that it contributes to, in list order. A queue is a ring in shared memory.
+//     3. Blend: each warp blends full groups of 32 splats from its pixel's queue, a lane per splat, with a prefix
+//        product for the transmittances (gaussian_wise.cuh). Up to 31 splats wait for the next round.
+//   Shared memory: candidates, four queues and counts (QuadMemory, about 20 KB); two tickets of the task counter.
+//   Barriers: two per scan, two per evaluation, and one at the end of a task: the next task is known, memory is free.
+//   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
@@ -239,11 +241,11 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   QueueEnds ends;
   int head = 0, waiting = 0;  // this warp's queue: first splat, and how many wait
   int n_candidates = 0;
-  bool is_done = !at.inside, everyone_is_done = false;
+  bool is_done = !at.inside, all_done = false;
   // The word with this thread's byte, loaded one scan ahead.
   const std::int32_t own_bucket = thread / kThreadsPerWord;
   std::uint32_t next_word = own_bucket < n_buckets ? __ldg(words + own_bucket) : 0;
-  for (std::int32_t start = 0; start < n_buckets && !everyone_is_done; start += kScanned / kWarpSize) {
+  for (std::int32_t start = 0; start < n_buckets && !all_done; start += kScanned / kWarpSize) {
     // Scan the next 1024 entries.
     const unsigned byte = next_word >> (thread % kThreadsPerWord * kScanBits) & 0xffu;
     const std::int32_t next_bucket = start + kScanned / kWarpSize + own_bucket;
@@ -254,10 +256,10 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
     // Evaluate and blend in full rounds of 128 candidates. After the last scan, also the rest.
     const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;
     int taken = 0;
-    for (; n_candidates - taken >= wanted && !everyone_is_done; taken += kThreads) {
+    for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
       const int own_candidate = taken + thread < n_candidates ? taken + thread : -1;
       const int n_new = queue_contributions(quad, own_candidate, is_done, ends, memory);
-      everyone_is_done = n_new < 0;
+      all_done = n_new < 0;
       for (waiting += n_new; waiting >= kWarpSize && !is_done; waiting -= kWarpSize) {
         blend_queued(memory, head, kWarpSize, pixel);
         head = wrapped(head + kWarpSize);

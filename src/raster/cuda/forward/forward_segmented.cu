@@ -2,23 +2,22 @@
 // parallel. Balanced like combined, with the cost per splat of a pixel-wise kernel. Not in the paper, whose balanced
 // kernel distributes a crowded tile over its pixels.
 //
-// Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and the
-// (transmittance, colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not
-// associative: for each pixel, the segment in which it finishes is blended again, from the true transmittance.
+// Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
+// colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
+// segment in which a pixel finishes is blended again for that pixel, from the true transmittance.
 //
-// Kernel 1, cut_lists: one block lists the segments as tasks, ordered by their number within their list.
-// Kernel 2, forward_segmented: a block blends one segment, or a whole short list; a thread a pixel. The first segments
-// of
-//   all lists run first, then the second ones, and so on. Segments behind finished pixels would be wasted work: a block
-//   first multiplies the transmittances of the segments in front of its own that are already done (flags set with
-//   release, read with acquire), and skips its segment if no pixel can be reached. Which segments are skipped depends
-//   on timing; pixels do not, since a skipped segment is behind the end of every pixel.
-// Kernel 3, join_segments: a block per tile, a thread per pixel, combines the pixel's segments front to back up to the
+// Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
+// Kernel 2, forward_segmented: a block per segment or short list, a thread per pixel. The first segments of all lists
+//   run first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
+//   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
+//   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
+//   timing. The image does not: a skipped segment is behind the end of all its pixels.
+// Kernel 3, join_segments: a block per tile, a thread per pixel. Combines the pixel's segments front to back, up to the
 //   one in which it finishes, and writes the pixel unless that segment has to be blended again.
-// Kernel 4, end_pixels: a block per task blends its segment again for the pixels that finish in it, and writes them.
+// Kernel 4, end_pixels: a block per task blends the segment again for the pixels that finish in it, and writes them.
 //
-// Shared memory: two batches of staged splats in kernels 2 and 4 (staged_blend.cuh), counters in kernel 1.
-// Barriers: one per batch, and one before a segment is marked as done.
+// Shared memory: two batches of staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
+// Barriers: one per batch of splats, and one before a segment is marked as done.
 // Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
 //   transmittance in front of each segment (Segments::before).
 
