@@ -81,8 +81,7 @@ struct SplatGradLanes {
 /// of them blended it.
 HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_begin, int row_end,
                               std::int32_t position, SplatGrad& out) {
-  const SplatShape<Lanes> shape{Lanes(splat.mean_x),   Lanes(splat.mean_y),   Lanes(splat.log2_opacity),
-                                Lanes(splat.conic_xx), Lanes(splat.conic_xy), Lanes(splat.conic_yy)};
+  const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const IntTag di;
   const IntVec own_position = hn::Set(di, position);

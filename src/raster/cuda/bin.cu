@@ -29,6 +29,8 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256;
+// Depths are positive floats: the sign bit is not sorted.
+constexpr int kDepthBits = 31;
 // Splats with more tiles than this are written by the whole warp; otherwise the other lanes would wait for one.
 constexpr int kTilesPerThread = 16;
 
@@ -300,7 +302,7 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   if (n > 0) {
     run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
       return cub::DeviceRadixSort::SortPairs(temporary, bytes, buffers.depths.data(), depths_sorted,
-                                             buffers.seen.data(), seen_by_depth, n, 0, 31, context.stream);
+                                             buffers.seen.data(), seen_by_depth, n, 0, kDepthBits, context.stream);
     });
   }
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1, context);

@@ -93,6 +93,13 @@ struct SplatShape {
   Real conic_xx, conic_xy, conic_yy;  // times kConicScale, as in Splat
 };
 
+/// `splat` is a Splat (args.h).
+template <class Real, class AnySplat>
+B3DGS_BLEND_FN SplatShape<Real> splat_shape(const AnySplat& splat) {
+  return {Real(splat.mean_x),   Real(splat.mean_y),   Real(splat.log2_opacity),
+          Real(splat.conic_xx), Real(splat.conic_xy), Real(splat.conic_yy)};
+}
+
 /// A splat evaluated at a pixel, before the exponential.
 template <class Real>
 struct Reach {

@@ -76,15 +76,10 @@ struct TilePixels {
   }
 };
 
-HWY_INLINE SplatShape<Lanes> broadcast_shape(const Splat& splat) {
-  return {Lanes(splat.mean_x),   Lanes(splat.mean_y),   Lanes(splat.log2_opacity),
-          Lanes(splat.conic_xx), Lanes(splat.conic_xy), Lanes(splat.conic_yy)};
-}
-
 /// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end).
 HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_begin, int row_end,
                                 std::int32_t position) {
-  const SplatShape<Lanes> shape = broadcast_shape(splat);
+  const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const int lanes = lane_count();
   for (int row = row_begin; row < row_end; ++row) {

@@ -117,7 +117,7 @@ __device__ __forceinline__ int add_candidates(QuadMemory& memory, int n_candidat
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize;
   const int own = __popc(byte), up_to_own = warp_prefix_sum(own);
   if (lane_id() == kWarpSize - 1) memory.n_by_warp[warp] = static_cast<std::uint32_t>(up_to_own);
-  __syncthreads();
+  __syncthreads();  // counts of all warps
   int place = n_candidates + up_to_own - own;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
@@ -129,6 +129,7 @@ __device__ __forceinline__ int add_candidates(QuadMemory& memory, int n_candidat
   return n_candidates;
 }
 
+/// Byte `index` of a word of four counts.
 __device__ __forceinline__ int byte_of(std::uint32_t bytes, int index) {
   return static_cast<int>(bytes >> (8 * index) & 0xffu);
 }
@@ -145,6 +146,7 @@ struct QueueEnds {
   int place[kPixels] = {0, 0, 0, 0};
 };
 
+/// Wraps a place below 2 kRing around the end of the ring.
 __device__ __forceinline__ int wrapped(int place) {
   return place < kRing ? place : place - kRing;
 }
@@ -181,7 +183,7 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
     own_counts |= static_cast<std::uint32_t>(__popc(found[p])) << (8 * p);
   }
   if (lane == 0) memory.n_by_warp[warp] = own_counts;
-  if (__syncthreads_and(is_done)) return -1;
+  if (__syncthreads_and(is_done)) return -1;  // counts are written, and all warps have finished reading their queues
   // Counts of the warps ahead of this one, and of all; four bytes are added as one word.
   std::uint32_t ahead = 0, all = 0;
 #pragma unroll
@@ -202,7 +204,7 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
     }
     ends.place[p] = wrapped(ends.place[p] + byte_of(all, p));
   }
-  __syncthreads();
+  __syncthreads();  // the queues are filled
   return byte_of(all, warp);
 }
 
@@ -272,7 +274,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
     if (taken > 0 && thread < n_left) memory.candidates[thread] = memory.candidates[taken + thread];
     n_candidates = n_left;
   }
-  // No barrier below: warps whose pixel is outside the image may leave.
+  // Blend what still waits. No barrier from here on.
   if (!at.inside) return;
   if (waiting > 0 && !is_done) blend_queued(memory, head, waiting, pixel);
   pixel.store();
