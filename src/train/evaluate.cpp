@@ -19,11 +19,7 @@ TileShape tile_shape(const TrainConfig& config) {
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kUnmeasuredKernel : config.kernel;
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
   const std::string backward_name = backward_is_open ? kUnmeasuredBackwardKernel : config.backward_kernel;
-  const std::optional<BackwardKernel> backward_kernel = find_backward_kernel(backward_name);
-  B3DGS_CHECK(backward_kernel.has_value(), "no backward kernel has the name ", backward_name);
   const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
@@ -31,8 +27,8 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
   settings.tile = tile_shape(config);
-  settings.kernel = *kernel;
-  settings.backward_kernel = *backward_kernel;
+  settings.kernel = forward_kernel(name);
+  settings.backward_kernel = backward_kernel(backward_name);
   settings.deterministic = config.deterministic;
   settings.depth_gradient = false;  // the loss looks at colours
   return settings;

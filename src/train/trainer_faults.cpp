@@ -43,7 +43,7 @@ void Trainer::Impl::step() {
       take_step();
       state.is_density_pending = true;
       return;
-    } catch (const BadGaussianError& error) {
+    } catch (const InvalidGaussianError& error) {
       roll_back();
       remove_bad_gaussians(error);
     } catch (const LossError&) {
@@ -68,7 +68,7 @@ void Trainer::Impl::roll_back() {
   if (step_start.loss_average) state.loss_average = *step_start.loss_average;
 }
 
-void Trainer::Impl::remove_bad_gaussians(const BadGaussianError& error) {
+void Trainer::Impl::remove_bad_gaussians(const InvalidGaussianError& error) {
   settle_loss();  // if it is not finite, that is the reason
   settle();
   is_whole = false;

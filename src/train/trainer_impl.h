@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "core/check.h"
-#include "raster/math/bad_gaussian.h"
+#include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
 #include "train/checkpoint/train_state.h"
 #include "train/config/output_plan.h"
@@ -117,14 +117,14 @@ struct Trainer::Impl {
   bool is_last() const { return state.iteration == config.iterations || is_ending; }
 
   void roll_back();
-  void remove_bad_gaussians(const BadGaussianError& error);
+  void remove_bad_gaussians(const InvalidGaussianError& error);
   /// Does `work` again without the Gaussians that it cannot render.
   template <class Work>
   auto without_bad_gaussians(Work&& work) {
     for (;;) {
       try {
         return work();
-      } catch (const BadGaussianError& error) {
+      } catch (const InvalidGaussianError& error) {
         remove_bad_gaussians(error);
       }
     }

@@ -60,7 +60,7 @@ void Trainer::Impl::learn(const TrainView& view) {
     // The backward pass asks for nothing that this has not taken already.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
                              [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
-  } catch (const BadGaussianError&) {
+  } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));

@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "raster/math/opacity.h"
 #include "train/density/split_samples.h"
 
 #if B3DGS_TORCH_CUDA
@@ -17,10 +18,6 @@ namespace {
 
 constexpr double kSplitShrink = 0.8 * kSplitSamples;  // of the scales
 constexpr double kResetOpacity = 0.01;
-
-double logit(double probability) {
-  return std::log(probability / (1 - probability));
-}
 
 /// Rows where `mask` holds.
 torch::Tensor rows_of(const torch::Tensor& mask) {

@@ -19,7 +19,4 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
 
 SplatCloud to_splat_cloud(const GaussianTensors& gaussians);
 
-/// Degree for which shN has room.
-int sh_degree_of(const GaussianTensors& gaussians);
-
 }  // namespace b3dgs

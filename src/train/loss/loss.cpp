@@ -4,7 +4,7 @@
 
 #include "core/check.h"
 #include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_room.h"
+#include "raster/torch/tensor_storage.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_launch.h"

@@ -113,23 +113,21 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList list;
   __shared__ int taken[kRows];
-  __shared__ float rests[kRows * (kActive > 0 ? kActive : 1)];
+  __shared__ float rests[kRows * kActive];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kRows, i = first_row + threadIdx.x;
   const bool is_listed =
       threadIdx.x < kRows && i < args.rests.n_gaussians && (!kColors || args.view.projected.radii[i] > 0);
   const ListedRow own = list_row(list, is_listed);
-  if constexpr (kActive > 0) {
-    if (is_listed) {
-      taken[own.place] = load_debt<kShDegree>(args.owed + i, rests + own.place * kActive);
-      // Paid, even if no backward pass follows.
-      if (kColors) {
-        *reinterpret_cast<float4*>(args.owed + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
-      }
+  if (is_listed) {
+    taken[own.place] = load_debt<kShDegree>(args.owed + i, rests + own.place * kActive);
+    // Paid, even if no backward pass follows.
+    if (kColors) {
+      *reinterpret_cast<float4*>(args.owed + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
     }
-    __syncthreads();  // list and gradients are complete
-    take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
-    __syncthreads();  // the harmonics are there
   }
+  __syncthreads();  // list and gradients are complete
+  take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
+  __syncthreads();  // the harmonics are there
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;
     const float4 color = splat_color<kShDegree>(view.gaussians, view.camera_center, i, rests + own.place * kActive);
@@ -142,7 +140,7 @@ template <bool kColors>
 void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& context) {
   if (args.rests.n_gaussians == 0) return;
   const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kRows - 1) / kRows);
-  with_sh_degree(sh_degree, [&](auto degree) {
+  with_sh_degree<1>(sh_degree, [&](auto degree) {  // there is nothing to defer at degree 0
     take_steps_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();

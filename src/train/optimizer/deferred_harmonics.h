@@ -50,7 +50,7 @@ struct StepSizes {
   std::array<AdamStepSize, kMax> sizes{};
 };
 
-/// In the course of training: begin_view(), a forward pass with this as its color_pass, a backward pass that writes
+/// In the course of training: begin_view(), a forward pass with this as its ColorPass, a backward pass that writes
 /// owed(), put_off_step(). Nothing waits.
 class DeferredHarmonics final : public ColorPass {
  public:

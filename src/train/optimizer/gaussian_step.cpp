@@ -1,6 +1,7 @@
 #include "train/optimizer/gaussian_step.h"
 
 #if B3DGS_TORCH_CUDA
+#include "raster/torch/fused_step.h"
 #include "raster/torch/torch_launch.h"
 #include "train/optimizer/gaussian_step_cuda.h"
 #endif
@@ -11,7 +12,7 @@ namespace {
 #if B3DGS_TORCH_CUDA
 cuda::RestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
   check_adam_state(gaussians, state);
-  return {gaussians.size(), sh_degree_max_of(gaussians), gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
+  return {gaussians.size(), sh_degree_of(gaussians), gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
           state.v.shN.data_ptr<float>()};
 }
 #endif
@@ -37,7 +38,8 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
   if (!gaussians.means.is_cpu()) {
     begin_stage(settings.stages, Stage::kProject);
     impl_->harmonics.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    if (settings.sh_degree > 0) settings.color_pass = &impl_->harmonics;
+    return FusedStep(impl_->rasterizer)
+        .forward(gaussians, view, settings, settings.sh_degree > 0 ? &impl_->harmonics : nullptr);
   }
 #endif
   (void)state;
@@ -49,7 +51,7 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
-    const ViewStatistics statistics = impl_->rasterizer.backward_blend(gaussians, view_grad, args.backward);
+    const ViewStatistics statistics = FusedStep(impl_->rasterizer).backward_blend(gaussians, view_grad, args.backward);
     begin_stage(stages, Stage::kOptimizer);
     args.adam = begin_adam_step(rates, gaussians, state);
     args.owed = impl_->harmonics.owed();

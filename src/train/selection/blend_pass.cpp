@@ -2,9 +2,6 @@
 
 #include <torch/torch.h>
 
-#include <optional>
-
-#include "core/check.h"
 #include "train/selection/kernel_agreement.h"
 
 namespace b3dgs {
@@ -53,18 +50,6 @@ std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input) {
 
 std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input) {
   return std::make_unique<BackwardBlend>(input);
-}
-
-ForwardKernel forward_kernel(const std::string& name) {
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
-  return *kernel;
-}
-
-BackwardKernel backward_kernel(const std::string& name) {
-  const std::optional<BackwardKernel> kernel = find_backward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no backward kernel has the name ", name);
-  return *kernel;
 }
 
 }  // namespace b3dgs

@@ -33,8 +33,4 @@ class BlendPass {
 std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input);
 std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input);
 
-/// Kernels by their names, which the caller knows to be right.
-ForwardKernel forward_kernel(const std::string& name);
-BackwardKernel backward_kernel(const std::string& name);
-
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// The dense reference as the judge of a rasterizer: what has to agree, and how closely. Works on any view class with
+// Comparison of a rasterizer with the dense reference: what must agree, and how closely. Works on any view class with
 // the interface of CpuView (cpu_harness.h).
 #pragma once
 
@@ -13,26 +13,27 @@
 
 namespace b3dgs::test {
 
-/// A way of binning, and what the reference makes of it.
-struct Judged {
+/// A combination of culling and tile shape.
+struct Binning {
   const char* name;
   Culling culling;
   TileShape tile;
 };
-inline constexpr Judged kBinnings[] = {
+inline constexpr Binning kBinnings[] = {
     {"ellipse, 16 x 16", Culling::kEllipse, {16, 16}},
     {"ellipse, 16 x 8", Culling::kEllipse, {16, 8}},
     {"square, 16 x 16", Culling::kSquare, {16, 16}},
     {"square, 16 x 8", Culling::kSquare, {16, 8}},
 };
 
-struct Judge {
+/// A scene rendered by the dense reference, with gradients.
+struct Reference {
   GaussianTensors leaves;
   DenseView view;
-  RenderedViewGrad grad;  // 0 where the reference is in doubt, so that gradients have to agree everywhere
+  RenderedViewGrad grad;  // 0 at pixels near a decision, so that gradients must agree everywhere
   DenseGradients gradients;
 
-  Judge(const TestScene& scene, const RenderSettings& settings) : leaves(to_dense_leaves(scene.gaussians)) {
+  Reference(const TestScene& scene, const RenderSettings& settings) : leaves(to_dense_leaves(scene.gaussians)) {
     view = dense_render(leaves, scene.view, settings);
     grad = uneven_grad(scene.view, view.near_decision);
     gradients = dense_gradients(leaves, view, grad);
@@ -53,10 +54,10 @@ void expect_same_image(const FoundView& found, const DenseView& expected) {
   EXPECT_TRUE(within(found.last_gaussians() * settled, expected.last_gaussians * settled, 0)) << "last Gaussian";
 }
 
-/// Gradients of one group, as a whole and row by row, `size` [N] being the size of each row. A row may also be off by a
-/// share of the largest: it is a sum over pixels of terms that may cancel, and each of those can be as large as in the
-/// largest row, which is what float rounds. Where even the largest row is what cancelling has left, `terms` [N] is the
-/// size of the rows without it; float rounds it in the 7th digit.
+/// Compares the gradients of one group, as a whole and row by row; `size` [N] is the norm of each row. A row may differ
+/// by a share of the largest row as well: it is a sum over pixels of terms that may cancel, each of which can be as
+/// large as in the largest row and is rounded accordingly. Where even the largest row is the result of cancellation,
+/// `terms` [N] is the size of the terms, which float rounds in the 7th digit.
 inline testing::AssertionResult same_gradient(const torch::Tensor& found, const torch::Tensor& expected,
                                               const torch::Tensor& size, const torch::Tensor& terms) {
   constexpr double kRelative = 1e-4, kFloor = 5e-5, kRounding = 1e-6;
@@ -76,14 +77,14 @@ inline torch::Tensor row_norms(const torch::Tensor& tensor) {
                              : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
 }
 
-/// The size of each row's terms: root of the sum of their squares over the pixels. Signs drawn by lot for the gradient
-/// by each pixel leave that, on average; this takes several draws together. Scales and rotation share the gradient of
-/// one matrix: what rounding leaves of a needle's rotation shows in its scales.
+/// The size of each row's terms: the root of the sum of their squares over the pixels. Random signs of the gradients by
+/// pixels give that on average; this averages several draws. Scales and rotation share the gradient by one matrix, so
+/// the rounding error of a needle's rotation appears in its scales, too.
 struct TermSizes {
   std::vector<torch::Tensor> parameters;  // [N] each
   torch::Tensor means2d;                  // [N]
 
-  TermSizes(const Judge& judge, const RenderedViewGrad& grad) {
+  TermSizes(const Reference& reference, const RenderedViewGrad& grad) {
     constexpr int kDraws = 4;
     torch::Generator generator = torch::make_generator<torch::CPUGeneratorImpl>(1);
     const auto with_signs = [&](const torch::Tensor& t) {
@@ -96,7 +97,7 @@ struct TermSizes {
     parameters.resize(GaussianTensors::kNames.size());
     for (int draw = 0; draw < kDraws; ++draw) {
       const RenderedViewGrad drawn{with_signs(grad.color), with_signs(grad.depth), with_signs(grad.alpha)};
-      const DenseGradients gradients = dense_gradients(judge.leaves, judge.view, drawn);
+      const DenseGradients gradients = dense_gradients(reference.leaves, reference.view, drawn);
       for (std::size_t i = 0; i < parameters.size(); ++i) add(parameters[i], row_norms(*gradients.parameters.all()[i]));
       add(means2d, row_norms(gradients.means2d));
     }
@@ -104,43 +105,54 @@ struct TermSizes {
     means2d = means2d.sqrt();
     constexpr std::size_t kLogScales = 1, kQuats = 2;
     static_assert(GaussianTensors::kNames[kLogScales] == std::string_view("log_scales"));
-    const torch::Tensor whole = row_norms(dense_gradients(judge.leaves, judge.view, grad).parameters.quats);
-    const torch::Tensor rotation = torch::maximum(parameters[kQuats], whole) * row_norms(judge.leaves.quats.detach());
+    const torch::Tensor whole = row_norms(dense_gradients(reference.leaves, reference.view, grad).parameters.quats);
+    const torch::Tensor rotation =
+        torch::maximum(parameters[kQuats], whole) * row_norms(reference.leaves.quats.detach());
     parameters[kLogScales] = parameters[kLogScales] + rotation;
   }
 };
 
-/// `terms`, if given, tells the size of what cancels in `expected`.
-inline void expect_same_gradients(const DenseGradients& found, const Judge& judge, const DenseGradients& expected,
-                                  const TermSizes* terms = nullptr) {
-  const torch::Tensor idle = torch::logical_not(judge.view.contributes).nonzero().squeeze(1);
+/// `terms`, if given, is the size of the terms that cancel in `expected`.
+inline void expect_same_gradients(const DenseGradients& found, const Reference& reference,
+                                  const DenseGradients& expected, const TermSizes* terms = nullptr) {
+  const torch::Tensor idle = torch::logical_not(reference.view.contributes).nonzero().squeeze(1);
   for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
     SCOPED_TRACE(GaussianTensors::kNames[i]);
     const torch::Tensor& group = *found.parameters.all()[i];
     torch::Tensor size = row_norms(*expected.parameters.all()[i]);
     if (group.is_same(found.parameters.quats)) {
-      // Turning a ball changes nothing: what float leaves there comes from the terms that make its gradients by scale.
-      size = size + row_norms(expected.parameters.log_scales) / row_norms(judge.leaves.quats.detach());
+      // Rotating a sphere changes nothing: its rotation gradient is rounding error of the terms of its scale gradient.
+      size = size + row_norms(expected.parameters.log_scales) / row_norms(reference.leaves.quats.detach());
     }
     const torch::Tensor rounded = terms != nullptr ? terms->parameters[i] : torch::zeros_like(size);
     EXPECT_TRUE(same_gradient(group, *expected.parameters.all()[i], size, rounded));
     const torch::Tensor nothing = group.index_select(0, idle);
-    EXPECT_TRUE(within(nothing, torch::zeros_like(nothing), 0)) << "of Gaussians that are blended nowhere";
+    EXPECT_TRUE(within(nothing, torch::zeros_like(nothing), 0)) << "gradients of Gaussians that no pixel blends";
   }
   const torch::Tensor size = row_norms(expected.means2d);
   const torch::Tensor rounded = terms != nullptr ? terms->means2d : torch::zeros_like(size);
   EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, size, rounded)) << "means2d";
 }
 
-/// Which Gaussians are seen, and how large they are.
+/// Compares which Gaussians are seen, and their radii.
 inline void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {
   const torch::Tensor seen = found > 0;
   const auto count = [](const torch::Tensor& which) { return which.sum().item<std::int64_t>(); };
   EXPECT_EQ(count(expected.contributes & ~seen), 0) << "Gaussians in the image have no radius";
   EXPECT_EQ(count(expected.seen & ~seen), 0) << "Gaussians that touch a tile are not seen";
   EXPECT_EQ(count(seen & ~expected.seen_nearly), 0) << "Gaussians that touch no tile are seen";
-  EXPECT_LE(count(expected.seen_nearly & ~expected.seen), 2 + found.numel() / 50) << "too many are in doubt";
+  EXPECT_LE(count(expected.seen_nearly & ~expected.seen), 2 + found.numel() / 50)
+      << "too many Gaussians are near a decision";
   EXPECT_TRUE(within(found, expected.radii * seen, 0)) << "radii";
+}
+
+/// Compares the sets of Gaussians that two rasterizers see, [N] radii each. They must be equal, except for Gaussians so
+/// close to a threshold that float rounding decides.
+inline void expect_same_seen(const torch::Tensor& found, const torch::Tensor& other, const DenseView& reference) {
+  const torch::Tensor in_doubt = reference.seen_nearly & ~reference.seen;
+  const torch::Tensor differs = ((found > 0) != (other > 0)) & ~in_doubt;
+  EXPECT_EQ(differs.sum().item<std::int64_t>(), 0) << "Gaussians are seen by only one of the two";
+  EXPECT_TRUE(within(found * (other > 0), other * (found > 0), 0)) << "radii of Gaussians that both see";
 }
 
 }  // namespace b3dgs::test
