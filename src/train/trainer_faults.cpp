@@ -11,7 +11,7 @@
 #include <cstring>
 #include <new>
 
-#include "train/density/bad_gaussians.h"
+#include "train/density/invalid_gaussians.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

@@ -10,7 +10,7 @@
 #include <cmath>
 
 #include "core/random.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
 #include "train/optimizer/lr_schedule.h"

@@ -19,7 +19,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/density/bad_gaussians.h"
+#include "train/density/invalid_gaussians.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {

@@ -1,7 +1,7 @@
 // The door to gaussian_step.cu.
 #pragma once
 
-#include "train/optimizer/deferred_harmonics.h"
+#include "train/optimizer/deferred_sh.h"
 
 namespace b3dgs::cuda {
 

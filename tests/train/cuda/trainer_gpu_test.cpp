@@ -19,7 +19,7 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/density/row_edit.h"
 #include "train/images/image_store.h"
 

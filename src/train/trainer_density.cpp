@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/text.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

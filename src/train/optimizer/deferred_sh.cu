@@ -3,7 +3,7 @@
 // shared memory; then the block goes through all floats of these rows side by side, and leaves the harmonics in the
 // gradients' place; then a thread finds the colour of each.
 
-#include "train/optimizer/deferred_harmonics.h"
+#include "train/optimizer/deferred_sh.h"
 
 #include "core/check.h"
 #include "raster/cuda/color.cuh"

@@ -1,4 +1,4 @@
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 
 #include <algorithm>
 #include <cmath>

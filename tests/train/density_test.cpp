@@ -1,6 +1,6 @@
 // Density control on cases small enough to follow by hand.
 
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 
 #include <gtest/gtest.h>
 

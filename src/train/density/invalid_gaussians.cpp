@@ -1,4 +1,4 @@
-#include "train/density/bad_gaussians.h"
+#include "train/density/invalid_gaussians.h"
 
 #include <cmath>
 
