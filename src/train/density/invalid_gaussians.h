@@ -1,4 +1,4 @@
-// Gaussians that cannot be rendered are taken out of a training, so that the others can go on.
+// Removes Gaussians that cannot be rendered, so that training can continue with the others.
 #pragma once
 
 #include <cstdint>
@@ -8,9 +8,10 @@
 
 namespace b3dgs {
 
-/// Removes row `named`, all rows in which a parameter or a moment is not finite, and where the named one is wider than
-/// 1e4 times the scene's `extent` all that are as wide. Returns how many that were.
-std::int64_t remove_bad_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
-                                  DensityStatistics& statistics);
+/// Removes row `named`, and all rows in which a parameter or an Adam moment is not finite. If the named row is wider
+/// than 1e4 times the scene's `extent` (world units), all rows at least as wide are removed too. Returns how many rows
+/// were removed.
+std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
+                                      DensityStatistics& statistics);
 
 }  // namespace b3dgs
