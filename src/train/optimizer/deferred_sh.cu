@@ -1,7 +1,7 @@
-// Takes the steps that harmonics owe: of what a view sees, on the way to its colours, or of all Gaussians. A block owns
-// a run of Gaussians and lists those that there is work for. A thread writes the gradients of each of these as a row of
-// shared memory; then the block goes through all floats of these rows side by side, and leaves the harmonics in the
-// gradients' place; then a thread finds the colour of each.
+// Applies deferred updates of SH coefficients: for the Gaussians that a view sees, before their colours are computed,
+// or for all Gaussians (flush). A block owns a range of Gaussians and lists those with work to do. One thread per
+// listed Gaussian writes its gradients to a row of shared memory; then the block processes all floats of these rows,
+// coalesced, and leaves the coefficients in place of the gradients; then one thread per Gaussian computes its colour.
 
 #include "train/optimizer/deferred_sh.h"
 
@@ -15,27 +15,28 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
-constexpr int kRows = 64;  // Gaussians of a block: few, since its threads wait for one another
+constexpr int kRows = 64;  // Gaussians per block: few, since its threads wait for one another
 
-struct TakeStepsArgs {
-  RestArrays rests{};
-  OwedSteps* owed = nullptr;  // [N]
-  StepSizes steps{};
-  ColorCudaArgs view{};  // where colours are wanted
+struct ApplyUpdatesArgs {
+  ShRestArrays rests{};
+  DeferredUpdate* updates = nullptr;  // [N]
+  DeferredSteps steps{};
+  ColorCudaArgs view{};  // used if colours are computed
 };
 
-/// The rows of a block that there is work for, without gaps; in shared memory.
+/// The rows of a block with work to do, compacted; in shared memory.
 struct RowList {
   int rows[kRows];
-  int of_warp[kThreads / kWarpSize];  // how many of each warp's
+  int of_warp[kThreads / kWarpSize];  // number of rows listed by each warp
 };
 
 struct ListedRow {
-  int place;   // of the thread's row in the list, or -1
-  int n_rows;  // in the list
+  int place;   // index of the thread's row in the list, or -1
+  int n_rows;  // length of the list
 };
 
-/// Lists the rows of threads that say so. For all threads of the block; the list can be read after its next barrier.
+/// Builds the list of rows whose threads pass true. Called by all threads of the block; the list can be read after the
+/// next barrier.
 __device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
   const auto thread = static_cast<int>(threadIdx.x), own_warp = thread / kWarpSize;
   const unsigned listed = __ballot_sync(kFullWarp, is_listed);
@@ -55,23 +56,24 @@ __device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
   return result;
 }
 
-/// Gradients of the first step that a Gaussian owes, to `grads` [rest_floats(kShDegree)]. Returns the number of steps
-/// taken so far. Not inlined, so that all kernels get the same bits.
+/// Writes the gradients of a Gaussian's first deferred step to `grads` [rest_floats(kShDegree)]. Returns the number of
+/// steps applied so far. Not inlined, so that all kernels compute the same bits.
 template <int kShDegree>
-__device__ __noinline__ int load_debt(const OwedSteps* owed, float* grads) {
-  const float4 first = reinterpret_cast<const float4*>(owed)[0];
-  const float4 second = reinterpret_cast<const float4*>(owed)[1];
+__device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, float* grads) {
+  const float4 first = reinterpret_cast<const float4*>(update)[0];
+  const float4 second = reinterpret_cast<const float4*>(update)[1];
   sh_rest_grad(kShDegree, Vec3f{second.x, second.y, second.z}, Vec3f{first.x, first.y, first.z}, grads);
   return __float_as_int(first.w);
 }
 
-/// Takes the steps that the listed rows of a block owe, of degrees that are learned by now: those above have never had
-/// a gradient, their moments are 0, and a step would leave them alone. `rests` [n_rows, kActive] has the gradients of
-/// the first of them and then the harmonics; `taken` [n_rows] says which steps are done.
+/// Applies the deferred steps of the listed rows, for the degrees optimised by now: coefficients of higher degrees have
+/// never had a gradient, so their moments are 0 and a step does not change them. `rests` [n_rows, kActive] holds the
+/// gradients of the first deferred step, and afterwards the coefficients; `n_applied` [n_rows] is the number of steps
+/// that are already applied.
 template <int kActive>
-__device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64_t first_row, int n_rows,
-                                           const int* rows, const int* taken, float* rests) {
-  constexpr int kAtOnce = 4;  // loads on their way
+__device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std::int64_t first_row, int n_rows,
+                                              const int* rows, const int* n_applied, float* rests) {
+  constexpr int kAtOnce = 4;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;
   float* const ms = args.rests.m + first_row * n_rest;
@@ -84,7 +86,7 @@ __device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64
       const int place = start + k * kThreads;
       if (place >= n_floats) break;
       at[k] = rows[place / kActive] * n_rest + place % kActive;
-      step[k] = taken[place / kActive];
+      step[k] = n_applied[place / kActive];
       param[k] = params[at[k]];
       m[k] = ms[at[k]];
       v[k] = vs[at[k]];
@@ -109,10 +111,10 @@ __device__ __forceinline__ void take_steps(const TakeStepsArgs& args, std::int64
 }
 
 template <int kShDegree, bool kColors>
-__global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_constant__ TakeStepsArgs args) {
+__global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList list;
-  __shared__ int taken[kRows];
+  __shared__ int n_applied[kRows];
   __shared__ float rests[kRows * (kActive > 0 ? kActive : 1)];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kRows, i = first_row + threadIdx.x;
   const bool is_listed =
@@ -120,15 +122,15 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
   const ListedRow own = list_row(list, is_listed);
   if constexpr (kActive > 0) {
     if (is_listed) {
-      taken[own.place] = load_debt<kShDegree>(args.owed + i, rests + own.place * kActive);
-      // Paid, even if no backward pass follows.
+      n_applied[own.place] = load_first_gradient<kShDegree>(args.updates + i, rests + own.place * kActive);
+      // They count as applied from here on, even if no backward pass follows.
       if (kColors) {
-        *reinterpret_cast<float4*>(args.owed + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
+        *reinterpret_cast<float4*>(args.updates + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
       }
     }
     __syncthreads();  // list and gradients are complete
-    take_steps<kActive>(args, first_row, own.n_rows, list.rows, taken, rests);
-    __syncthreads();  // the harmonics are there
+    apply_updates<kActive>(args, first_row, own.n_rows, list.rows, n_applied, rests);
+    __syncthreads();  // the coefficients are written
   }
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;
@@ -139,52 +141,52 @@ __global__ void __launch_bounds__(kThreads) take_steps_kernel(const __grid_const
 }
 
 template <bool kColors>
-void launch(const TakeStepsArgs& args, int sh_degree, const LaunchContext& context) {
+void launch(const ApplyUpdatesArgs& args, int sh_degree, const LaunchContext& context) {
   if (args.rests.n_gaussians == 0) return;
   const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kRows - 1) / kRows);
   with_sh_degree(sh_degree, [&](auto degree) {
-    take_steps_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
+    apply_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace
 
-void DeferredHarmonics::clear(std::int64_t n_gaussians, const LaunchContext& context) {
-  const auto bytes = static_cast<std::size_t>(n_gaussians) * sizeof(OwedSteps);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(owed_.resize(n_gaussians, context), 0, bytes, context.stream));
+void DeferredSh::clear(std::int64_t n_gaussians, const LaunchContext& context) {
+  const auto bytes = static_cast<std::size_t>(n_gaussians) * sizeof(DeferredUpdate);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(updates_.resize(n_gaussians, context), 0, bytes, context.stream));
 }
 
-void DeferredHarmonics::begin_view(const RestArrays& rests, int sh_degree, const LaunchContext& context) {
-  if (steps_.n > 0 && (steps_.n == StepSizes::kMax || sh_degree != sh_degree_)) settle(rests, context);
+void DeferredSh::begin_view(const ShRestArrays& rests, int sh_degree, const LaunchContext& context) {
+  if (steps_.n > 0 && (steps_.n == DeferredSteps::kMax || sh_degree != sh_degree_)) flush(rests, context);
   if (steps_.n > 0) {
-    B3DGS_CHECK(rests == rests_, "other harmonics while steps of the ones before are outstanding");
+    B3DGS_CHECK(rests == rests_, "begin_view() with other coefficients while updates are deferred");
     return;
   }
   sh_degree_ = sh_degree;
   if (rests == rests_) return;
-  rests_ = {};  // until there is room for what these will owe
+  rests_ = {};  // until clear() has allocated
   clear(rests.n_gaussians, context);
   rests_ = rests;
 }
 
-void DeferredHarmonics::color(const ColorCudaArgs& args, const LaunchContext& context) {
+void DeferredSh::color(const ColorCudaArgs& args, const LaunchContext& context) {
   B3DGS_CHECK(args.gaussians.n_gaussians == rests_.n_gaussians && args.gaussians.shN == rests_.param &&
                   args.sh_degree == sh_degree_,
-              "a view of other harmonics than begin_view() was told");
-  launch<true>({rests_, owed_.data(), steps_, args}, sh_degree_, context);
+              "color() with other coefficients than begin_view()");
+  launch<true>({rests_, updates_.data(), steps_, args}, sh_degree_, context);
 }
 
-void DeferredHarmonics::put_off_step(const AdamStepSize& size) {
-  B3DGS_CHECK(steps_.n < StepSizes::kMax, "steps put off without begin_view()");
+void DeferredSh::defer_step(const AdamStepSize& size) {
+  B3DGS_CHECK(steps_.n < DeferredSteps::kMax, "defer_step() without begin_view()");
   steps_.sizes[static_cast<std::size_t>(steps_.n++)] = size;
 }
 
-void DeferredHarmonics::settle(const RestArrays& rests, const LaunchContext& context) {
+void DeferredSh::flush(const ShRestArrays& rests, const LaunchContext& context) {
   if (steps_.n == 0) return;
-  B3DGS_CHECK(rests == rests_, "other harmonics than those that steps were put off of");
+  B3DGS_CHECK(rests == rests_, "flush() with other coefficients than begin_view()");
   if (sh_degree_ > 0) {
-    launch<false>({rests_, owed_.data(), steps_, {}}, sh_degree_, context);
+    launch<false>({rests_, updates_.data(), steps_, {}}, sh_degree_, context);
     clear(rests_.n_gaussians, context);
   }
   steps_.n = 0;

@@ -1,15 +1,15 @@
-// Adam for the harmonics beyond degree 0, put off until a view sees the Gaussian.
+// Adam updates of the SH coefficients beyond degree 0, deferred until a view sees the Gaussian.
 //
-// They are 45 of a Gaussian's 59 floats, and Adam moves them in every step: moments go on where there is no gradient. A
-// step is bound by the 24 bytes a float that it reads and writes, most of them for Gaussians that the view does not
-// see. Here such a step is owed instead. Once a view sees the Gaussian, the pass that has to read its harmonics anyway,
-// for the colour, takes all steps that are owed, in registers: the same operations in the same order as a step at a
-// time, so that the bits are the same, whenever that is. The step of a Gaussian that was seen is owed too, as its
-// gradient by the colour and the direction, of which the gradients by the harmonics are products: 32 bytes instead of
-// 180.
+// These coefficients are 45 of a Gaussian's 59 floats, and Adam moves them in every step: the moments decay even where
+// there is no gradient. An update is memory-bound: it reads and writes 24 bytes per float, most of them for Gaussians
+// that the view does not see. So updates are deferred. Once a view sees the Gaussian, the pass that reads its
+// coefficients anyway, to compute the colour, first applies all deferred updates in registers: the same operations in
+// the same order as one update per step, hence bit-identical results, whenever that happens. The update of a Gaussian
+// that was seen is deferred too. It is stored as the gradients by colour and direction, from which the gradients by
+// the coefficients follow as products: 32 bytes instead of 180.
 //
-// A closed form for the steps in between would be less arithmetic, of which there is enough, but other bits, so that a
-// result would depend on when debts are paid.
+// A closed form for the steps between two views would need less arithmetic, which is not the bottleneck, but would
+// round differently: results would depend on when updates are applied.
 #pragma once
 
 #include <array>
@@ -19,63 +19,63 @@
 
 namespace b3dgs::cuda {
 
-/// What a Gaussian's harmonics owe. The first step that was not taken has the gradient that follows from these, those
-/// after it have none.
-struct alignas(32) OwedSteps {  // a sector of the memory
+/// The deferred updates of one Gaussian. The first one has the gradient that follows from these; later ones have
+/// gradient 0, since no view has seen the Gaussian since.
+struct alignas(32) DeferredUpdate {  // one sector of GPU memory
   float grad_color[3] = {0, 0, 0};
-  std::int32_t n_taken = 0;  // of the steps put off
-  float dir[3] = {0, 0, 0};  // in which the Gaussian was seen, of length 1
+  std::int32_t n_applied = 0;  // of the deferred steps
+  float dir[3] = {0, 0, 0};    // unit vector from the camera to the Gaussian
   float unused = 0;
 };
-static_assert(sizeof(OwedSteps) == 32, "two 16-byte words");
+static_assert(sizeof(DeferredUpdate) == 32, "two 16-byte words");
 
-/// Harmonics beyond degree 0 with their moments, [N, K-1, 3] each.
-struct RestArrays {
+/// SH coefficients beyond degree 0 with their Adam moments, [N, K-1, 3] each.
+struct ShRestArrays {
   std::int64_t n_gaussians = 0;
   int sh_degree_max = 0;
   float* param = nullptr;
   float* m = nullptr;
   float* v = nullptr;
-  bool operator==(const RestArrays& other) const {
+  bool operator==(const ShRestArrays& other) const {
     return n_gaussians == other.n_gaussians && sh_degree_max == other.sh_degree_max && param == other.param &&
            m == other.m && v == other.v;
   }
 };
 
-/// Steps that were put off. As many as kMax, and all Gaussians take theirs: a thread that takes many keeps its block
-/// waiting, and that pass costs what a step would, divided by this.
-struct StepSizes {
+/// Step sizes of the deferred steps. After kMax steps all Gaussians are flushed: a thread with many updates keeps its
+/// block waiting. A flush costs about as much as one step without deferral, spread over kMax steps.
+struct DeferredSteps {
   static constexpr int kMax = 32;
   int n = 0;
   std::array<AdamStepSize, kMax> sizes{};
 };
 
-/// In the course of training: begin_view(), a forward pass with this as its color_pass, a backward pass that writes
-/// owed(), put_off_step(). Nothing waits.
-class DeferredHarmonics final : public ColorPass {
+/// Each step calls, in this order: begin_view(), a forward pass with this as its color_pass, a backward pass that
+/// writes updates(), defer_step(). All calls are asynchronous.
+class DeferredSh final : public ColorPass {
  public:
-  /// Says whose harmonics, learned up to `sh_degree`, the next view will see. What is owed at another degree, or has
-  /// become too much, is paid.
-  void begin_view(const RestArrays& rests, int sh_degree, const LaunchContext& context);
+  /// Sets the coefficients of the next view, which are optimised up to `sh_degree`. Flushes if the degree has changed
+  /// or kMax steps are deferred.
+  void begin_view(const ShRestArrays& rests, int sh_degree, const LaunchContext& context);
 
-  /// Colours of harmonics that are up to date, since those of seen Gaussians are brought up to date.
+  /// Applies the deferred updates of the Gaussians that the view sees, then computes their colours.
   void color(const ColorCudaArgs& args, const LaunchContext& context) override;
 
-  /// [N] The backward pass writes those of Gaussians that the view saw, with n_put_off() as the steps taken.
-  OwedSteps* owed() const { return owed_.data(); }
-  int n_put_off() const { return steps_.n; }
-  void put_off_step(const AdamStepSize& size);
+  /// [N] The backward pass writes the entries of the Gaussians that the view saw, with n_applied = n_deferred().
+  DeferredUpdate* updates() const { return updates_.data(); }
+  int n_deferred() const { return steps_.n; }
+  void defer_step(const AdamStepSize& size);
 
-  /// Takes all steps that are owed. `rests` is what begin_view() was given.
-  void settle(const RestArrays& rests, const LaunchContext& context);
+  /// Applies all deferred updates of all Gaussians. `rests` must be what begin_view() was given.
+  void flush(const ShRestArrays& rests, const LaunchContext& context);
 
  private:
   void clear(std::int64_t n_gaussians, const LaunchContext& context);
 
-  RestArrays rests_{};
+  ShRestArrays rests_{};
   int sh_degree_ = 0;
-  StepSizes steps_{};
-  DeviceBuffer<OwedSteps> owed_;  // all 0 while no step is put off
+  DeferredSteps steps_{};
+  DeviceBuffer<DeferredUpdate> updates_;  // all 0 while no step is deferred
 };
 
 }  // namespace b3dgs::cuda
