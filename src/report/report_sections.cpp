@@ -86,7 +86,7 @@ std::string refusals(const TrainHistory& history) {
     if (check.refused.empty()) continue;
     std::string names;
     for (const std::string& name : check.refused) names += (names.empty() ? "" : ", ") + name;
-    const std::string said = check.refused.front() + " is refused: ";  // by the reason, before the fault itself
+    const std::string said = check.refused.front() + " is disabled: ";  // by the reason, before the fault itself
     const bool is_said = check.refused.size() == 1 && check.reason.compare(0, said.size(), said) == 0;
     body +=
         html::paragraph(detail::concat(names, check.refused.size() == 1 ? " was" : " were",

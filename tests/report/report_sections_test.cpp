@@ -23,7 +23,7 @@ TEST(KernelSection, RefusedCandidatesStandFirst) {
   TrainHistory history;
   history.checks = {check_at(1, "combined", "combined")};
   history.checks[0].refused = {"shared-memory"};
-  history.checks[0].reason = "shared-memory is refused: its image differs";
+  history.checks[0].reason = "shared-memory is disabled: its image differs";
   const std::string section = kernel_section(history);
   EXPECT_EQ(section.find("<p>shared-memory was refused: its image differs (iteration 1, forward pass).</p>"), 0u)
       << section.substr(0, 200);
