@@ -1,5 +1,4 @@
-// Everything a training run can be told. The numbers are those of the original 3DGS code; where a default has a story,
-// it stands beside it.
+// All training options. The defaults are those of the original 3DGS code; comments explain the others.
 #pragma once
 
 #include <cstdint>
@@ -12,11 +11,11 @@
 
 namespace b3dgs {
 
-/// In place of a kernel's name: choose by measuring.
+/// Instead of a kernel's name: select the kernel by timing.
 inline constexpr const char* kAdaptive = "adaptive";
-/// The same for the forward kernel, exactly as the paper does it: see KernelPolicy::kPublished.
+/// The same for the forward kernel, exactly as in the paper: see KernelPolicy::kPublished.
 inline constexpr const char* kPaperKernel = "paper";
-/// What stands for that where nothing is measured: in evaluation, and where a run has to give the same bytes twice.
+/// The kernels used if none is named and nothing is timed: in evaluation, and in deterministic training.
 inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
 
 struct TrainConfig {
@@ -28,13 +27,13 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string device = "auto";
-  // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of what a GPU has free holds nearly every
-  // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
+  // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of a GPU's free memory holds nearly every
+  // scene, and leaves the other half to the Gaussians. Uploading the others does not change the result.
   double image_cache_gb = -1;
-  double gpu_memory_gb = 0;  // 0: all that is free
+  double gpu_memory_gb = 0;  // 0 = all that is free
   double host_memory_gb = -1;
 
-  // Model and picture
+  // Model and rendering
   int sh_degree = 3;
   bool white_background = false;
   bool random_background = false;
@@ -54,7 +53,7 @@ struct TrainConfig {
   double position_lr_init = 0.00016;     // times the scene's extent
   double position_lr_final = 0.0000016;  // times the scene's extent
   int position_lr_max_steps = 30000;
-  double feature_lr = 0.0025;  // of SH degree 0; the rest gets a 20th
+  double feature_lr = 0.0025;  // of SH degree 0; higher degrees use 1/20 of it
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
@@ -66,16 +65,16 @@ struct TrainConfig {
   int densify_from_iter = 500;     // exclusive: acts at 600, 700, ...
   int densify_until_iter = 15000;  // exclusive: acts up to 14900
   int densification_interval = 100;
-  double densify_grad_threshold = 0.0002;  // norm of the gradient by the projected centre, in units of half the image
+  double densify_grad_threshold = 0.0002;  // norm of the gradient by the projected centre, half image sizes
   double percent_dense = 0.01;             // of the extent: larger Gaussians are split, smaller ones cloned
   double prune_opacity = 0.005;
   double prune_world_size = 0.1;  // of the extent; acts after the first opacity reset
-  // The original code means to prune Gaussians wider than 20 px, but zeroes the radii just before it looks (its issue
-  // 123), so nothing is ever pruned for its size on screen. 0 keeps that; 20 is the rule as it was meant.
+  // The original code is meant to prune Gaussians wider than 20 px, but zeroes the radii just before it tests them (its
+  // issue 123), so nothing is ever pruned for its size on screen. 0 keeps that behaviour; 20 is the intended rule.
   double prune_screen_size = 0;  // px
   int opacity_reset_interval = 3000;
   int sh_increase_interval = 1000;
-  std::int64_t max_gaussians = 0;  // 0: no limit
+  std::int64_t max_gaussians = 0;  // 0 = no limit
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -87,9 +86,9 @@ struct TrainConfig {
   std::string tile = "auto";
   std::string culling = "ellipse";
   bool deterministic = false;
-  int threads = 0;  // 0: all cores
+  int threads = 0;  // 0 = all cores
 
-  // What train.jsonl tells
+  // Additional lines of train.jsonl
   int stats_interval = 1000;
   int kernel_times_interval = 0;
 };
@@ -208,12 +207,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
       "as training; 0: not, or as often as --stats_interval in b3dgs compare");
 }
 
-/// Whether the forward kernel is chosen by measuring.
+/// Whether the forward kernel is selected by timing.
 inline bool chooses_forward_kernel(const TrainConfig& config) {
   return config.kernel == kAdaptive || config.kernel == kPaperKernel;
 }
 
-/// The forward kernels that a training may use, the one that it starts with first.
+/// The forward kernels that training may use; it starts with the first.
 inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
   if (config.kernel == kPaperKernel) {
     return {std::string(forward_kernel_name(ForwardKernel::kCombined)),

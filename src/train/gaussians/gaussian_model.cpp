@@ -9,12 +9,12 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kShC0 = 0.28209479177387814;  // the constant harmonic, 1 / (2 sqrt(pi))
+constexpr double kShC0 = 0.28209479177387814;  // SH basis function of degree 0, 1 / (2 sqrt(pi))
 
 torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64_t> sizes) {
   torch::Tensor tensor = torch::empty(sizes, torch::kFloat32);
-  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(), " values for a tensor ",
-              tensor.sizes());
+  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(),
+              " values for a tensor of shape ", tensor.sizes());
   std::copy(values.begin(), values.end(), tensor.data_ptr<float>());
   return tensor;
 }
@@ -83,7 +83,7 @@ int sh_degree_of(const GaussianTensors& gaussians) {
   for (int degree = 0; degree <= 3; ++degree) {
     if (sh_coefficient_count(degree) == coefficients) return degree;
   }
-  throw LogicError(detail::concat("shN holds ", coefficients - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
+  throw LogicError(detail::concat("shN holds ", coefficients - 1, " coefficients, expected 0, 3, 8 or 15"));
 }
 
 }  // namespace b3dgs
