@@ -6,8 +6,8 @@
 namespace b3dgs {
 
 TileShape default_tile(const std::string& device) {
-  // Measured (docs/benchmarks.md): on a GPU smaller tiles make shorter lists for each pixel and cost little to bin; a
-  // CPU pays for the longer lists of pairs.
+  // Measured (docs/benchmarks.md): on a GPU smaller tiles have shorter lists per pixel and cost little to bin; on a CPU
+  // the larger number of pairs costs more.
   return {16, device == "cuda" ? 8 : 16};
 }
 
@@ -30,7 +30,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.kernel = forward_kernel(name);
   settings.backward_kernel = backward_kernel(backward_name);
   settings.deterministic = config.deterministic;
-  settings.depth_gradient = false;  // the loss looks at colours
+  settings.depth_gradient = false;  // no term of the loss depends on depth
   return settings;
 }
 
@@ -41,7 +41,7 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
   Evaluation evaluation;
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const View& view : views) {
-    B3DGS_CHECK(view.image, "view ", view.name, " has no image to compare with");
+    B3DGS_CHECK(view.image, "view ", view.name, " has no photograph to compare with");
     images.push_back(view.image);
   }
   Image8 truth;

@@ -13,8 +13,8 @@ namespace {
 
 torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64_t> sizes) {
   torch::Tensor tensor = torch::empty(sizes, torch::kFloat32);
-  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(), " values for a tensor ",
-              tensor.sizes());
+  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(),
+              " values for a tensor of shape ", tensor.sizes());
   std::copy(values.begin(), values.end(), tensor.data_ptr<float>());
   return tensor;
 }

@@ -27,7 +27,7 @@ class BackwardBlend final : public BlendPass {
 
   void prepare(const PinholeView& view) override {
     const torch::Tensor color = input_.rasterizer.forward(input_.gaussians, view, input_.settings).color;
-    // Which gradient it is makes no difference to the work; this one reaches every pixel.
+    // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
   }
   void run(const std::string& kernel) override {

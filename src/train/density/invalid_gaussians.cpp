@@ -1,4 +1,4 @@
-#include "train/density/bad_gaussians.h"
+#include "train/density/invalid_gaussians.h"
 
 #include <cmath>
 
@@ -16,9 +16,9 @@ torch::Tensor finite_rows(const torch::Tensor& values) {
 
 }  // namespace
 
-std::int64_t remove_bad_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
-                                  DensityStatistics& statistics) {
-  constexpr double kAbsurd = 1e4;  // of the extent
+std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
+                                      DensityStatistics& statistics) {
+  constexpr double kAbsurd = 1e4;  // times the extent
   const std::int64_t n = gaussians.size();
   B3DGS_CHECK(named >= 0 && named < n, "Gaussian ", named, " of ", n);
   torch::Tensor stays = torch::ones({n}, gaussians.means.options().dtype(torch::kBool));

@@ -1,13 +1,30 @@
-// Rounds of density control within the memory that there is. The count is held before a round or the views after it
-// would fail: that ends no training, it goes on with the Gaussians that it has.
+// Density control within the available memory. If a round, or the views after it, would not fit, the number of
+// Gaussians is held and training continues with those that there are.
 
 #include <algorithm>
 
 #include "core/text.h"
-#include "train/density/densifier.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
+
+void Trainer::Impl::control_density() {
+  const DensityPlan plan = density->plan(state.iteration);
+  if (plan.densify) {
+    recorder.report_progress("densifying");
+    timer.start(StageTimes::Kind::kDensityRound);
+    flush();
+    run_density_round();
+    timer.finish();
+    if (state.gaussians.size() == 0) {
+      is_consistent = false;
+      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
+                                        "lower --prune_opacity or the learning rates"));
+    }
+  }
+  if (plan.lower_opacities) density->lower_opacities(state.iteration, state.gaussians, state.adam);
+  state.is_density_pending = false;
+}
 
 std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
   const std::optional<std::int64_t> limit = memory->limit();
@@ -18,72 +35,70 @@ std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
 }
 
 void Trainer::Impl::hold_count(std::int64_t count) {
-  constexpr double kNoteworthy = 0.99;  // of what was said before
+  constexpr double kNoteworthy = 0.99;  // of the count logged before
   const bool is_news =
       state.held_at == 0 || static_cast<double>(count) < kNoteworthy * static_cast<double>(state.held_at);
   state.held_at = count;
   if (!is_news) return;
-  say("held at " + format_count(count) + " Gaussians: GPU memory");
-  if (log == nullptr) return;
-  const MemoryUse use = memory->use();
-  log->write_event(state.iteration, "held",
-                   {{"reason", "GPU memory"},
-                    {"count", count},
-                    {"in_use_bytes", use.in_use},
-                    {"limit_bytes", memory->limit().value_or(0)}});
+  recorder.say("held at " + format_count(count) + " Gaussians: GPU memory");
+  recorder.log_event(state.iteration, "held",
+                     {{"reason", "GPU memory"},
+                      {"count", count},
+                      {"in_use_bytes", memory->use().in_use},
+                      {"limit_bytes", memory->limit().value_or(0)}});
 }
 
-bool Trainer::Impl::can_grow_on(std::int64_t room) const {
-  // Less would be a hold at each round. A course that has to be the same twice does not depend on what is free.
+bool Trainer::Impl::can_grow_again(std::int64_t room) const {
+  // With less the count would be held again at each round.
   constexpr double kWorthwhile = 1.05;
+  // A deterministic training must not depend on how much memory is free.
   if (config.deterministic || growth_has_failed) return false;
   return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
 }
 
-void Trainer::Impl::densify_model() {
+void Trainer::Impl::plan_and_apply_round() {
   const std::int64_t before = state.gaussians.size();
   const std::int64_t room = room_for_gaussians().value_or(0);
-  if (state.held_at > 0 && can_grow_on(room)) state.held_at = 0;
+  if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
   const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
-  DensityRule rule = density_rule(config, scene.extent, state.iteration);
-  rule.max_gaussians = smaller_limit(allowed, room);
-  const DensityRound round = densify(state.gaussians, state.statistics, rule, config.seed, state.iteration);
-  if (round.n_refused > 0 && rule.max_gaussians != allowed) hold_count(std::max(room, before));
+  const std::int64_t limit = smaller_limit(allowed, room);
+  const DensityRound round = density->plan_round(state.gaussians, state.statistics, state.iteration, limit);
+  if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
   const std::int64_t n_rows = round.edit.sources.size(0);
-  // A part more, so that most rounds move no tensor; not where that would take what others need.
+  // Spare capacity, so that most rounds reallocate nothing, but within the limit.
   constexpr std::int64_t kSparePart = 8;
   std::int64_t n_room = n_rows + n_rows / kSparePart;
-  if (rule.max_gaussians > 0) n_room = std::max(n_rows, std::min(n_room, rule.max_gaussians));
+  if (limit > 0) n_room = std::max(n_rows, std::min(n_room, limit));
   try {
     row_editor.reserve(round.edit, n_room, state.gaussians, state.adam, state.statistics);
   } catch (const OutOfMemoryError&) {
     if (n_room == n_rows) throw;
     row_editor.reserve(round.edit, n_rows, state.gaussians, state.adam, state.statistics);
   }
-  is_whole = false;
+  is_consistent = false;
   row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
   for (torch::Tensor* statistic : state.statistics.all()) statistic->zero_();
-  is_whole = true;
+  is_consistent = true;
 }
 
-void Trainer::Impl::grow() {
+void Trainer::Impl::run_density_round() {
   view_ratios.begin_round();
   try {
-    with_remedies({wait_for_files(), free_scratch()}, [&] { densify_model(); });
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
   } catch (const OutOfMemoryError&) {
     growth_has_failed = true;
     hold_count(state.gaussians.size());
-    with_remedies({wait_for_files(), free_scratch()},
-                  [&] { densify_model(); });  // what is to be removed is removed all the same
+    // Once more without growth: pruning still takes place.
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
   }
   trim_memory();
 }
 
 MemoryRemedy Trainer::Impl::wait_for_files() {
   return [this] {
-    if (!writer.is_busy()) return false;
-    writer.wait();  // what they are written from may be a copy
+    if (!recorder.is_writing()) return false;
+    recorder.wait_for_files();  // frees the copies on the device that they are written from
     return true;
   };
 }
@@ -98,12 +113,12 @@ MemoryRemedy Trainer::Impl::free_scratch() {
 
 MemoryRemedy Trainer::Impl::release_photographs() {
   return [this] {
-    // As much as the model's largest tensor, or what there is: views can ask for that once more.
+    // About the size of the model's largest tensor, since the next views may need that much again.
     constexpr std::int64_t kAtLeast = std::int64_t{256} << 20;
     const std::int64_t freed = images.release_resident(std::max(kAtLeast, state_bytes(state) / 4));
     if (freed == 0) return false;
     memory->release_unused();
-    say("fewer photographs stay on the GPU: memory");
+    recorder.say("fewer photographs stay on the GPU: memory is short");
     return true;
   };
 }
@@ -116,7 +131,7 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   Impl& own = *impl_;
   const std::optional<std::int64_t> limit = own.memory->limit();
   if (!limit) return std::nullopt;
-  if (own.state.gaussians.size() == 0) own.start();
+  if (own.state.gaussians.size() == 0) own.initialize_model();
   const GaussianMemory each = gaussian_memory(own.state, view_memory(own.step_settings()), own.view_ratios);
   const double n = static_cast<double>(own.state.gaussians.size());
   const MemoryUse use = own.memory->use();

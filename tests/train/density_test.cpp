@@ -1,14 +1,16 @@
 // Density control on cases small enough to follow by hand.
 
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
+#include "core/check.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "support/approx.h"
+#include "support/expect_error.h"
 
 namespace b3dgs {
 namespace {
@@ -28,7 +30,7 @@ struct Model {
   DensityStatistics statistics;
 };
 
-/// Row i has its number in every place that density control does not look at: mean (i, i, i), SH i, moments 100 + i.
+/// Row i has its index in everything that density control does not read: mean (i, i, i), SH i, moments 100 + i.
 Model make_model(const std::vector<Row>& rows) {
   const auto n = static_cast<std::int64_t>(rows.size());
   const torch::Tensor number = torch::arange(n).to(torch::kFloat32);
@@ -53,7 +55,7 @@ Model make_model(const std::vector<Row>& rows) {
   model.statistics = make_density_statistics(n, torch::kCPU);
   for (std::int64_t i = 0; i < n; ++i) {
     const Row& row = rows[static_cast<std::size_t>(i)];
-    // The largest axis decides, wherever it is.
+    // The largest axis counts, whichever it is.
     g.log_scales[i].fill_(std::log(row.scale) - 3.0f);
     g.log_scales[i][i % 3] = std::log(row.scale);
     g.logit_opacities[i] = std::log(row.opacity / (1 - row.opacity));
@@ -75,13 +77,13 @@ DensityRound densify(const Model& model, const DensityRule& rule) {
   return densify(model.gaussians, model.statistics, rule, /*seed=*/1, /*iteration=*/600);
 }
 
-TEST(Densifier, LeavesAModelAloneThatPullsNowhere) {
+TEST(OriginalStrategy, DoesNotChangeAModelWithSmallGradients) {
   const DensityRound round = densify(make_model({{kSmall, 0.5f, 0.9f}, {kLarge, 0.5f, 0.0f}}), kRule);
   EXPECT_EQ(sources(round), (Rows{0, 1}));
   EXPECT_EQ(round.edit.n_kept, 2);
 }
 
-TEST(Densifier, ClonesSmallOnesExactly) {
+TEST(OriginalStrategy, ClonesSmallOnesExactly) {
   const Model model = make_model({{kSmall, 0.5f, 0.1f}, {kSmall, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f}});
   const DensityRound round = densify(model, kRule);
   EXPECT_EQ(sources(round), (Rows{0, 1, 2, 1}));
@@ -91,10 +93,10 @@ TEST(Densifier, ClonesSmallOnesExactly) {
   EXPECT_TRUE(torch::equal(round.edit.new_log_scales, model.gaussians.log_scales.slice(0, 1, 2)));
 }
 
-TEST(Densifier, SplitsLargeOnesInTwoSmallerOnes) {
+TEST(OriginalStrategy, SplitsLargeOnesInTwoSmallerOnes) {
   const Model model = make_model({{kLarge, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f}, {kLarge, 0.5f, 1.5f}});
   const DensityRound round = densify(model, kRule);
-  EXPECT_EQ(sources(round), (Rows{1, 0, 2, 0, 2})) << "parents go; first samples of all, then second samples";
+  EXPECT_EQ(sources(round), (Rows{1, 0, 2, 0, 2})) << "parents are removed; all first samples, then all second samples";
   EXPECT_EQ(round.n_split, 2);
   EXPECT_EQ(round.n_pruned, 0);
   const torch::Tensor shrunk = model.gaussians.log_scales - std::log(1.6f);
@@ -103,23 +105,23 @@ TEST(Densifier, SplitsLargeOnesInTwoSmallerOnes) {
   EXPECT_FALSE(torch::equal(round.edit.new_means[0], round.edit.new_means[2])) << "two samples, not one twice";
 }
 
-TEST(Densifier, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
+TEST(OriginalStrategy, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
   Model model = make_model({{kSmall, 0.5f, 1.0f}, {kSmall, 0.5f, 0.999f}, {kSmall, 0.5f, 1.0f}});
   const DensityRule rule = kRule;
   model.gaussians.log_scales[2].fill_(std::log(rule.split_scale));  // exactly the limit: a clone
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 1, 2, 0, 2}));
 }
 
-TEST(Densifier, TakesTheMeanOverTheViewsThatSawTheGaussian) {
+TEST(OriginalStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
   Model model = make_model({{kSmall, 0.5f, 0.9f, 10}, {kSmall, 0.5f, 1.1f, 10}, {kSmall, 0.5f, 0.0f, 0}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 1}));
-  // Never seen: no mean, no growth, even where the threshold is 0.
+  // Never seen: no mean, so neither cloned nor split, even if the threshold is 0.
   DensityRule any = kRule;
   any.grad_threshold = 0;
   EXPECT_EQ(sources(densify(model, any)), (Rows{0, 1, 2, 0, 1}));
 }
 
-TEST(Densifier, PrunesTransparentOnesOldAndNew) {
+TEST(OriginalStrategy, PrunesTransparentOnesOldAndNew) {
   const DensityRound round = densify(
       make_model({{kSmall, 0.004f, 0.1f}, {kSmall, 0.004f, 1.5f}, {kLarge, 0.004f, 1.5f}, {kSmall, 0.006f, 0.1f}}),
       kRule);
@@ -127,7 +129,7 @@ TEST(Densifier, PrunesTransparentOnesOldAndNew) {
   EXPECT_EQ(round.n_pruned, 5) << "rows 0 and 1, the clone of 1, and both samples of 2";
 }
 
-TEST(Densifier, PrunesLargeOnesOnlyWhenAsked) {
+TEST(OriginalStrategy, PrunesLargeOnesOnlyWhenAsked) {
   // 1.6 times the limit: split, its samples are just small enough.
   const Model model = make_model({{kHuge, 0.5f, 0.1f}, {kLarge, 0.5f, 0.1f}, {7.9f, 0.5f, 1.5f}, {8.1f, 0.5f, 1.5f}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 3, 2, 3}));
@@ -136,7 +138,7 @@ TEST(Densifier, PrunesLargeOnesOnlyWhenAsked) {
   EXPECT_EQ(sources(densify(model, rule)), (Rows{1, 2, 2}));
 }
 
-TEST(Densifier, PrunesByScreenSizeOnlyWhatWasSeenSo) {
+TEST(OriginalStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
   DensityRule rule = kRule;
   rule.prune_radius = 20;
   const Model model =
@@ -144,7 +146,7 @@ TEST(Densifier, PrunesByScreenSizeOnlyWhatWasSeenSo) {
   EXPECT_EQ(sources(densify(model, rule)), (Rows{1, 2})) << "the clone has not been seen yet and stays";
 }
 
-TEST(Densifier, GrowsTheStrongestWhereRoomIsShort) {
+TEST(OriginalStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) {
   const Model model = make_model(
       {{kSmall, 0.5f, 2.0f}, {kLarge, 0.5f, 5.0f}, {kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kSmall, 0.5f, 0.1f}});
   DensityRule rule = kRule;
@@ -158,13 +160,13 @@ TEST(Densifier, GrowsTheStrongestWhereRoomIsShort) {
   EXPECT_EQ(densify(model, rule).edit.sources.size(0), 9);
 }
 
-TEST(Densifier, SamplesHaveTheShapeOfTheirParent) {
+TEST(OriginalStrategy, SamplesHaveTheShapeOfTheirParent) {
   Model model = make_model(std::vector<Row>(20000, {kLarge, 0.5f, 1.5f}));
   GaussianTensors& g = model.gaussians;
   const std::int64_t n = g.size();
   g.means = torch::tensor({{1.0f, 2.0f, 3.0f}}).repeat({n, 1});
   g.log_scales = torch::tensor({{std::log(2.0f), std::log(0.5f), std::log(0.1f)}}).repeat({n, 1});
-  // A quarter turn about z, not of unit length: x becomes y, y becomes -x.
+  // A quarter turn about z, as a quaternion that is not normalised: x becomes y, y becomes -x.
   g.quats = torch::tensor({{3.0f, 0.0f, 0.0f, 3.0f}}).repeat({n, 1});
   const DensityRound round = densify(model, kRule);
   ASSERT_EQ(round.edit.new_means.size(0), 2 * n);
@@ -176,7 +178,7 @@ TEST(Densifier, SamplesHaveTheShapeOfTheirParent) {
   EXPECT_NEAR(covariance[2][2].item<float>(), 0.01, 0.0005);
 }
 
-TEST(Densifier, DrawsSamplesByRowFromTheSeedAndTheIteration) {
+TEST(OriginalStrategy, DrawsSamplesByRowFromTheSeedAndTheIteration) {
   const Model model = make_model({{kSmall, 0.5f, 0.1f}, {kLarge, 0.5f, 1.5f}, {kLarge, 0.5f, 1.5f}});
   const DensityRound round = densify(model, kRule);
   ASSERT_EQ(sources(round), (Rows{0, 1, 2, 1, 2}));
@@ -184,14 +186,14 @@ TEST(Densifier, DrawsSamplesByRowFromTheSeedAndTheIteration) {
   for (int i = 0; i < 4; ++i) {
     const int row = 1 + i % 2, sample = i / 2;
     const auto normal = random_normal(key, static_cast<std::uint64_t>(2 * row + sample));
-    for (int axis = 0; axis < 3; ++axis) {  // not turned: the axes are the world's
+    for (int axis = 0; axis < 3; ++axis) {  // no rotation: the axes are the world's
       const float scale = std::exp(model.gaussians.log_scales[row][axis].item<float>());
       EXPECT_NEAR(round.edit.new_means[i][axis].item<float>(), static_cast<float>(row) + scale * normal[axis], 1e-6);
     }
   }
 }
 
-TEST(Densifier, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
+TEST(OriginalStrategy, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
   torch::manual_seed(3);
   Model model = make_model(std::vector<Row>(5000, {kLarge, 0.5f, 1.5f}));
   model.gaussians.quats = torch::randn({5000, 4});
@@ -205,7 +207,7 @@ TEST(Densifier, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
   EXPECT_FALSE(torch::equal(one.edit.new_means, other.edit.new_means));
 }
 
-TEST(RowEdit, KeepsEveryArrayInStep) {
+TEST(RowEdit, EditsEveryArrayAlike) {
   Model model =
       make_model({{kSmall, 0.5f, 1.5f}, {kSmall, 0.004f, 0.1f}, {kLarge, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f, 3}});
   const DensityRound round = densify(model, kRule);
@@ -226,6 +228,15 @@ TEST(RowEdit, KeepsEveryArrayInStep) {
   EXPECT_TRUE(torch::equal(model.statistics.view_count, torch::tensor({1, 3, 0, 0, 0}, torch::kInt32)));
   EXPECT_TRUE(torch::equal(model.statistics.max_radii, torch::tensor({5, 5, 0, 0, 0}, torch::kInt32)));
   for (const torch::Tensor* parameter : model.gaussians.all()) EXPECT_EQ(parameter->size(0), 5);
+}
+
+TEST(RowEdit, CarriesExtraColumnsAlong) {
+  Model model =
+      make_model({{kSmall, 0.5f, 1.5f}, {kSmall, 0.004f, 0.1f}, {kLarge, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f, 3}});
+  model.statistics.extra.push_back({"age", torch::tensor({7.0f, 8.0f, 9.0f, 10.0f})});
+  const DensityRound round = densify(model, kRule);
+  apply_row_edit(round.edit, model.gaussians, model.adam, model.statistics);
+  EXPECT_TRUE(torch::equal(model.statistics.extra[0].values, torch::tensor({7.0f, 10.0f, 0.0f, 0.0f, 0.0f})));
 }
 
 TEST(RowEdit, CanRemoveEveryRow) {
@@ -249,7 +260,7 @@ TEST(DensityStatistics, CountViewsAndSumNormsInUnitsOfHalfTheImage) {
   EXPECT_TRUE(torch::equal(statistics.max_radii, torch::tensor({4, 0, 11}, torch::kInt32)));
 }
 
-TEST(OpacityReset, TakesOpacitiesDownAndForgetsTheirMomentsOnly) {
+TEST(OpacityReset, LowersOpacitiesAndZeroesOnlyTheirMoments) {
   Model model = make_model({{kSmall, 0.5f, 0}, {kSmall, 0.006f, 0}});
   reset_opacities(model.gaussians, model.adam);
   EXPECT_TRUE(test::within(torch::sigmoid(model.gaussians.logit_opacities), torch::tensor({0.01f, 0.006f}), 1e-6));
@@ -264,8 +275,8 @@ TEST(DensityPlan, ActsAtTheIterationsOfTheOriginal) {
   for (int iteration = 1; iteration <= config.iterations; ++iteration) {
     const DensityPlan plan = density_plan(config, iteration);
     if (plan.densify) rounds.push_back(iteration);
-    if (plan.reset_opacities) resets.push_back(iteration);
-    EXPECT_EQ(plan.add_statistics, iteration < 15000);
+    if (plan.lower_opacities) resets.push_back(iteration);
+    EXPECT_EQ(plan.after_step, iteration < 15000);
   }
   EXPECT_EQ(rounds.front(), 600);
   EXPECT_EQ(rounds.back(), 14900);
@@ -273,11 +284,11 @@ TEST(DensityPlan, ActsAtTheIterationsOfTheOriginal) {
   EXPECT_EQ(resets, (std::vector<int>{3000, 6000, 9000, 12000}));
 }
 
-TEST(DensityPlan, OnWhiteResetsOnceMoreAtTheBeginning) {
+TEST(DensityPlan, WithAWhiteBackgroundResetsOpacitiesOnceMoreAtTheStart) {
   TrainConfig config;
-  EXPECT_FALSE(density_plan(config, 500).reset_opacities);
+  EXPECT_FALSE(density_plan(config, 500).lower_opacities);
   config.white_background = true;
-  EXPECT_TRUE(density_plan(config, 500).reset_opacities);
+  EXPECT_TRUE(density_plan(config, 500).lower_opacities);
 }
 
 TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
@@ -290,7 +301,32 @@ TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
   EXPECT_FALSE(is_after_opacity_reset(config, 15001)) << "density control has ended before";
   config.opacity_reset_interval = 100;
   EXPECT_TRUE(is_after_opacity_reset(config, 150));
-  EXPECT_FALSE(is_after_opacity_reset(config, 151)) << "or there would never be a check";
+  EXPECT_FALSE(is_after_opacity_reset(config, 151)) << "otherwise there would never be a kernel check";
+}
+
+TEST(DensityStrategy, OriginalFollowsItsScheduleAndTheLimit) {
+  TrainConfig config;
+  config.densify_grad_threshold = 1;
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy("original", config, /*extent=*/10);
+  EXPECT_FALSE(strategy->plan(500).densify);
+  EXPECT_TRUE(strategy->plan(600).densify);
+  EXPECT_TRUE(strategy->plan(3000).lower_opacities);
+  EXPECT_TRUE(strategy->is_recovering(3001));
+  EXPECT_EQ(strategy->make_statistics(3, torch::kCPU).all().size(), 3u);
+
+  const Model model = make_model({{kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kLarge, 0.5f, 4.0f}});
+  const auto rows_within = [&](std::int64_t limit) {
+    return strategy->plan_round(model.gaussians, model.statistics, 600, limit);
+  };
+  EXPECT_EQ(sources(rows_within(0)).size(), 6u);
+  const DensityRound round = rows_within(5);
+  EXPECT_EQ(sources(round), (Rows{0, 1, 1, 2, 2}));
+  EXPECT_EQ(round.n_over_limit, 1);
+}
+
+TEST(DensityStrategy, OfAnUnknownNameIsAnError) {
+  EXPECT_TRUE(test::fails_with<LogicError>({"unknown density strategy: none"},
+                                           [] { make_density_strategy("none", TrainConfig(), 1); }));
 }
 
 TEST(DensityRule, PrunesForSizeAfterTheFirstReset) {

@@ -1,4 +1,4 @@
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,20 +16,20 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kSplitShrink = 0.8 * kSplitSamples;  // of the scales
+constexpr double kSplitShrink = 0.8 * kSplitSamples;  // divisor of the scales
 constexpr double kResetOpacity = 0.01;
 
-/// Rows where `mask` holds.
+/// Rows where `mask` is true.
 torch::Tensor rows_of(const torch::Tensor& mask) {
   return mask.nonzero().flatten();
 }
 
-/// The candidates that may grow if there is room for `room` of them, and how many may not.
+/// The `room` candidates with the largest gradients; `n_over_limit` is set to the number of the others.
 torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gradients, std::int64_t room,
-                        std::int64_t& n_refused) {
+                        std::int64_t& n_over_limit) {
   const torch::Tensor rows = rows_of(candidates);
-  n_refused = std::max<std::int64_t>(0, rows.size(0) - room);
-  if (n_refused == 0) return candidates;
+  n_over_limit = std::max<std::int64_t>(0, rows.size(0) - room);
+  if (n_over_limit == 0) return candidates;
   const torch::Tensor order =
       std::get<1>(torch::sort(gradients.index_select(0, rows), /*stable=*/true, /*dim=*/0, /*descending=*/true));
   torch::Tensor chosen = torch::zeros_like(candidates);
@@ -37,12 +37,12 @@ torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gr
   return chosen;
 }
 
-/// A sample of each Gaussian in `rows`: [n, 3] means, on their device.
+/// One sample of each Gaussian in `rows`: [n, 3], world, on their device.
 torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor& rows, int sample, std::int64_t seed,
                            int iteration) {
   B3DGS_CHECK(gaussians.means.is_contiguous() && gaussians.log_scales.is_contiguous() &&
                   gaussians.quats.is_contiguous() && rows.is_contiguous(),
-              "samples are drawn from contiguous tensors");
+              "split samples need contiguous tensors");
   torch::Tensor samples = torch::empty({rows.size(0), 3}, gaussians.means.options());
   SplitSampleArgs args;
   args.n_rows = rows.size(0);
@@ -65,22 +65,55 @@ torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor
   return samples;
 }
 
+class OriginalStrategy final : public DensityStrategy {
+ public:
+  OriginalStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
+
+  DensityPlan plan(int iteration) const override { return density_plan(config_, iteration); }
+
+  void after_step(const DensityStep& step, GaussianTensors&, DensityStatistics& statistics) const override {
+    add_view(step.view, step.width, step.height, statistics);
+  }
+
+  DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
+                          std::int64_t max_gaussians) const override {
+    DensityRule rule = density_rule(config_, extent_, iteration);
+    rule.max_gaussians = max_gaussians;
+    return densify(gaussians, statistics, rule, config_.seed, iteration);
+  }
+
+  void lower_opacities(int, GaussianTensors& gaussians, AdamState& adam) const override {
+    reset_opacities(gaussians, adam);
+  }
+
+  bool is_recovering(int iteration) const override { return is_after_opacity_reset(config_, iteration); }
+
+ private:
+  const TrainConfig config_;
+  const double extent_;
+};
+
 }  // namespace
+
+std::unique_ptr<DensityStrategy> make_original_strategy(const TrainConfig& config, double extent) {
+  return std::make_unique<OriginalStrategy>(config, extent);
+}
 
 DensityPlan density_plan(const TrainConfig& config, int iteration) {
   DensityPlan plan;
   if (iteration >= config.densify_until_iter) return plan;
-  plan.add_statistics = true;
+  plan.after_step = true;
   plan.densify = iteration > config.densify_from_iter && iteration % config.densification_interval == 0;
-  plan.reset_opacities = iteration % config.opacity_reset_interval == 0 ||
+  plan.lower_opacities = iteration % config.opacity_reset_interval == 0 ||
                          (config.white_background && iteration == config.densify_from_iter);
   return plan;
 }
 
 bool is_after_opacity_reset(const TrainConfig& config, int iteration) {
-  constexpr int kRecovery = 500;  // a step of Adam moves a logit by --opacity_lr at most, and a reset takes it to -4.6
+  // An Adam step moves a logit by about --opacity_lr at most, and a reset lowers it to -4.6.
+  constexpr int kRecovery = 500;
   for (int i = std::max(1, iteration - std::min(kRecovery, config.opacity_reset_interval / 2)); i < iteration; ++i) {
-    if (density_plan(config, i).reset_opacities) return true;
+    if (density_plan(config, i).lower_opacities) return true;
   }
   return false;
 }
@@ -101,18 +134,18 @@ DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& 
                      std::int64_t seed, int iteration) {
   const std::int64_t n = gaussians.size();
   DensityRound round;
-  // Thresholds are taken to the stored parameters, not the other way round: comparisons are exact.
+  // The thresholds are converted to the stored form (log scale, logit), not the parameters: comparisons are exact.
   const torch::Tensor largest = gaussians.log_scales.amax(1);
   const torch::Tensor gradients = statistics.grad_norm_sum / statistics.view_count.clamp_min(1);
   torch::Tensor grows = (gradients >= rule.grad_threshold).logical_and_(statistics.view_count > 0);
   if (rule.max_gaussians > 0) {
-    grows = strongest(grows, gradients, std::max<std::int64_t>(0, rule.max_gaussians - n), round.n_refused);
+    grows = strongest(grows, gradients, std::max<std::int64_t>(0, rule.max_gaussians - n), round.n_over_limit);
   }
   const torch::Tensor is_large = largest > std::log(rule.split_scale);
   const torch::Tensor cloned = rows_of(grows.logical_and(is_large.logical_not()));
   const torch::Tensor split = rows_of(grows.logical_and(is_large));
 
-  // Whether a row would be pruned with scales divided by `shrink`. Copies have their source's opacity.
+  // Whether a row would be pruned if its scales were divided by `shrink`. Copies have their source's opacity.
   const auto is_pruned = [&](double shrink) {
     torch::Tensor pruned = gaussians.logit_opacities < logit(rule.prune_opacity);
     if (rule.prune_scale > 0) pruned.logical_or_(largest > std::log(rule.prune_scale * shrink));
