@@ -41,7 +41,7 @@ if [[ -z $browser ]]; then
   exit 0
 fi
 mkdir -p docs/images
-HOME=$(mktemp -d) "$browser" --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=900,1080 \
+HOME=$(mktemp -d) "$browser" --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=900,1320 \
   --screenshot="$work/report.png" "file://$(realpath "$report")" >/dev/null 2>&1
 small "$work/report.png" "$max_picture_bytes"
 cp "$work/report.png" docs/images/report.png
