@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes docs/sample_report.html and docs/images/report.png, a screenshot of it: the report of a short training on a
-# synthetic scene on the CPU, which takes a few minutes. The screenshot needs chromium.
+# synthetic scene on the CPU, which takes less than a minute. The screenshot needs chromium and pngquant.
 # Usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]    default: output/sample
 #   scripts/sample_report.sh build/cpu/app/b3dgs output/sample --seed 1
 set -euo pipefail
@@ -36,13 +36,16 @@ cp "$report" docs/sample_report.html
 echo "written: docs/sample_report.html"
 
 browser=$(command -v chromium || command -v chromium-browser || true)
-if [[ -z $browser ]]; then
-  echo "sample_report.sh: no screenshot, chromium is not installed"
+if [[ -z $browser || -z $(command -v pngquant) ]]; then
+  echo "sample_report.sh: no screenshot, chromium or pngquant is not installed"
   exit 0
 fi
 mkdir -p docs/images
-HOME=$(mktemp -d) "$browser" --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=900,1080 \
-  --screenshot="$work/report.png" "file://$(realpath "$report")" >/dev/null 2>&1
+home=$(mktemp -d)
+trap 'rm -rf "$home"' EXIT
+HOME=$home "$browser" --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=760,1340 \
+  --screenshot="$work/screenshot.png" "file://$(realpath "$report")" >/dev/null 2>&1
+pngquant --force --nofs --output "$work/report.png" 128 "$work/screenshot.png"
 small "$work/report.png" "$max_picture_bytes"
 cp "$work/report.png" docs/images/report.png
 echo "written: docs/images/report.png"

@@ -104,8 +104,8 @@ bool InterleavedTraining::take_turns() {
 
 void InterleavedTraining::write_checkpoints() {
   for (const auto& turn : turns_) {
-    const bool has_begun = turn->result.iteration > 0;
-    if (has_begun && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
+    const bool has_started = turn->result.iteration > 0;
+    if (has_started && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
       turn->trainer->write_checkpoint();
     }
   }

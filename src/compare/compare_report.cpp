@@ -308,7 +308,7 @@ std::string quality_section(const Comparison& comparison) {
   body += html::paragraph(quality_criterion(summary), "soft");
   const std::vector<ChartSeries> psnr = curves(first_runs(comparison), &LogPoint::test_psnr);
   if (psnr.empty()) {
-    return body + html::paragraph("No test views were held out (--eval does that), so there is no PSNR.", "soft");
+    return body + html::paragraph("No test views were held out (--no_eval), so there is no PSNR.", "soft");
   }
   if (psnr[0].points.size() < 2) return body;  // the tables have this one value
   return body + curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr);

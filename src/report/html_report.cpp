@@ -37,6 +37,7 @@ table.figures td, table.figures th { white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; white-space: normal !important; }
 th { color: var(--soft); font-weight: 500; }
 table.words th, table.words td { text-align: left; overflow-wrap: break-word; }
+table.words td:first-child { min-width: 9.5em; }
 tr.marked td { background: var(--mark); font-weight: 600; }
 details { margin-top: 28px; border-top: 1px solid var(--grid); padding-top: 14px; }
 summary { cursor: pointer; font-size: 18px; font-weight: 650; }
