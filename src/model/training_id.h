@@ -13,8 +13,8 @@ namespace b3dgs {
 std::string new_training_id();
 
 /// Whether a training may be resumed in `folder` from a checkpoint with this training ID: the folder holds no model, or
-/// one of the same training. A folder or checkpoint of an early version has no ID (""): then the checkpoint has to be one
-/// of the folder's own.
+/// one of the same training. A folder or checkpoint of an early version has no ID (""): then the checkpoint has to be
+/// one of the folder's own.
 bool may_continue_in(const ModelFolder& folder, const std::filesystem::path& checkpoint,
                      const std::string& training_id);
 
