@@ -5,7 +5,7 @@
 #include <ctime>
 
 #include "core/files/remove_tree.h"
-#include "report/run_record.h"
+#include "report/run_info.h"
 
 namespace b3dgs {
 namespace {
@@ -17,16 +17,16 @@ std::atomic<std::int64_t> asked_at_ms{0};
 
 std::int64_t now_ms() {
   timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);  // of the few calls that a signal handler may make
+  clock_gettime(CLOCK_MONOTONIC, &now);  // async-signal-safe
   return std::int64_t{now.tv_sec} * 1000 + now.tv_nsec / 1000000;
 }
 
-/// timeout(1) and some batch systems signal the program and its group: two signals that mean one. Who asks again later
-/// wants an end at once.
+/// timeout(1) and some batch systems signal both the program and its process group, so two signals in quick succession
+/// are one request. A later second signal means: stop immediately.
 extern "C" void ask_to_stop(int signal) {
   constexpr std::int64_t kOneRequestMs = 500;
-  int nothing = 0;
-  if (asked_to_stop.compare_exchange_strong(nothing, signal)) {
+  int none = 0;
+  if (asked_to_stop.compare_exchange_strong(none, signal)) {
     asked_at_ms = now_ms();
   } else if (asked_at_ms > 0 && now_ms() - asked_at_ms > kOneRequestMs) {
     std::signal(signal, SIG_DFL);
@@ -55,7 +55,7 @@ void remove_model(const ModelFolder& folder) {
   for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
   for (const fs::path& file : {folder.log(), folder.root() / "report.html"}) fs::remove(file, error);
   for (const fs::path& file : folder.results()) fs::remove(file, error);
-  remove_run_record(folder);
+  remove_run_info(folder);
 }
 
 EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {
@@ -64,7 +64,7 @@ EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {
 }
 
 EmptyFolderGuard::~EmptyFolderGuard() {
-  std::error_code error;  // that it is not empty, usually
+  std::error_code error;  // ignored: usually the folder is not empty
   if (!folder_.empty()) fs::remove(folder_, error);
 }
 

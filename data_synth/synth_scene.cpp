@@ -45,8 +45,5 @@ float sh0_from_color(double color) {
 double color_from_sh0(float coefficient) {
   return 0.5 + kSh0 * coefficient;
 }
-float logit(double probability) {
-  return static_cast<float>(std::log(probability / (1 - probability)));
-}
 
 }  // namespace b3dgs

@@ -18,21 +18,22 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as ours
+constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
 
-/// Makes room for a new scene.
+/// Removes an earlier synthetic scene. @throws InputError if the folder contains anything else
 void prepare_folder(const fs::path& folder) {
   std::error_code error;
   const bool exists = fs::exists(folder, error);
   if (exists && !fs::is_directory(folder, error))
-    input_error(folder.string(), ": is a file, expected a folder to write to");
+    input_error("not a directory: ", folder.string(), " (expected an output folder)");
   if (!exists || fs::is_empty(folder, error)) return;
   if (!fs::exists(folder / kOptionsFile, error)) {
-    input_error(folder.string(), ": holds files that are no synthetic scene (no ", kOptionsFile,
-                "), and is left alone; name an empty or new folder");
+    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
+                "); choose a new or empty folder");
   }
   for (const char* part : {"images", "sparse", "truth.ply"}) {
-    if (!remove_tree(folder / part)) io_error((folder / part).string(), ": cannot be removed: ", std::strerror(errno));
+    if (!remove_tree(folder / part))
+      io_error("cannot remove ", (folder / part).string(), " (", std::strerror(errno), ")");
   }
 }
 
@@ -44,7 +45,7 @@ std::string image_name(std::size_t index, const SynthConfig& config) {
 
 ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   ColmapModel model;
-  const Camera& shared = scene.cameras.front();  // all views have the same intrinsics
+  const Camera& shared = scene.cameras.front();  // all views share the intrinsics
   ColmapCamera camera;
   camera.id = 1;
   camera.model = CameraModel::kPinhole;

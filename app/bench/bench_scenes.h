@@ -1,4 +1,4 @@
-// What the benchmark renders: Gaussians and a camera, made up or from files.
+// Scenes for benchmarks: Gaussians and a camera, synthetic or from files.
 #pragma once
 
 #include <string>
@@ -9,10 +9,11 @@
 
 namespace b3dgs {
 
-/// How every benchmark measures.
+/// Options of all benchmarks of one view.
 struct BenchRun {
-  int width = 960, height = 540;        // px
-  int tile_width = 0, tile_height = 0;  // px; 0: take_defaults()
+  int width = 960, height = 540;  // px
+  std::string tile = "auto";
+  int tile_width = 0, tile_height = 0;  // px; 0: as --tile says, see resolve_auto()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
@@ -23,49 +24,51 @@ struct BenchRun {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"width"}, c.width, InRange{1, 16384}, "of made-up scenes: image width, px");
-  field(Option{"height"}, c.height, InRange{1, 16384}, "of made-up scenes: image height, px");
-  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
-  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "px; 0: that of train's --tile auto on this device");
+  field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
+  field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
+  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},
+        "tile size, px, as in b3dgs train (auto: 16x8 on a GPU, 16x16 on a CPU)");
+  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px; overrides --tile (0 = as in --tile)");
+  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px; overrides --tile (0 = as in --tile)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
-        "tiles of a Gaussian: exact, or the 3-sigma square");
-  field(Option{"seed"}, c.seed, AtLeast{0}, "of made-up scenes");
-  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed runs after one warm-up; the median is shown");
-  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto takes a GPU if there is one");
-  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
-  field(Option{"json"}, c.json, Any{}, "write all figures to this file as well");
+        "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
+  field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
+  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed repetitions after one warm-up; the median is shown");
+  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto: a GPU if there is one");
+  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
-/// The fields that a benchmark's config inherits.
+/// Visits the options that a benchmark's config inherits from BenchRun.
 template <class Config, class Visitor>
 void visit_run_fields(Config& c, Visitor&& field) {
   visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
 
-/// Where the options leave device and tile open, sets the device of --device auto, and the tile of training there: the
-/// kernels are timed as training uses them. Every benchmark does so before it uses either.
-void take_defaults(BenchRun& run);
+/// Replaces --device auto by the device that it selects, and sets tile_width and tile_height where they are 0. Call
+/// this before using either.
+void resolve_auto(BenchRun& run);
 
-/// What training has made of Gaussians that are spread over the image.
+/// The state of training that synthetic Gaussians are in.
 enum class SpreadState {
-  /// Sizes, shapes and opacities of many kinds, the same everywhere. A tile is opaque after some 300 entries of its
-  /// list, and a kernel stops there: a crowded tile takes it no longer than others, so skew hardly shows on a GPU.
+  /// Sizes, shapes and opacities vary, independent of position. A tile is opaque after about 300 Gaussians, where
+  /// kernels stop, so crowded tiles take no longer than others and skew has little effect on a GPU.
   kTrained,
-  /// Round, of opacity 0.1, and the smaller the denser they lie, as training makes them from points of a surface. A
-  /// crowded tile takes thousands of them before it is opaque and keeps its block busy long after the others, as those
-  /// at the horizon of `street` do.
+  /// Spherical, with opacity 0.1 and a size that decreases with the density, as training initializes them from points
+  /// on a surface. A crowded tile needs thousands of Gaussians to become opaque, so its thread block runs long after
+  /// the others, as at the horizon of `street`.
   kFirstIteration,
 };
 
-/// Gaussians spread over the image by one law.
+/// Distribution of synthetic Gaussians over the image.
 struct SpreadConfig {
   std::int64_t points = 1500000;
-  /// Outside a small core, density falls with the distance from the image's centre (the larger of |x| and |y|, each in
-  /// half images) to the power of -2 skew. 0: even; 1: as a road's points crowd at the horizon, where each doubling of
-  /// the distance holds as many.
+  /// Outside a small core, the density is proportional to distance^(-2 skew), where distance is max(|x|, |y|) from the
+  /// image centre in units of half the image size. 0: even; 1: as points of a road near the horizon, where each
+  /// doubling of the distance adds the same number.
   double skew = 0;
   int sh_degree = 3;
-  SpreadState state = SpreadState::kTrained;  // that of the scene `balanced`
+  SpreadState state = SpreadState::kTrained;  // as in the scene `balanced`
 };
 
 struct BenchConfig : BenchRun {
@@ -80,18 +83,14 @@ struct BenchConfig : BenchRun {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"scene"}, c.scene, Any{},
-        "street (LiDAR-like points along a road as training starts from them, a load that is uneven on purpose), "
-        "balanced (Gaussians spread over the image, evenly or by --skew), a "
-        "COLMAP folder (its points as training starts from them), or a model folder (its last PLY)");
-  field(Option{"ply"}, c.ply, Any{}, "Gaussians of this PLY instead of the folder's");
-  field(Option{"cameras"}, c.cameras, Any{}, "camera from this cameras.json instead of the folder's");
-  field(Option{"view"}, c.view, Any{}, "the camera of this image; without it the first");
-  field(Option{"images", 'i'}, c.images, Any{}, "of a COLMAP folder: its image folder");
-  field(Option{"points"}, c.points, AtLeast{1}, "of street and balanced: number of Gaussians");
+  field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
+  field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this PLY instead");
+  field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
+  field(Option{"view"}, c.view, Any{}, "use the camera of this image (default: the first)");
+  field(Option{"images", 'i'}, c.images, Any{}, "image folder inside the COLMAP folder");
+  field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and balanced");
   field(Option{"skew"}, c.skew, InRange{0, 2},
-        "of balanced: density falls as distance from the image's centre to the power -2 skew; 0 is even, 1 crowds as "
-        "street does");
+        "density of balanced ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_run_fields(c, field);
 }
 
@@ -103,12 +102,12 @@ struct BenchScene {
   GaussianArrays arrays() const;
 };
 
-/// @throws InputError if a folder or file cannot be used.
+/// @throws InputError if a folder or file is missing or invalid
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// Trained Gaussians are the scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew
-/// changes where they are, and nothing else about them. Those of a first iteration have the size that their neighbours
-/// would give them on the screen: 0.729 / sqrt(density there, 1/px^2), in px.
+/// Synthetic Gaussians in front of one camera. kTrained is the scene `balanced`: log-normal sizes of about 1.7 px,
+/// varied opacities and shapes; skew changes only the positions. kFirstIteration: sizes follow from the distance to the
+/// nearest neighbours on the screen, 0.729 / sqrt(density in 1/px^2) px.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// b3dgs bench sweep: which forward kernel wins where, from even load to a road's, from few Gaussians to many.
+// b3dgs bench sweep: times the forward kernels over numbers of Gaussians and degrees of uneven load.
 #include <algorithm>
 #include <cstdio>
 #include <vector>
@@ -21,11 +21,9 @@ struct SweepConfig : BenchRun {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SweepConfig>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"points"}, c.points, AtLeast{1},
-        "numbers of Gaussians; none: 250000 1000000 4000000 on a GPU, a tenth of each on the CPU");
+        "numbers of Gaussians (none = 250000 1000000 4000000; on a CPU a tenth of them)");
   field(Option{"skew"}, c.skew, InRange{0, 2},
-        "density falls as distance from the image's centre to the power -2 skew: 0 is even, 1 crowds the centre as "
-        "street does the horizon; as in a first iteration, all have opacity 0.1 and the size of the spacing at their "
-        "place");
+        "density ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_run_fields(c, field);
 }
 
@@ -39,9 +37,12 @@ const ForwardTimes::Row& fastest_of(const ForwardTimes& times) {
 }
 
 void print_head() {
+  std::printf(
+      "mean, max, Gini: Gaussians per tile and their Gini coefficient (0 = even); kernels: median ms; speedup: of the "
+      "fastest kernel relative to naive\n");
   std::printf("%10s %5s | %7s %8s %5s |", "points", "skew", "mean", "max", "Gini");
   for (const ForwardKernelName& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
-  std::printf(" | %-14s %s\n", "fastest", "x naive");
+  std::printf(" | %-14s %s\n", "fastest", "speedup");
 }
 
 void print_cell(int points, double skew, const ForwardTimes& times) {
@@ -71,15 +72,16 @@ nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes&
 
 int run_bench_sweep(const std::vector<std::string>& words) {
   SweepConfig config;
-  CommandLine line(
-      "bench sweep",
-      "Times every forward kernel over a grid of made-up scenes: numbers of Gaussians by how unevenly they "
-      "lie, all in the state of a first iteration. Times in ms, lists in entries per tile.");
+  CommandLine line("bench sweep",
+                   "Time every forward kernel on a grid of synthetic scenes, by number and distribution of Gaussians, "
+                   "in the state of "
+                   "a first iteration. Times are in ms, list lengths in Gaussians per tile.",
+                   "b3dgs bench sweep --json sweep.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   line.apply(config);
-  if (config.skew.empty()) input_error("command line: skew needs at least one value; the grid is empty");
-  take_defaults(config);
+  if (config.skew.empty()) input_error("command line: --skew needs at least one value");
+  resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);
   set_thread_count(config.threads);
 
@@ -88,7 +90,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   nlohmann::ordered_json cells = nlohmann::ordered_json::array();
   for (const int points : config.points) {
     for (const double skew : config.skew) {
-      // Colours are of no matter to blending; without harmonics the scenes are made ten times faster.
+      // Colours do not affect the time of blending; SH degree 0 makes creating the scenes ten times faster.
       const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0, SpreadState::kFirstIteration}, config);
       const ForwardTimes times = time_forward_kernels(config, scene);
       if (cells.empty()) {

@@ -43,7 +43,7 @@ TEST(Covariance, IsDiagonalWithoutRotation) {
 }
 
 TEST(Covariance, TurnsByTheRightHandRule) {
-  // A right angle about +z takes +x to +y: the long first axis then lies along y.
+  // A right angle about +z takes +x to +y: the long first axis is then along y.
   const auto about_z = covariance_of(make_shape<double>({std::log(2), 0, 0}, {1, 0, 0, 1}));
   EXPECT_NEAR(about_z[0], 1, 1e-14);
   EXPECT_NEAR(about_z[4], 4, 1e-14);

@@ -1,5 +1,4 @@
-// The judge judged: the dense reference against hand calculations, and its autograd gradients against finite
-// differences.
+// The dense reference compared with hand calculations, and its autograd gradients with finite differences.
 #include "support/raster/dense_reference.h"
 
 #include <gtest/gtest.h>
@@ -143,7 +142,7 @@ TEST(DenseReference, BlendsNearestFirst) {
   EXPECT_EQ(view.last_gaussians[4][4].item<int>(), 0);
 }
 
-TEST(DenseReference, SettlesEqualDepthsByIndex) {
+TEST(DenseReference, OrdersEqualDepthsByIndex) {
   const DenseView view = dense_render(leaves_of({ball(2, 0.5, 0.5, 0.2), ball(2, 0.5, 0.25, 1.0)}), axis_view(), {});
   EXPECT_NEAR(at(view.color, {4, 4, 1}), 0.5 * 0.2 + 0.5 * 0.25 * 1.0, 1e-12);
 }
@@ -294,7 +293,7 @@ TEST(DenseReference, MarksPixelsNearADecision) {
   EXPECT_TRUE(view.near_decision[4][4].item<bool>());
   EXPECT_EQ(view.near_decision.sum().item<int>(), 1);
 
-  // Two Gaussians at the cap leave 1e-4 but for rounding, and what follows is behind the stop.
+  // Two Gaussians at the cap leave 1e-4 up to rounding, and the third is behind the stop.
   std::vector<Row> rows{ball(2, 50, 0.9999, 0.5), ball(3, 50, 0.9999, 0.5), ball(4, 0.4, near_cutoff, 0.5)};
   EXPECT_TRUE(dense_render(leaves_of(rows), axis_view(), {}).near_decision.all().item<bool>());
   rows[1].opacity = 0.9;

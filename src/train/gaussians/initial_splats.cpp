@@ -14,7 +14,7 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
     points = scene.points;
   } else if (holds_splats(config.init_ply)) {
     SplatCloud cloud = read_splats(config.init_ply);
-    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
+    if (cloud.size() == 0) input_error(config.init_ply, ": no Gaussians to start from");
     return cloud;
   } else {
     points = read_point_ply(config.init_ply);
@@ -22,7 +22,7 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
   }
   if (points.size() == 0) {
     input_error(place,
-                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
+                " has no 3D points to start from; pass some with --init_ply FILE, or triangulate the scene again");
   }
   return splats_from_points(points, 0);
 }
