@@ -202,8 +202,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   const torch::Tensor means2d = out.means2d.index_select(0, rows);
 
   const torch::Tensor slope_x = x / z, slope_y = y / z;
-  const torch::Tensor held_x = clamp_slope(slope_x, view.fx, view.cx, width);
-  const torch::Tensor held_y = clamp_slope(slope_y, view.fy, view.cy, height);
+  const torch::Tensor clamped_x = clamp_slope(slope_x, view.fx, view.cx, width);
+  const torch::Tensor clamped_y = clamp_slope(slope_y, view.fy, view.cy, height);
   for (const auto& [slope, focal, center, size] :
        {std::tuple(slope_x, view.fx, view.cx, width), std::tuple(slope_y, view.fy, view.cy, height)}) {
     const double margin = kMargin * 0.5 * static_cast<double>(size) / focal;
@@ -211,8 +211,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     hazards.add("frustum clamp", is_near(slope.detach(), (static_cast<double>(size) - center) / focal + margin), rows);
   }
   const torch::Tensor zero = torch::zeros_like(z);
-  const torch::Tensor jacobian = torch::stack({view.fx / z, zero, -view.fx * (held_x * z) / (z * z),  //
-                                               zero, view.fy / z, -view.fy * (held_y * z) / (z * z)},
+  const torch::Tensor jacobian = torch::stack({view.fx / z, zero, -view.fx * (clamped_x * z) / (z * z),  //
+                                               zero, view.fy / z, -view.fy * (clamped_y * z) / (z * z)},
                                               1)
                                      .view({-1, 2, 3});
   const torch::Tensor spread = torch::matmul(rotations(leaves.quats.index_select(0, rows)),

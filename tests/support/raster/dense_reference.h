@@ -44,7 +44,7 @@ struct DenseView {
   torch::Tensor radii;           // [N] int64, 3 standard deviations along the longer axis rounded up, 0 if not seen
   torch::Tensor contributes;     // [N] bool, blended into at least one pixel
   torch::Tensor seen;            // [N] bool, reaches 1/255 at some point of a tile's pixel centres, or of their hull
-  torch::Tensor seen_nearly;     // [N] bool, does so within 0.01 px and a little more for large ones; holds `seen`
+  torch::Tensor seen_nearly;     // [N] bool, does so within 0.01 px and a little more for large ones; includes `seen`
   torch::Tensor near_decision;   // [H, W] bool, an alpha or a transmittance within kDecisionBand of cutoff, cap or stop
   // Gaussians within the band of a decision that affects more than a pixel: near plane, order, frustum clamp, colour
   // clamp, rounding of the culling square. One line each; a scene with any cannot be used to check a float rasterizer.
