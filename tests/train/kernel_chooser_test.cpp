@@ -118,7 +118,7 @@ TEST_F(KernelChooserTest, UsesFewerViewsIfMoreWouldCostTooMuch) {
 TEST_F(KernelChooserTest, DisablesAFasterKernelWithAWrongImage) {
   KernelChooser own = chooser_with_wrong({"shared-memory"}, 2.0, 1.0);
   const KernelDecision decision = own.check(at(1), input()).front().decision;
-  EXPECT_EQ(decision.refused, (std::vector<std::string>{"shared-memory"}));
+  EXPECT_EQ(decision.disabled, (std::vector<std::string>{"shared-memory"}));
   EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "a disabled kernel is not timed";
   EXPECT_NE(decision.reason.find("shared-memory is disabled: its image differs"), std::string::npos);
   EXPECT_EQ(own.forward_name(), "segmented");
@@ -127,13 +127,13 @@ TEST_F(KernelChooserTest, DisablesAFasterKernelWithAWrongImage) {
 
 TEST_F(KernelChooserTest, ReplacesTheKernelInUseIfItsImageIsWrong) {
   KernelChooser own = chooser_with_wrong({"segmented"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.refused, (std::vector<std::string>{"segmented"}));
+  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled, (std::vector<std::string>{"segmented"}));
   EXPECT_EQ(own.forward_name(), "shared-memory");
 }
 
 TEST_F(KernelChooserTest, UsesTheReferenceIfAllImagesAreWrong) {
   KernelChooser own = chooser_with_wrong({"segmented", "shared-memory"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.refused.size(), 2u);
+  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled.size(), 2u);
   EXPECT_EQ(own.forward_name(), "naive");
 }
 
