@@ -26,7 +26,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 
   const ShColor<float> color = sh_color(args.sh_degree, load3(g.means, i) - args.view.center, g.sh0 + 3 * i,
                                         g.shN + rest_floats(g.sh_degree_max) * i);
-  if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kNotFinite;
+  if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kInvalid;
   args.radii[i] = projected.radius;
   extent = projected.extent;
   splat = projected.splat;
@@ -41,10 +41,10 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
   const Vec3f mean = load3(g.means, i), scale = load3(g.log_scales, i);
   const Vec4f quat = load4(g.quats, i);
   throw InvalidGaussianError(
-      i, detail::concat("Gaussian ", i, kNotFiniteText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z,
-                        "), log scales (", scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x, ", ", quat.y,
-                        ", ", quat.z, ", ", quat.w, "), opacity logit ", g.logit_opacities[i], ", colour (",
-                        g.sh0[3 * i], ", ", g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
+      i, detail::concat("Gaussian ", i, kInvalidText, ": mean (", mean.x, ", ", mean.y, ", ", mean.z, "), log scales (",
+                        scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x, ", ", quat.y, ", ", quat.z,
+                        ", ", quat.w, "), opacity logit ", g.logit_opacities[i], ", colour (", g.sh0[3 * i], ", ",
+                        g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
 }
 
 /// Sums the gradients of a splat's pairs in the order of their slots.
@@ -84,7 +84,7 @@ std::int64_t project(const ProjectArgs& args) {
       const std::int64_t slot = chunks.begin(chunk) + own.n_splats;
       const Outcome outcome = project_one(args, view, i, args.splats[slot], args.extents[slot]);
       if (outcome == Outcome::kSeen) ++own.n_splats;
-      if (outcome == Outcome::kNotFinite) {
+      if (outcome == Outcome::kInvalid) {
         own.invalid = i;
         break;
       }

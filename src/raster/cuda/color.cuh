@@ -18,8 +18,8 @@ __device__ __forceinline__ float4 splat_color(const GaussianArrays& gaussians, V
 }
 
 /// Records an invalid Gaussian; the smallest index is kept.
-__device__ __forceinline__ void note_not_finite(ViewCounts* counts, std::int64_t i) {
-  atomicMin(reinterpret_cast<unsigned long long*>(&counts->not_finite), static_cast<unsigned long long>(i));
+__device__ __forceinline__ void note_invalid(ViewCounts* counts, std::int64_t i) {
+  atomicMin(reinterpret_cast<unsigned long long*>(&counts->first_invalid), static_cast<unsigned long long>(i));
 }
 
 }  // namespace b3dgs::cuda

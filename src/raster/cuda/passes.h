@@ -9,9 +9,9 @@ namespace b3dgs::cuda {
 
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {
-  std::int64_t n_splats;    // M
-  std::int64_t n_pairs;     // (tile, splat) pairs
-  std::int64_t not_finite;  // smallest index of an invalid Gaussian, n_gaussians if there is none
+  std::int64_t n_splats;       // M
+  std::int64_t n_pairs;        // (tile, splat) pairs
+  std::int64_t first_invalid;  // smallest index of an invalid Gaussian, n_gaussians if there is none
 };
 
 /// Outputs of projection, a row per Gaussian.
@@ -30,7 +30,7 @@ struct ColorCudaArgs {
   GaussianArrays gaussians{};
   Vec3f camera_center{};  // world space
   int sh_degree = 0;
-  // To be written: red, green, blue and clamped of each seen splat, and counts->not_finite (note_not_finite()).
+  // To be written: red, green, blue and clamped of each seen splat, and counts->first_invalid (note_invalid()).
   ProjectOutputs projected{};
 };
 

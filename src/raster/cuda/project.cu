@@ -29,14 +29,14 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
   const ProjectedGaussian projected =
       project_splat<TileCount::kAll>(g, i, view, args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
-  bool is_finite = projected.outcome != Outcome::kNotFinite;
+  bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
     float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
     words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
     words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
     if constexpr (kShDegree != kNoColors) {
       const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
-      is_finite = is_usable_color(color.x, color.y, color.z);
+      is_valid = is_usable_color(color.x, color.y, color.z);
       words[2] = color;
     }
     args.out.extents[i] = projected.extent;
@@ -44,7 +44,7 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
   args.out.radii[i] = is_seen ? projected.radius : 0;
   args.out.n_tiles[i] = projected.n_tiles;
   args.out.depth_bits[i] = is_seen ? __float_as_uint(projected.splat.depth) : 0;
-  if (!is_finite) note_not_finite(args.out.counts, i);
+  if (!is_valid) note_invalid(args.out.counts, i);
   return projected.n_tiles;
 }
 

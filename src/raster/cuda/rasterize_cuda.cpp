@@ -183,8 +183,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   list_seen(projected, n, s.bin_buffers, context);  // the device works on this while the host waits for the counts
   s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
-  if (counts.not_finite < n) {
-    throw InvalidGaussianError(counts.not_finite, detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
+  if (counts.first_invalid < n) {
+    throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
   }
   if (has_too_many_pairs(counts.n_pairs)) {
     throw NumericError(

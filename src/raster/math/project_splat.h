@@ -26,13 +26,13 @@ B3DGS_HD bool is_finite(float value) {
 }  // namespace detail
 
 enum class Outcome {
-  kSeen,       // the splat touches at least one tile: it has a radius, and density control counts the view
-  kCulled,     // nearer than the near plane, opacity below 1/255, or outside the image
-  kNotFinite,  // a parameter or the projection is not finite or exceeds a limit in constants.h
+  kSeen,     // the splat touches at least one tile: it has a radius, and density control counts the view
+  kCulled,   // nearer than the near plane, outside the image, or (kEllipse) of an opacity below 1/255
+  kInvalid,  // a parameter or the projection is not finite or exceeds a limit in constants.h
 };
 
-/// Text that follows "Gaussian 12" in the error for kNotFinite.
-inline constexpr const char* kNotFiniteText =
+/// Text that follows "Gaussian 12" in the error for kInvalid.
+inline constexpr const char* kInvalidText =
     " is invalid: its projection or colour is not finite, or it is larger than 1e9 px, farther than 1e12 units or "
     "brighter than 1e9";
 
@@ -45,7 +45,7 @@ struct ProjectedGaussian {
   Splat splat{};             // red, green, blue and clamped are 0
 };
 
-/// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, but it is 0 exactly if no tile is touched.
+/// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, which is 0 only if the splat touches no tile.
 template <TileCount kCount>
 B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::int64_t i,
                                          const ViewTransform<float>& view, float near_plane, Culling culling,
@@ -53,7 +53,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   ProjectedGaussian result;
   const Vec3f point = to_camera(view, load3(gaussians.means, i));
   if (!detail::is_finite(point.x + point.y + point.z) || point.z > kDepthMax) {
-    result.outcome = Outcome::kNotFinite;
+    result.outcome = Outcome::kInvalid;
     return result;
   }
   if (point.z < near_plane) return result;
@@ -62,7 +62,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   const Vec4f quat = load4(gaussians.quats, i);
   const float logit = gaussians.logit_opacities[i];
   if (!detail::is_finite(logit + log_scales.x + log_scales.y + log_scales.z + quat.x + quat.y + quat.z + quat.w)) {
-    result.outcome = Outcome::kNotFinite;
+    result.outcome = Outcome::kInvalid;
     return result;
   }
   const float log2_opacity = log2_sigmoid(logit);
@@ -73,7 +73,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   const float radius = std::ceil(kSquareSigmas * largest_sigma(p.cov));
   if (!detail::is_finite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
       !(radius <= kRadiusMax) || !(shape.inverse_length <= kInverseQuatLengthMax)) {
-    result.outcome = Outcome::kNotFinite;
+    result.outcome = Outcome::kInvalid;
     return result;
   }
   result.radius = static_cast<std::int32_t>(radius);

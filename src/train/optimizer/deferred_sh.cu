@@ -133,7 +133,7 @@ __global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_co
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;
     const float4 color = splat_color<kShDegree>(view.gaussians, view.camera_center, i, rests + own.place * kActive);
-    if (!is_usable_color(color.x, color.y, color.z)) note_not_finite(view.projected.counts, i);
+    if (!is_usable_color(color.x, color.y, color.z)) note_invalid(view.projected.counts, i);
     reinterpret_cast<float4*>(view.projected.splats + i)[2] = color;
   }
 }
