@@ -408,7 +408,7 @@ std::string CommandLine::help_markdown() const {
                                   "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
                           for (const OptionSpec* spec : specs) text += markdown_row(*spec);
                         });
-  return text;
+  return text + "\n";
 }
 
 nlohmann::ordered_json read_json_file(const std::string& path) {
