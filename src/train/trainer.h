@@ -60,9 +60,9 @@ class Trainer {
   /// the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
   TrainResult run();
 
-  /// As run(), but returns after `iteration`, at most config.iterations; call again to go on. The course and the files
-  /// are those of one run(), whatever the pieces. The device has finished when this returns, so that trainers can take
-  /// turns and each pays for its own time.
+  /// Like run(), but returns after `iteration` (at most config.iterations); call it again to continue. The result is
+  /// the same as that of a single run(). The device has finished when this returns, so that trainers can take turns
+  /// without affecting each other's times.
   TrainResult run_until(int iteration);
 
   /// Last iteration done.

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Course {
+struct Outcome {
   TrainResult result;
   std::vector<std::string> messages;
   std::string log;
@@ -31,32 +31,32 @@ TrainConfig growing_config() {
   return config;
 }
 
-Course train_with(const std::shared_ptr<test::ShortMemory>& memory, const TrainConfig& config, const fs::path& folder,
-                  const fs::path& resume = {}) {
+Outcome train_with(const std::shared_ptr<test::ShortMemory>& memory, const TrainConfig& config, const fs::path& folder,
+                   const fs::path& resume = {}) {
   const Scene scene = test::make_tiny_scene();
-  Course course;
+  Outcome outcome;
   TrainHooks hooks;
   hooks.memory = memory;
-  hooks.on_message = [&](const std::string& message) { course.messages.push_back(message); };
+  hooks.on_message = [&](const std::string& message) { outcome.messages.push_back(message); };
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
-  course.result = trainer.run();
-  course.log = test::read_bytes(ModelFolder(folder).log());
-  course.held_at = read_checkpoint_header(course.result.checkpoint).value("held_at", std::int64_t{-1});
-  return course;
+  outcome.result = trainer.run();
+  outcome.log = test::read_bytes(ModelFolder(folder).log());
+  outcome.held_at = read_checkpoint_header(outcome.result.checkpoint).value("held_at", std::int64_t{-1});
+  return outcome;
 }
 
-bool says(const Course& course, const std::string& what) {
-  return std::any_of(course.messages.begin(), course.messages.end(),
+bool says(const Outcome& outcome, const std::string& what) {
+  return std::any_of(outcome.messages.begin(), outcome.messages.end(),
                      [&](const std::string& message) { return message.find(what) != std::string::npos; });
 }
 
 TEST(Memory, WithoutALimitTheCountIsNotHeld) {
   const test::TempDir temp;
-  const Course course = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
-  EXPECT_GT(course.result.n_gaussians, 160);
-  EXPECT_EQ(course.held_at, 0);
-  EXPECT_EQ(course.log.find("held"), std::string::npos);
+  const Outcome outcome = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
+  EXPECT_GT(outcome.result.n_gaussians, 160);
+  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(outcome.log.find("held"), std::string::npos);
 }
 
 TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
@@ -64,13 +64,13 @@ TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 200000;
   const TrainConfig config = growing_config();
-  const Course course = train_with(memory, config, temp / "model");
-  EXPECT_EQ(course.result.iteration, config.iterations);
-  ASSERT_GT(course.held_at, 0);
-  EXPECT_LE(course.result.n_gaussians, course.held_at);
-  EXPECT_TRUE(says(course, "held at " + std::to_string(course.held_at) + " Gaussians: GPU memory"));
-  EXPECT_NE(course.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
-  EXPECT_NE(course.log.find("\"limit_bytes\":200000"), std::string::npos);
+  const Outcome outcome = train_with(memory, config, temp / "model");
+  EXPECT_EQ(outcome.result.iteration, config.iterations);
+  ASSERT_GT(outcome.held_at, 0);
+  EXPECT_LE(outcome.result.n_gaussians, outcome.held_at);
+  EXPECT_TRUE(says(outcome, "held at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
+  EXPECT_NE(outcome.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
+  EXPECT_NE(outcome.log.find("\"limit_bytes\":200000"), std::string::npos);
   EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
 }
 
@@ -80,52 +80,52 @@ TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
   memory->bytes = 200000;
   TrainConfig config = growing_config();
   config.iterations = 25;
-  const Course held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "held");
   ASSERT_GT(held.held_at, 0);
   config.iterations = 40;
-  const Course resumed =
+  const Outcome resumed =
       train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
   EXPECT_EQ(resumed.held_at, 0);
   EXPECT_GT(resumed.result.n_gaussians, held.held_at);
 }
 
-TEST(Memory, AHoldStaysWhereACourseHasToBeTheSameTwice) {
+TEST(Memory, AHoldStaysInDeterministicTraining) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 200000;
   TrainConfig config = growing_config();
   config.deterministic = true;
   config.iterations = 25;
-  const Course held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "held");
   ASSERT_GT(held.held_at, 0);
   config.iterations = 40;
-  const Course resumed =
+  const Outcome resumed =
       train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
-  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but the course is the one that was held";
+  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but a deterministic training keeps the hold";
   EXPECT_LE(resumed.result.n_gaussians, held.held_at);
 }
 
 TEST(Memory, GrowsIfFreeingMemoryHelps) {
   const test::TempDir temp;
-  const Course expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
+  const Outcome expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
   auto memory = std::make_shared<test::ShortMemory>();
   memory->n_failures = 2;  // with spare capacity, and without
-  const Course course = train_with(memory, growing_config(), temp / "model");
+  const Outcome outcome = train_with(memory, growing_config(), temp / "model");
   EXPECT_EQ(memory->n_releases, 1);
-  EXPECT_EQ(course.held_at, 0);
-  EXPECT_EQ(test::read_bytes(course.result.ply), test::read_bytes(expected.result.ply));
+  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(test::read_bytes(outcome.result.ply), test::read_bytes(expected.result.ply));
 }
 
 TEST(Memory, HoldsTheCountIfFreeingDoesNotHelp) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->rows_that_fit = 125;  // there are 120 at the start
-  const Course course = train_with(memory, growing_config(), temp / "model");
-  EXPECT_EQ(course.result.iteration, 40);
+  const Outcome outcome = train_with(memory, growing_config(), temp / "model");
+  EXPECT_EQ(outcome.result.iteration, 40);
   EXPECT_GE(memory->n_releases, 1);
-  EXPECT_EQ(course.held_at, 120);
-  EXPECT_LE(course.result.n_gaussians, 120);
-  EXPECT_TRUE(says(course, "held at 120 Gaussians: GPU memory"));
+  EXPECT_EQ(outcome.held_at, 120);
+  EXPECT_LE(outcome.result.n_gaussians, 120);
+  EXPECT_TRUE(says(outcome, "held at 120 Gaussians: GPU memory"));
 }
 
 TEST(Memory, RemediesAreTriedInOrderUntilOneFreesMemory) {

@@ -226,8 +226,9 @@ TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
 
 void expect_same_state(const TrainState& a, const TrainState& b) {
   const auto same = [](const auto& x, const auto& y) {
-    for (std::size_t i = 0; i < x.kNames.size(); ++i) {
-      EXPECT_TRUE(torch::equal(x.all()[i]->to(torch::kCPU), y.all()[i]->to(torch::kCPU))) << x.kNames[i];
+    ASSERT_EQ(x.all().size(), y.all().size());
+    for (std::size_t i = 0; i < x.all().size(); ++i) {
+      EXPECT_TRUE(torch::equal(x.all()[i]->to(torch::kCPU), y.all()[i]->to(torch::kCPU))) << "tensor " << i;
     }
   };
   same(a.gaussians, b.gaussians);
