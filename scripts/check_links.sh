@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Checks every Markdown file of the repository: relative links lead to a file (and to a heading of it, where the link
 # names one), and no line is longer than 100 columns. Tables, code blocks and the targets of links may be longer.
-# In docs/, tests that are named (`Suite.Name`, with * for any rest) exist.
+# Files that are named from the top (`src/...`, `scripts/...`) exist, and so do tests that docs/ names (`Suite.Name`,
+# with * for any rest).
 # Prints each fault as FILE:LINE: what is wrong. Exit code 1 if there are any.
 # Usage: scripts/check_links.sh [FILE.md ...]    default: all that git does not ignore
 set -euo pipefail
@@ -70,6 +71,10 @@ for file in "${files[@]}"; do
   while IFS=: read -r line name; do
     [[ $file == docs/* ]] && check_test "$file" "$line" "${name//\`/}"
   done < <(grep -noE '`[A-Z][A-Za-z0-9]+\.[A-Za-z0-9]*\*?`' "$file" | grep -vE '\.(md|txt|html)`' || true)
+  while IFS=: read -r line path; do
+    path=${path//\`/}
+    [[ -e $path ]] || fail "$file:$line: no such file: $path"
+  done < <(without_code "$file" | grep -noE '`(src|app|tests|scripts|docs|cmake|data_synth)/[a-z0-9_./-]+`' || true)
   while IFS=: read -r line _; do
     fail "$file:$line: longer than $max_columns columns"
   done < <(without_code "$file" | sed -E '/^ *\|/s/.*//; s/\]\([^)]*\)/]/g; s/<?https?:[^ )>]*>?//g' |
