@@ -1,4 +1,4 @@
-// b3dgs eval: measures a trained model on its photographs.
+// b3dgs eval: PSNR and SSIM of a trained model.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -17,7 +17,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr int kDifferenceGain = 4;  // errors of a good model are a few steps of 255: invisible as they are
+constexpr int kDifferenceGain = 4;  // the errors of a good model are a few of 255 levels, too small to see
 
 struct EvalOptions {
   std::string split = "auto";
@@ -27,9 +27,9 @@ struct EvalOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
-        "views to measure; auto: the test views, or all if none were held out");
+        "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},
-        "write gt/, renders/ and diff/ (4 x the absolute difference) below MODEL/test/ours_N, or MODEL/train/ours_N");
+        "write gt/, renders/ and diff/ (4 x absolute difference) to MODEL/SPLIT/ours_N");
 }
 
 Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
@@ -65,7 +65,7 @@ void print_table(const Evaluation& evaluation) {
 
 class SplitEvaluator {
  public:
-  /// Images are saved below MODEL/SPLIT/`key`.
+  /// Images are saved to MODEL/SPLIT/`key`/.
   SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
                  StatusLine& status)
       : model_(model),
@@ -111,7 +111,8 @@ class SplitEvaluator {
 }  // namespace
 
 int run_eval(const std::vector<std::string>& words) {
-  CommandLine line("eval", "Measures a trained model on its photographs: PSNR and SSIM of each view and their means.");
+  CommandLine line("eval", "Compute PSNR and SSIM of a trained model, for each view and on average.",
+                   "b3dgs eval output/garden --save_images");
   ModelOptions model_options;
   EvalOptions options;
   line.add(model_options, "Model", {"model_path"});
@@ -123,29 +124,28 @@ int run_eval(const std::vector<std::string>& words) {
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   const LoadedModel model = load_model(model_options, status);
-  const std::string usual_split = model.scene.test.empty() ? "train" : "test";
-  const std::string split = options.split == "auto" ? usual_split : options.split;
+  const std::string default_split = model.scene.test.empty() ? "train" : "test";
+  const std::string split = options.split == "auto" ? default_split : options.split;
   if (split == "test" && model.scene.test.empty()) {
-    input_error(
-        "command line: split test: no views were held out when this model was trained; train with --eval, or "
-        "measure --split train");
+    input_error("no test views: ", model.folder.root().string(),
+                " (trained without --eval); evaluate the training views with --split train");
   }
   std::cout << model.folder.root().string() << ": iteration " << model.iteration << ", "
             << format_count(model.splats.size()) << " Gaussians\n";
-  if (options.split == "auto" && usual_split == "train") {
-    std::cout << "no views were held out (--eval): these are the views it was trained on\n";
+  if (options.split == "auto" && default_split == "train") {
+    std::cout << "no test views (trained without --eval); evaluating the training views\n";
   }
 
   const EvaluationSource source =
-      evaluation_source(model.config, usual_split == "test" ? model.scene.test : model.scene.train, usual_split);
+      evaluation_source(model.config, default_split == "test" ? model.scene.test : model.scene.train, default_split);
   const std::string key = model.folder.results_key(model.iteration, results_variant(model, model_options), source);
   SplitEvaluator evaluator(model, key, device, options.save_images, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
     const Evaluation evaluation = evaluator.run(views, name);
-    // The results files have one entry for an iteration and a scene: that of the views a model is judged by.
-    if (name != usual_split) continue;
+    // The results files have one entry per iteration and scene, that of the default split.
+    if (name != default_split) continue;
     model.folder.write_results(key, evaluation, source);
     std::cout << "written: results.json, per_view.json (" << key << ")\n";
   }

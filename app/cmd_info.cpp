@@ -1,4 +1,4 @@
-// b3dgs info: says what a scene folder, a model folder, a PLY or a checkpoint holds.
+// b3dgs info: describes a scene folder, a model folder, a PLY or a checkpoint.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +14,7 @@
 #include "core/command_line.h"
 #include "core/print.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "scene/colmap/colmap.h"
 #include "scene/scene.h"
@@ -30,7 +31,8 @@ struct InfoOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, InfoOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"input"}, c.input, Any{}, "COLMAP scene, model folder, PLY of Gaussians or points, or checkpoint");
+  field(Option{"input"}, c.input, Any{},
+        "COLMAP scene folder, model folder, PLY of Gaussians or points, or checkpoint");
 }
 
 template <class... Args>
@@ -38,7 +40,7 @@ void print_line(const char* name, const char* format, Args... args) {
   std::printf("%-18s%s\n", name, print_to_string(format, args...).c_str());
 }
 
-/// Values at 1 %, 50 % and 99 %.
+/// The 1st, 50th and 99th percentile.
 std::array<double, 3> quantiles(std::vector<double> values) {
   std::array<double, 3> result{};
   if (values.empty()) return result;
@@ -62,8 +64,8 @@ void print_bounds(const std::vector<float>& positions) {
 }
 
 void describe_splats(const std::string& path) {
-  const SplatCloud cloud = read_splat_ply(path);
-  std::printf("%s: Gaussians; medians with 1st and 99th percentile\n", path.c_str());
+  const SplatCloud cloud = read_splats(path);
+  std::printf("%s: Gaussians; median (1st to 99th percentile)\n", path.c_str());
   print_line("Gaussians", "%s", format_count(cloud.size()).c_str());
   print_line("SH degree", "%d", cloud.sh_degree);
   if (cloud.size() == 0) return;
@@ -87,13 +89,13 @@ void describe_splats(const std::string& path) {
 
 void describe_points(const std::string& path) {
   const PointCloud points = read_point_ply(path);
-  std::printf("%s: points; medians with 1st and 99th percentile\n", path.c_str());
+  std::printf("%s: points; median (1st to 99th percentile)\n", path.c_str());
   print_line("points", "%s", format_count(points.size()).c_str());
   if (points.size() > 0) print_bounds(points.positions);
 }
 
 void print_options(const TrainConfig& config) {
-  std::printf("options other than the defaults:\n");
+  std::printf("options that differ from the defaults:\n");
   const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), effective = config_to_json(config);
   for (const auto& [name, value] : effective.items()) {
     if (value != defaults.at(name)) std::printf("  %-24s%s\n", name.c_str(), value.dump().c_str());
@@ -110,10 +112,10 @@ void describe_model(const std::string& path) {
     return text.empty() ? std::string("none") : text;
   };
   const std::vector<int> saved = folder.ply_iterations();
-  print_line("iterations", "%d asked for", config.iterations);
+  print_line("iterations", "%d", config.iterations);
   print_line("saved", "%s", list(saved).c_str());
   print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
-  print_line("test views", "%s", config.eval ? "every 8th held out" : "none held out");
+  print_line("test views", "%s", config.eval ? "every 8th view" : "none");
   print_options(config);
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
@@ -130,7 +132,7 @@ void describe_scene(const std::string& path) {
 void describe_checkpoint(const std::string& path) {
   verify_checkpoint_file(path);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
-  std::printf("%s: checkpoint, undamaged\n", path.c_str());
+  std::printf("%s: checkpoint, checksums valid\n", path.c_str());
   print_line("size", "%.1f MB", static_cast<double>(fs::file_size(path)) / 1e6);
   for (const char* key : {"iteration", "n_gaussians", "sh_degree", "loss_average"}) {
     if (header.contains(key)) print_line(key, "%s", header[key].dump().c_str());
@@ -145,15 +147,14 @@ void describe_folder(const std::string& path) {
   const fs::path folder = path;
   if (fs::exists(folder / "config.json") || fs::exists(folder / "point_cloud")) return describe_model(path);
   if (fs::exists(folder / "sparse") || colmap_format(folder)) return describe_scene(path);
-  input_error(path,
-              ": holds neither a COLMAP scene (sparse/) nor a trained model (config.json); photographs alone need ",
-              "a COLMAP reconstruction first");
+  input_error("neither a COLMAP scene nor a model folder: ", path,
+              " (expected sparse/ or config.json); run COLMAP first if there are only photographs");
 }
 
-/// First bytes of a file, which tell its kind.
+/// The first bytes of a file, which identify its format.
 std::string read_start(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) input_error(path, ": cannot be opened");
+  if (!file) input_error("cannot open file: ", path);
   std::string start(8, '\0');
   file.read(start.data(), static_cast<std::streamsize>(start.size()));
   start.resize(static_cast<std::size_t>(file.gcount()));
@@ -163,25 +164,27 @@ std::string read_start(const std::string& path) {
 }  // namespace
 
 int run_info(const std::vector<std::string>& words) {
-  CommandLine line("info", "Says what a file or folder holds: b3dgs info INPUT.");
+  CommandLine line("info", "Describe a scene folder, model folder, PLY or checkpoint.", "b3dgs info output/garden");
   InfoOptions options;
   line.add(options, "Input", {"input"});
   if (!line.parse(words)) return 0;
   line.apply(options);
   const std::string& path = options.input;
-  if (path.empty()) input_error("command line: of what? b3dgs info INPUT");
+  if (path.empty()) input_error("missing argument: INPUT; usage: b3dgs info INPUT");
 
-  if (!fs::exists(path)) input_error(path, ": no such file or folder");
+  if (!fs::exists(path)) input_error("file or folder not found: ", path);
   if (fs::is_directory(path)) {
     describe_folder(path);
     return 0;
   }
   const std::string start = read_start(path);
-  if (start.compare(0, 3, "ply") == 0) {
-    is_splat_ply(path) ? describe_splats(path) : describe_points(path);
+  const SplatFormat* format = find_splat_format(path);
+  if (start.compare(0, 3, "ply") == 0 || (format != nullptr && format != &splat_formats().front())) {
+    holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
   }
-  if (start.compare(0, 8, "B3DGSCKP") != 0) input_error(path, ": neither a PLY nor a checkpoint of b3dgs");
+  if (start.compare(0, 8, "B3DGSCKP") != 0)
+    input_error("unknown file format: ", path, " (expected a PLY or a b3dgs checkpoint)");
   describe_checkpoint(path);
   return 0;
 }

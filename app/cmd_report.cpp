@@ -1,4 +1,4 @@
-// b3dgs report: writes report.html of a training or a comparison again, from what its folder holds.
+// b3dgs report: rewrites report.html of a training or a comparison from the files in its folder.
 #include <filesystem>
 #include <iostream>
 
@@ -19,21 +19,21 @@ struct ReportOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReportOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"folder", 'm', {"model_path"}}, c.folder, Any{}, "folder of a trained model or of a comparison");
+  field(Option{"folder", 'm', {"model_path"}}, c.folder, Any{}, "model folder or folder of a comparison");
 }
 
 }  // namespace
 
 int run_report(const std::vector<std::string>& words) {
-  CommandLine line("report", "Writes report.html of a training or a comparison again: b3dgs report FOLDER.");
+  CommandLine line("report", "Rewrite report.html of a training or a comparison.", "b3dgs report output/garden");
   ReportOptions options;
   line.add(options, "Report", {"folder"});
   if (!line.parse(words)) return 0;
   line.apply(options);
-  if (options.folder.empty()) input_error("command line: of what? b3dgs report FOLDER");
+  if (options.folder.empty()) input_error("missing argument: FOLDER; usage: b3dgs report FOLDER");
 
   const fs::path folder = options.folder;
-  if (!fs::is_directory(folder)) input_error(folder.string(), ": no such folder");
+  if (!fs::is_directory(folder)) input_error("folder not found: ", folder.string());
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);
@@ -41,9 +41,8 @@ int run_report(const std::vector<std::string>& words) {
     std::cout << "written: " << (folder / "report.html").string() << "\n";
   } else {
     if (!fs::exists(folder / "config.json")) {
-      input_error(folder.string(),
-                  ": holds neither a training (config.json) nor a comparison (compare.json); name the ",
-                  "folder that -m named");
+      input_error("neither a model folder nor a comparison: ", folder.string(),
+                  " (expected config.json or compare.json); pass the folder that was given with -m");
     }
     const fs::path report = write_train_report(ModelFolder(folder));
     std::cout << "written: " << report.string() << "\n";

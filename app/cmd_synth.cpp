@@ -23,15 +23,15 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions
 }  // namespace
 
 int run_synth(const std::vector<std::string>& words) {
-  CommandLine line("synth", "Writes a synthetic scene as a COLMAP folder: b3dgs synth orbit OUTPUT.");
+  CommandLine line("synth", "Write a synthetic scene as a COLMAP folder.", "b3dgs synth orbit scenes/orbit");
   line.add(SynthConfig{}, "Scene", {"scene", "output"});
-  line.add(SynthCommandOptions{}, "Command");
+  line.add(SynthCommandOptions{}, "Run");
   if (!line.parse(words)) return 0;
   SynthConfig config;
   SynthCommandOptions options;
   line.apply(config);
   line.apply(options);
-  if (config.output.empty()) input_error("command line: where to? b3dgs synth ", config.scene, " OUTPUT");
+  if (config.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs synth ", config.scene, " OUTPUT");
   config = with_scene_defaults(config);
 
   StatusLine status = StatusLine::for_stderr(options.quiet);

@@ -1,4 +1,4 @@
-// b3dgs train: trains a COLMAP scene, from the beginning or from a checkpoint.
+// b3dgs train: trains a COLMAP scene, from the start or from a checkpoint.
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -14,7 +14,7 @@
 #include "core/command_line.h"
 #include "core/files/folder_lock.h"
 #include "core/print.h"
-#include "model/course.h"
+#include "model/training_id.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
@@ -38,75 +38,76 @@ struct TrainCommandOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions>> visit_fields(Config& c,
                                                                                                 Visitor&& field) {
-  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; options given here win over it");
-  field(Option{"resume", '\0', {"start_checkpoint"}}, c.resume, Any{},
-        "continue from a checkpoint, or from the newest valid one of a model folder, with its options unless others "
-        "are given; auto: the newest valid one of the folder given by -m, or the beginning if there is none");
-  field(Option{"overwrite"}, c.overwrite, Any{}, "replace the model that the model folder holds");
-  field(Option{"quiet"}, c.quiet, Any{}, "show no progress, no messages and no summary of the scene");
+  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
+  field(Option{"resume", '\0', {"start_checkpoint"}}.common(), c.resume, Any{},
+        "checkpoint or model folder to resume; auto: folder of -m, if it has a checkpoint");
+  field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing model in the output folder");
+  field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
   field(Option{"disable_viewer"}, c.disable_viewer, Any{},
-        "for command lines of the original: there is no viewer to disable");
+        "no effect; accepted for command lines of the original 3DGS");
 }
 
 /// What to train, from where, and where to.
 struct TrainPlan {
   TrainConfig config;
   TrainCommandOptions options;
-  fs::path checkpoint;  // to continue from, or empty
+  fs::path checkpoint;  // to resume, or empty
 };
 
 std::string default_model_path(const std::string& source_path) {
   return (fs::path("output") / scene_name(source_path)).string();
 }
 
-/// Defaults, then the config file, then the command line.
+/// Applies the config file, then the command line.
 void apply_given(const CommandLine& line, const TrainCommandOptions& options, TrainConfig& config) {
   if (!options.config.empty()) apply_config_file(config, options.config);
   line.apply(config);
 }
 
-/// The newest valid checkpoint of a model folder; empty if it has none at all.
+/// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
 fs::path newest_checkpoint(const ModelFolder& folder, const TrainCommandOptions& options, StatusLine& status) {
   fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
   if (checkpoint.empty() && !folder.checkpoint_iterations().empty() && !options.overwrite) {
-    input_error(folder.root().string(), ": all of its checkpoints are damaged; begin again in another folder (-m), or ",
-                "in this one with --overwrite");
+    input_error("all checkpoints are damaged: ", folder.root().string(),
+                "; start again in another folder (-m), or in this one with --overwrite");
   }
   return checkpoint;
 }
 
-/// What to continue from; empty: the beginning. Where that follows from the model folder, this is settled here.
+/// The checkpoint to resume; empty to start from the beginning. With --resume auto, sets config.model_path if empty.
 fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options, StatusLine& status) {
   if (options.resume != "auto") {
     if (!fs::is_directory(options.resume)) return options.resume;
     const ModelFolder folder(options.resume);
     fs::path checkpoint = newest_checkpoint(folder, options, status);
-    if (checkpoint.empty()) input_error(options.resume, ": holds no checkpoint (checkpoints/iteration_N.b3dgs)");
+    if (checkpoint.empty())
+      input_error("no checkpoint found: ", options.resume, " (expected checkpoints/iteration_N.b3dgs)");
     return checkpoint;
   }
   if (config.model_path.empty() && config.source_path.empty()) {
-    input_error("command line: --resume auto looks in the model folder; name it with -m, or the scene with -s");
+    input_error("--resume auto needs the model folder (-m) or the scene (-s)");
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   fs::path checkpoint = newest_checkpoint(ModelFolder(config.model_path), options, status);
-  if (checkpoint.empty()) status.print(config.model_path + ": no checkpoint to resume, starting from the beginning");
+  if (checkpoint.empty())
+    status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
   return checkpoint;
 }
 
-/// The config that a checkpoint was trained with, its model folder being the one in which it lies now.
+/// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
 TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
   TrainConfig config;
   if (!header.contains("config"))
-    input_error(checkpoint.string(), ": holds no config; it is no checkpoint of a training");
+    input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
   config_from_json(config, header["config"], checkpoint.string());
-  config.device = TrainConfig{}.device;  // belongs to the machine, not to the training
+  config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
   return config;
 }
 
-/// The options of a training that has not come to its first checkpoint.
+/// The options of a training that was interrupted before its first checkpoint.
 TrainConfig config_of_folder(const std::string& model_path) {
   TrainConfig config = ModelFolder(model_path).read_config();
   config.device = TrainConfig{}.device;
@@ -129,35 +130,35 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     config = config_of_folder(config.model_path);
     apply_given(line, options, config);
   }
-  if (config.source_path.empty()) input_error("command line: which scene? b3dgs train SCENE, or -s SCENE");
+  if (config.source_path.empty())
+    input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
   return plan;
 }
 
-/// A model is hours of work: it is not replaced by accident. True if it is to be replaced.
+/// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
   if (!plan.checkpoint.empty()) {
-    const auto course = read_checkpoint_header(plan.checkpoint).value("course", "");
-    if (!plan.options.overwrite) check_course(folder, plan.checkpoint, course);
-    const bool is_replaced = !has_room_for(folder, plan.checkpoint, course);
+    const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
+    if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
+    const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);
     std::error_code error;
     if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
-      input_error(plan.checkpoint.string(), ": is of another training than the model around it, and --overwrite would ",
-                  "remove both; move it elsewhere first");
+      input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),
+                  " (--overwrite would remove it, too); move it elsewhere first");
     }
     return is_replaced;
   }
   if (plan.options.overwrite) return true;
   if (!folder.holds_model()) return false;
-  input_error(folder.root().string(), ": already holds a model; ",
-              folder.checkpoint_iterations().empty() ? "it has no checkpoint to continue from: "
-                                                     : "continue it with --resume auto, ",
-              "replace it with --overwrite, or name another folder with -m");
+  input_error("output folder already holds a model: ", folder.root().string(), "; ",
+              folder.checkpoint_iterations().empty() ? "" : "resume it with --resume auto, ",
+              "replace it with --overwrite, or choose another folder with -m");
 }
 
-/// That the checkpoint is of this scene, at this size, is known before photographs are decoded.
+/// Checks that the checkpoint is of this scene at this image size, before photographs are decoded. @throws InputError
 void check_scene_of(const fs::path& checkpoint, const TrainConfig& config) {
   if (checkpoint.empty()) return;
   SceneOptions options = scene_options(config);
@@ -182,16 +183,16 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
                                 : "";
-  std::printf("%-12s%d iterations%s in %s (%s in all), %s Gaussians\n", "trained",
+  std::printf("%-12s%d iterations%s in %s (%s in total), %s Gaussians\n", "trained",
               result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
               format_duration(total_s).c_str(), format_count(result.n_gaussians).c_str());
   if (result.peak_memory_bytes > 0) {
-    std::printf("%-12s%s at most, besides the CUDA context\n", "GPU memory",
+    std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
                 format_gigabytes(result.peak_memory_bytes).c_str());
   }
   report_quality(result);
   if (result.n_removed > 0) {
-    std::printf("%-12s%s Gaussians that could not be rendered\n", "removed", format_count(result.n_removed).c_str());
+    std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());
   }
   for (const fs::path& path : result.not_written) std::printf("%-12s%s\n", "not written", path.string().c_str());
   if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
@@ -202,9 +203,9 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
-  CommandLine line("train", "Trains a COLMAP scene: b3dgs train SCENE [-m MODEL].");
+  CommandLine line("train", "Train a COLMAP scene.", "b3dgs train scenes/garden -m output/garden --eval");
   TrainCommandOptions options;
-  line.add(options, "Command");
+  line.add(options, "Run");
   line.add(TrainConfig{}, "Training", {"source_path"});
   if (!line.parse(words)) return 0;
   line.apply(options);
@@ -218,7 +219,7 @@ int run_train(const std::vector<std::string>& words) {
   set_compute_threads(config.threads);
   const ModelFolder folder(config.model_path);
   const EmptyFolderGuard guard(folder.root());
-  const FolderLock lock(folder.root());  // before the images are read: an unwritable folder is known at once
+  const FolderLock lock(folder.root());  // before photographs are read, so that a read-only folder fails early
   const bool is_replaced = guard_model(folder, plan);
   check_scene_of(plan.checkpoint, config);
 
@@ -263,7 +264,7 @@ int run_train(const std::vector<std::string>& words) {
   record_session({describe_machine(device), reading_s, result}, trainer, scene, folder);
   std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
   if (!result.interrupted) return 0;
-  std::cout << "stopped by a signal; continue with b3dgs train --resume " << result.checkpoint.string() << "\n";
+  std::cout << "stopped by a signal; resume with: b3dgs train --resume " << result.checkpoint.string() << "\n";
   return 128 + stop_signal();
 }
 

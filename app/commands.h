@@ -1,6 +1,5 @@
-// The subcommands. Each reads its words (those after its name), builds objects, calls one library function and reports:
-// results to standard output, progress and warnings to standard error. Faults are thrown; main() turns them into a line
-// and an exit code.
+// The subcommands. Each parses the words after its name, calls the libraries and reports: results to standard output,
+// progress and warnings to standard error. Errors are thrown; main() turns them into a message and an exit code.
 #pragma once
 
 #include <string>
@@ -15,16 +14,16 @@ struct CommandName {
 
 inline constexpr CommandName kCommandNames[] = {
     {"train", "train a COLMAP scene"},
-    {"eval", "measure a trained model on its photographs: PSNR, SSIM"},
+    {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
-    {"info", "say what a scene folder, a PLY or a checkpoint holds"},
+    {"info", "describe a scene folder, model folder, PLY or checkpoint"},
     {"synth", "write a synthetic COLMAP scene"},
-    {"compare", "train a scene with several configurations and compare time and quality"},
-    {"report", "write report.html of a training or a comparison again"},
-    {"bench", "time the rasterizer's kernels and passes"},
+    {"compare", "train a scene with several configurations; compare time and quality"},
+    {"report", "rewrite report.html of a training or a comparison"},
+    {"bench", "time kernels, rendering passes and training steps"},
 };
 
-/// Exit code of a command that did what it was asked: 0, or 128 + signal for a training or comparison that was stopped.
+/// Each returns its exit code: 0, or 128 + signal for a training or comparison that a signal stopped.
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
@@ -33,7 +32,7 @@ int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
 int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
-int run_bench_sweep(const std::vector<std::string>& words);  // what `bench sweep` does
-int run_bench_step(const std::vector<std::string>& words);   // what `bench step` does
+int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
+int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
 
 }  // namespace b3dgs

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "train/device.h"
 #include "train/threads.h"
 
@@ -21,21 +22,23 @@ namespace fs = std::filesystem;
 int choose_iteration(const ModelFolder& folder, int wanted) {
   const std::vector<int> saved = folder.ply_iterations();
   if (saved.empty()) {
-    input_error(folder.root().string(),
-                ": no trained model here (no point_cloud/iteration_N); train one with b3dgs train");
+    input_error("no trained model: ", folder.root().string(),
+                " (expected point_cloud/iteration_N/); train one with b3dgs train");
   }
   if (wanted < 0) return saved.back();
   if (std::find(saved.begin(), saved.end(), wanted) != saved.end()) return wanted;
   std::string list;
   for (const int iteration : saved) list += (list.empty() ? "" : ", ") + std::to_string(iteration);
-  input_error(folder.root().string(), ": no iteration ", wanted, "; saved are ", list);
+  input_error("iteration ", wanted, " was not saved: ", folder.root().string(), " (found ", list, ")");
 }
 
 /// Everything but the scene.
 LoadedModel load_gaussians(const ModelOptions& options) {
-  if (options.model_path.empty()) input_error("command line: which model? Name its folder with -m");
-  if (!fs::exists(options.model_path)) input_error(options.model_path, ": no such folder");
-  if (!fs::is_directory(options.model_path)) input_error(options.model_path, ": is a file; expected a model folder");
+  if (options.model_path.empty()) input_error("missing argument: MODEL_PATH; see --help");
+  if (!fs::exists(options.model_path)) input_error("model folder not found: ", options.model_path);
+  if (!fs::is_directory(options.model_path)) {
+    input_error("not a directory: ", options.model_path, " (expected a model folder)");
+  }
   LoadedModel model;
   model.folder = ModelFolder(options.model_path);
   model.iteration = choose_iteration(model.folder, options.iteration);
@@ -44,7 +47,7 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   return model;
 }
 
-/// The options that have to do with this run, not with the training.
+/// Applies the options that may differ from those of the training.
 void apply_options(LoadedModel& model, const ModelOptions& options) {
   if (!options.source_path.empty()) model.config.source_path = options.source_path;
   make_absolute(model.config.source_path);
@@ -59,7 +62,7 @@ Scene open_cameras(const TrainConfig& config, StatusLine& status) {
   return open_scene(options, status);
 }
 
-/// The views of a training, from its cameras.json.
+/// The views used for training, from cameras.json.
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
@@ -72,14 +75,14 @@ Scene scene_of_cameras(const LoadedModel& model) {
   return scene;
 }
 
-/// Where a scene's views differ from those of cameras.json.
+/// How the views of a scene differ from those in cameras.json.
 struct SceneDifference {
-  bool views = false;  // other names, another number of them, or other poses
-  bool sizes = false;
+  bool views = false;  // their number, names or poses
+  bool sizes = false;  // of the images
 };
 
 SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Scene& scene) {
-  constexpr double kSameShare = 1e-6;  // of the largest coordinate: JSON keeps all digits, a product of matrices not
+  constexpr double kTolerance = 1e-6;  // relative to the largest coordinate: centres are products of rounded matrices
   std::map<std::string, const Camera*> trained;
   for (const NamedCamera& named : cameras) trained[named.name] = &named.camera;
   SceneDifference difference;
@@ -94,7 +97,7 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
       const std::array<double, 3> was = found->second->center(), is = view.camera.center();
       for (std::size_t i = 0; i < 3; ++i) {
         const double size = std::max({1.0, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
-        difference.views = difference.views || !(std::abs(was[i] - is[i]) <= kSameShare * size);
+        difference.views = difference.views || !(std::abs(was[i] - is[i]) <= kTolerance * size);
       }
       difference.sizes =
           difference.sizes || found->second->width != view.camera.width || found->second->height != view.camera.height;
@@ -130,10 +133,10 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
 
 LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
   if (options.source_path.empty()) {
-    input_error(ply.string(), ": a PLY has no cameras; name a scene that has them with -s, or render a model folder");
+    input_error("no cameras for the PLY: ", ply.string(), "; name a scene with -s, or render a model folder");
   }
   LoadedModel model;
-  model.splats = read_splat_ply(ply);
+  model.splats = read_splats(ply);
   apply_options(model, options);
   model.scene = open_cameras(model.config, status);
   return model;
@@ -160,7 +163,7 @@ std::string results_variant(const LoadedModel& model, const ModelOptions& option
   if (difference.sizes && model.config.resolution != trained.resolution) {
     variant += detail::concat(variant.empty() ? "r" : "_r", model.config.resolution);
   } else if (difference.sizes && !difference.views) {
-    variant = scene;  // the same views from photographs of another size
+    variant = scene;  // same views, but photographs of another size
   }
   return variant;
 }

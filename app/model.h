@@ -1,4 +1,4 @@
-// A trained model, loaded for measuring or rendering, and the options that choose it.
+// Loads a trained model for evaluation or rendering, as selected by command-line options.
 #pragma once
 
 #include <filesystem>
@@ -27,49 +27,49 @@ struct ModelOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{}, "folder of the trained model");
-  field(Option{"iteration"}, c.iteration, AtLeast{-1}, "which of the saved iterations; -1: the last");
+  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{}, "model folder");
+  field(Option{"iteration"}, c.iteration, AtLeast{-1}, "saved iteration to load (-1 = the last)");
   field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{},
-        "folder of the COLMAP scene, if it is no longer where the model was trained");
+        "COLMAP scene folder, if not the one used for training");
   field(Option{"resolution", 'r', {"data_factor"}}, c.resolution, AtLeast{-1},
-        "as for train; 0: as the model was trained");
+        "image size, as in b3dgs train (0 = as in training)");
   field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
-        "where to render; auto takes a GPU if there is one");
-  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
+        "where to render; auto: on a GPU if there is one");
+  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
 }
 
 struct LoadedModel {
-  TrainConfig config;  // that the model was trained with, options above applied
+  TrainConfig config;  // of the training, with the options above applied
   ModelFolder folder{""};
-  int iteration = 0;  // 0 if it came from a single PLY
+  int iteration = 0;  // 0 if loaded from a single PLY
   SplatCloud splats;
   Scene scene;
 };
 
-/// Reads the folder's config and PLY and loads the scene with its photographs. @throws InputError
+/// Reads config and PLY of the model folder, and loads the scene with its photographs. @throws InputError
 LoadedModel load_model(const ModelOptions& options, StatusLine& status);
 
-/// As load_model(), for rendering: the views are those of the folder's cameras.json and have no photographs. With
-/// another scene or resolution in the options, they are the scene's.
+/// Like load_model(), but without photographs. The views are those in the model folder's cameras.json, or those of the
+/// scene if the options name a scene or a resolution.
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
-/// Reads a PLY and the views of the scene that `options.source_path` names, without photographs. @throws InputError
+/// Loads a PLY, and the views of the scene `options.source_path` without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
 
-/// load_scene() with its progress and warnings.
+/// Calls load_scene() and shows its progress and warnings.
 Scene open_scene(const SceneOptions& options, StatusLine& status);
 
 SceneOptions scene_options(const TrainConfig& config);
 
-/// How images of a model are rendered on the device of its config: nothing is kept for a backward pass.
+/// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);
 
-/// For results of a model's loaded scene (ModelFolder::results_key): "" where views and sizes are those it was trained
-/// with, wherever the scene lies now; else the scene's name, "r4" for another resolution, or both.
+/// Suffix for ModelFolder::results_key(). Empty if views and image sizes are those of the training, even if the scene
+/// folder has moved; else the scene's name, "r4" for another resolution, or both.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
 
-/// Folder for images of a split or path, as the original 3DGS names it: MODEL/test/ours_7000.
+/// Folder for images of a split or camera path, named as by the original 3DGS: MODEL/test/ours_7000.
 std::filesystem::path image_folder(const LoadedModel& model, const std::string& set);
 
 /// "00012.png"

@@ -21,7 +21,7 @@ Image8 small(const Image8& image) {
   return resize_image(image, kPreviewWidth, std::max(1, image.height * kPreviewWidth / image.width));
 }
 
-/// Views that lie evenly in the list, the first among them.
+/// The first view and others at equal distances in the list.
 std::vector<View> choose_views(const std::vector<View>& views) {
   std::vector<View> chosen;
   const std::size_t n = std::min(kPreviews, views.size());

@@ -9,18 +9,18 @@
 
 namespace b3dgs {
 
-/// Renders up to three views (of the held-out ones, if there are any) with the model as it stands and writes them into
-/// the record. For TrainHooks::on_result: later an opacity reset may have made them dark. @throws IoError
+/// Renders up to three views (test views if there are any) and saves them for the report. To be called from
+/// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. @throws IoError
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder);
 
-/// What one session of a training adds to the record.
+/// What one session adds.
 struct SessionRecord {
   nlohmann::ordered_json machine;
   double reading_s = 0;
   TrainResult result;
 };
 
-/// Adds a session, and the views if there are none of this iteration: an interrupted training has not come to them.
+/// Adds a session, and the views if record_previews() was not called at this iteration, as in an interrupted training.
 /// @throws IoError
 void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder);
 

@@ -17,16 +17,16 @@ std::atomic<std::int64_t> asked_at_ms{0};
 
 std::int64_t now_ms() {
   timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);  // of the few calls that a signal handler may make
+  clock_gettime(CLOCK_MONOTONIC, &now);  // async-signal-safe
   return std::int64_t{now.tv_sec} * 1000 + now.tv_nsec / 1000000;
 }
 
-/// timeout(1) and some batch systems signal the program and its group: two signals that mean one. Who asks again later
-/// wants an end at once.
+/// timeout(1) and some batch systems signal both the program and its process group, so two signals in quick succession
+/// are one request. A later second signal means: stop immediately.
 extern "C" void ask_to_stop(int signal) {
   constexpr std::int64_t kOneRequestMs = 500;
-  int nothing = 0;
-  if (asked_to_stop.compare_exchange_strong(nothing, signal)) {
+  int none = 0;
+  if (asked_to_stop.compare_exchange_strong(none, signal)) {
     asked_at_ms = now_ms();
   } else if (asked_at_ms > 0 && now_ms() - asked_at_ms > kOneRequestMs) {
     std::signal(signal, SIG_DFL);
@@ -64,7 +64,7 @@ EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {
 }
 
 EmptyFolderGuard::~EmptyFolderGuard() {
-  std::error_code error;  // that it is not empty, usually
+  std::error_code error;  // ignored: usually the folder is not empty
   if (!folder_.empty()) fs::remove(folder_, error);
 }
 

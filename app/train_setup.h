@@ -1,4 +1,4 @@
-// What `train` and `compare` share: signals, paths, and the folders that models go into.
+// Shared by `train` and `compare`: signals, paths and model folders.
 #pragma once
 
 #include <atomic>
@@ -9,20 +9,20 @@
 
 namespace b3dgs {
 
-/// The number of the signal that asked the program to stop, or 0.
+/// The signal that asked the program to stop, or 0.
 const std::atomic<int>& stop_signal();
 
-/// From now on the first SIGINT or SIGTERM asks for a checkpoint. Another one more than half a second later ends the
-/// program at once.
+/// From now on, the first SIGINT or SIGTERM makes training write a checkpoint and stop. A second one, at least half a
+/// second later, ends the program immediately.
 void catch_stop_signals();
 
-/// A path that stays right when a later command runs in another folder; an empty one stays empty.
+/// Makes a path independent of the working folder. An empty path stays empty.
 void make_absolute(std::string& path);
 
-/// Takes away what an earlier training left, so that none of it is taken for the new one's.
+/// Removes the files of an earlier training from a model folder, so that they are not mistaken for those of a new one.
 void remove_model(const ModelFolder& folder);
 
-/// Takes a folder that was made for the model away again if nothing came to be in it.
+/// Removes a folder at the end of the scope if it did not exist before and is empty.
 class EmptyFolderGuard {
  public:
   explicit EmptyFolderGuard(const std::filesystem::path& folder);

@@ -1,5 +1,5 @@
-// `orbit`: coloured solids on a chequered ground, made of Gaussians that lie flat on the surfaces; cameras on a wavy
-// ring around them. World: +z up, the ground at z = 0.
+// `orbit`: coloured solids on a chequered ground, made of flat Gaussians on the surfaces; cameras on a ring of varying
+// height around them. World frame: +z up, the ground at z = 0.
 #include <algorithm>
 #include <cmath>
 
@@ -15,10 +15,10 @@ constexpr double kGroundRadius = 2.6;
 constexpr double kOrbitRadius = 4.4;
 constexpr double kFieldOfView = 50 * kPi / 180;    // horizontal
 constexpr Vec3<double> kTarget{0, 0, 0.35};        // cameras look here
-constexpr Vec3<double> kLight{0.48, -0.36, 0.80};  // unit vector towards the light that shines on some solids
-constexpr double kPointShare = 0.5;                // of the Gaussians that structure from motion finds
-constexpr double kPointNoise = 0.01;               // of their positions, world units
-constexpr double kColorNoise = 8;                  // of their colours, steps of 8 bits
+constexpr Vec3<double> kLight{0.48, -0.36, 0.80};  // unit vector towards the light, for highlights
+constexpr double kPointShare = 0.5;                // of the Gaussians, found as points by structure from motion
+constexpr double kPointNoise = 0.01;               // of the points' positions, world units
+constexpr double kColorNoise = 8;                  // of the points' colours, in 8-bit levels
 
 using Vec = Vec3<double>;
 
@@ -32,7 +32,7 @@ Vec mix(Vec a, Vec b, double share) {
   return (1 - share) * a + share * b;
 }
 
-/// A place on a surface: what a Gaussian is made from.
+/// A point on a surface, from which a Gaussian is made.
 struct SurfacePoint {
   Vec position, normal, color;
   double gloss = 0;  // strength of the highlight
@@ -49,7 +49,7 @@ SurfacePoint ground(Random& random) {
   return {at, {0, 0, 1}, color};
 }
 
-/// Banded like a planet, and shining.
+/// Banded and glossy.
 SurfacePoint ball(Random& random) {
   const double height = random.uniform(-1, 1), angle = random.uniform(0, 2 * kPi);
   const double ring = std::sqrt(1 - height * height);
@@ -58,7 +58,7 @@ SurfacePoint ball(Random& random) {
   return {Vec{-0.9, -0.5, 0.6} + 0.6 * normal, normal, color, 0.25};
 }
 
-/// Each face in two shades of its own colour. No bottom: it stands on the ground.
+/// Each face in two shades of one colour. No bottom face: the box stands on the ground.
 SurfacePoint box(Random& random) {
   constexpr double kHalf = 0.42;
   static constexpr Vec kFaceColors[5] = {
@@ -78,7 +78,7 @@ SurfacePoint box(Random& random) {
   return {Vec{0.85, -0.45, kHalf} + kHalf * local, normal, color};
 }
 
-/// Lying flat, striped around, and shining.
+/// A torus lying on the ground, striped and glossy.
 SurfacePoint ring(Random& random) {
   constexpr double kMajor = 0.55, kMinor = 0.2;
   const double along = random.uniform(0, 2 * kPi);
@@ -104,12 +104,12 @@ constexpr Solid kSolids[] = {
     {4 * kPi * kPi * 0.55 * 0.2, ring},
 };
 
-/// Solids get twice as many Gaussians per area as the ground: they are what one looks at.
+/// Solids get twice as many Gaussians per area as the ground, since the cameras look at them.
 double weighted_area(const Solid& solid) {
   return solid.sample == ground ? solid.area : 2 * solid.area;
 }
 
-/// Appends a flat Gaussian on the surface, turned at random about the normal.
+/// Appends a flat Gaussian on the surface, rotated randomly about the normal.
 void append_gaussian(const SurfacePoint& at, double spacing, Random& random, SplatCloud& cloud) {
   const Vec helper = std::abs(at.normal.z) < 0.9 ? Vec{0, 0, 1} : Vec{1, 0, 0};
   const Vec u = normalized(cross(helper, at.normal)), v = cross(at.normal, u);
@@ -133,8 +133,8 @@ void append_gaussian(const SurfacePoint& at, double spacing, Random& random, Spl
     cloud.sh0.push_back(sh0_from_color(std::clamp(value + shade, 0.02, 0.98)));
   }
 
-  // A highlight: brightest where the view runs along the mirrored light. Coefficients of a lobe are the basis at its
-  // axis; a white light adds the same to each channel.
+  // A highlight, brightest for view directions along the reflected light. The coefficients of a lobe are the SH basis
+  // evaluated at its axis; white light adds the same value to each channel.
   static constexpr double kDegreeWeights[4] = {0, 1, 0.6, 0.3};
   const Vec axis = kLight - 2 * dot(at.normal, kLight) * at.normal;
   double basis[16];

@@ -1,5 +1,5 @@
-// Random numbers that are the same with every standard library: the library's engine is specified bit by bit, its
-// distributions are not.
+// Random numbers that do not depend on the standard library: C++ specifies the output of std::mt19937_64 exactly, but
+// not that of the standard distributions.
 #pragma once
 
 #include <cmath>

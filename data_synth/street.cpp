@@ -1,5 +1,5 @@
-// `street`: aggregated LiDAR seen by a driving camera. Depths are log-uniform, so the load of the first iteration piles
-// up in the tiles at the horizon.
+// `street`: aggregated LiDAR points seen by a driving camera. Depths are log-uniform, so in the first iteration most of
+// the load is in the tiles at the horizon.
 #include <algorithm>
 #include <cmath>
 
@@ -19,10 +19,10 @@ constexpr double kFacadeSetback = 1.5;           // m, mean distance of facades 
 constexpr double kFacadeHeight = 9;              // m
 constexpr double kFocal = 800;                   // px at a width of 960
 constexpr double kViewSpacing = 1;               // m
-constexpr double kColorNoise = 0.1;              // of a point's colour, to either side
-constexpr double kShadeNoise = 0.05;             // of a Gaussian's colour
-constexpr double kTruthShare = 0.5;              // Gaussians of the truth for each point
-// Of --truth points: at the initial 0.1 the images would be a haze, and there would be nothing to learn.
+constexpr double kColorNoise = 0.1;              // maximum error of a point's colour
+constexpr double kShadeNoise = 0.05;             // standard deviation of a Gaussian's colour
+constexpr double kTruthShare = 0.5;              // true Gaussians per point
+// For --truth points. At the initial opacity of 0.1 the images would be hazy, with nothing to learn.
 constexpr double kOpacityOfPoints = 0.8;
 
 using Vec = Vec3<double>;
@@ -32,7 +32,7 @@ struct Place {
   bool is_road = false;
 };
 
-/// Every third is on the road. Bench figures depend on these draws: points of a seed stay what they are.
+/// Every third point is on the road. Published benchmarks depend on the order of these draws: do not change it.
 Place draw_place(int index, double skew, Random& random) {
   Place place;
   place.is_road = index % 3 == 0;
@@ -53,8 +53,7 @@ double fraction(double value) {
   return value - std::floor(value);
 }
 
-/// Asphalt with a dashed line in the middle and lines at the edges; houses of 12 m in colours of their own, with
-/// windows.
+/// Asphalt with a dashed centre line and edge lines; facades of 12 m, each in another colour, with windows.
 Vec texture(const Place& place) {
   const Vec& at = place.position;
   if (place.is_road) {
@@ -73,7 +72,7 @@ void append(const Vec& position, std::vector<float>& positions) {
   for (const double value : {position.x, position.y, position.z}) positions.push_back(static_cast<float>(value));
 }
 
-/// A flat Gaussian on its surface, turned at random in it.
+/// Scales and rotation of a flat Gaussian on its surface, with a random orientation in the plane.
 void append_shape(bool is_road, double size, Random& random, SplatCloud& cloud) {
   const double stretch = random.uniform(1, 2), wide = size * random.uniform(0.6, 1.2), thin = 0.2 * size;
   const double half_turn = random.uniform(0, 3.141592653589793);
@@ -91,10 +90,10 @@ void append_shape(bool is_road, double size, Random& random, SplatCloud& cloud) 
   }
 }
 
-/// Gaussians of the same surfaces, none of which is a point: places, sizes, shapes, opacities, and colours without the
-/// points' noise are left for training to find.
+/// Gaussians on the same surfaces, but not at the points: training must recover positions, sizes, shapes, opacities and
+/// noise-free colours.
 SplatCloud make_surfaces(const SynthConfig& config) {
-  Random random(config.seed + (std::int64_t{1} << 40));  // draws of its own
+  Random random(config.seed + (std::int64_t{1} << 40));  // independent of the points' draws
   SplatCloud truth;
   std::vector<Place> places;
   const int n = std::max(1, static_cast<int>(kTruthShare * config.points));
@@ -115,7 +114,7 @@ SplatCloud make_surfaces(const SynthConfig& config) {
   return truth;
 }
 
-/// The Gaussians that training starts from, but solid.
+/// The Gaussians that training starts from, but nearly opaque.
 SplatCloud make_from_points(const PointCloud& points) {
   SplatCloud truth;
   truth.means = points.positions;

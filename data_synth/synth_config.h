@@ -1,4 +1,4 @@
-// What a synthetic scene can be told.
+// Options of synthetic scenes.
 #pragma once
 
 #include <cstdint>
@@ -24,28 +24,26 @@ struct SynthConfig {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(
-      Option{"scene"}, c.scene, OneOf{{"orbit", "street"}},
-      "orbit: coloured solids on a ground, cameras around them; street: a LiDAR cloud along a road, a camera driving");
-  field(Option{"output"}, c.output, Any{}, "folder to write the scene to");
-  field(Option{"format"}, c.format, OneOf{{"binary", "text"}}, "form of the COLMAP model");
+  field(Option{"scene"}, c.scene, OneOf{{"orbit", "street"}},
+        "orbit: solids on a plane, cameras around; street: LiDAR points, driving camera");
+  field(Option{"output"}, c.output, Any{}, "output folder");
+  field(Option{"format"}, c.format, OneOf{{"binary", "text"}}, "format of the COLMAP model");
   field(Option{"image_format"}, c.image_format, OneOf{{"png", "jpg"}},
-        "of the images: png is exact, jpg is what cameras write and decodes faster");
-  field(Option{"seed"}, c.seed, AtLeast{0}, "of everything random");
-  field(Option{"points"}, c.points, AtLeast{0},
-        "Gaussians of orbit, LiDAR points of street; 0: 12000 for orbit, 200000 for street");
-  field(Option{"views"}, c.views, AtLeast{0}, "images; 0: 40 for orbit, 24 for street");
-  field(Option{"width"}, c.width, InRange{0, 16384}, "of the images, px; 0: 320 for orbit, 960 for street");
-  field(Option{"height"}, c.height, InRange{0, 16384}, "of the images, px; 0: 240 for orbit, 540 for street");
-  field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "of orbit's Gaussians; from 1 on, some of the solids shine");
+        "image format; png is lossless, jpg decodes faster");
+  field(Option{"seed"}, c.seed, AtLeast{0}, "random seed");
+  field(Option{"points"}, c.points, AtLeast{0}, "Gaussians of orbit or LiDAR points of street (0 = 12000 or 200000)");
+  field(Option{"views"}, c.views, AtLeast{0}, "number of images (0 = 40 for orbit, 24 for street)");
+  field(Option{"width"}, c.width, InRange{0, 16384}, "image width, px (0 = 320 for orbit, 960 for street)");
+  field(Option{"height"}, c.height, InRange{0, 16384}, "image height, px (0 = 240 for orbit, 540 for street)");
+  field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3},
+        "SH degree of orbit's Gaussians; if above 0, some of the solids are glossy");
   field(Option{"skew"}, c.skew, Above{0},
-        "of street: 1 draws depths log-uniformly; above 1 crowds them towards the horizon, below 1 towards the camera");
+        "depths in street; 1: log-uniform, > 1: more points far away, < 1: more nearby");
   field(Option{"truth"}, c.truth, OneOf{{"surfaces", "points"}},
-        "of street, what the images show: surfaces made of other Gaussians than training starts from, or the points "
-        "themselves, so that their places, sizes and colours are right from the start");
+        "render street from other Gaussians on its surfaces, or from the points");
 }
 
-/// The config with the scene's own numbers in place of zeros.
+/// The config with zeros replaced by the defaults of the scene.
 SynthConfig with_scene_defaults(SynthConfig config);
 
 }  // namespace b3dgs

@@ -1,5 +1,4 @@
-// Scenes with a known answer: Gaussians, cameras that look at them, and the points that structure from motion or LiDAR
-// would have found.
+// Scenes with a known ground truth: Gaussians, cameras, and the points that structure from motion or LiDAR would yield.
 #pragma once
 
 #include <array>
@@ -7,6 +6,7 @@
 
 #include "data_synth/synth_config.h"
 #include "model/formats/splat_cloud.h"
+#include "raster/math/opacity.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 #include "scene/point_cloud.h"
@@ -14,27 +14,27 @@
 namespace b3dgs {
 
 struct SynthScene {
-  SplatCloud truth;             // what the images show
+  SplatCloud truth;             // the Gaussians that the images are rendered from
   PointCloud points;            // what training starts from
   std::vector<Camera> cameras;  // in the order of the image names
 };
 
-/// Textured solids on a ground, cameras around them. Points are noisy samples of the Gaussians.
+/// Textured solids on a ground plane, cameras around them. Points are noisy samples of the Gaussians.
 SynthScene make_orbit(const SynthConfig& config);
 
-/// A road between facades as a LiDAR sees it, the camera driving along +z. The truth is made of other Gaussians than
-/// the points give, half as many; with config.truth "points" the points are the Gaussians' centres.
+/// A road between facades as seen by a LiDAR, with a camera driving along +z. The true Gaussians lie on the same
+/// surfaces as the points, but not at the points, and are half as many; with config.truth "points" they are centred at
+/// the points.
 SynthScene make_street(const SynthConfig& config);
 
-/// The scene that config.scene names.
+/// Makes the scene called config.scene.
 SynthScene make_scene(const SynthConfig& config);
 
-/// Renders one camera with the CPU rasterizer, on black.
+/// Renders a view with the CPU rasterizer on a black background.
 Image8 render_truth(const SplatCloud& truth, const Camera& camera);
 
-/// Colour in [0, 1] as the coefficient of SH degree 0, and back.
+/// Conversion between a colour value in [0, 1] and a coefficient of SH degree 0.
 float sh0_from_color(double color);
 double color_from_sh0(float coefficient);
-float logit(double probability);
 
 }  // namespace b3dgs

@@ -9,7 +9,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 
@@ -18,21 +18,22 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as ours
+constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
 
-/// Makes room for a new scene.
+/// Removes an earlier synthetic scene. @throws InputError if the folder contains anything else
 void prepare_folder(const fs::path& folder) {
   std::error_code error;
   const bool exists = fs::exists(folder, error);
   if (exists && !fs::is_directory(folder, error))
-    input_error(folder.string(), ": is a file, expected a folder to write to");
+    input_error("not a directory: ", folder.string(), " (expected an output folder)");
   if (!exists || fs::is_empty(folder, error)) return;
   if (!fs::exists(folder / kOptionsFile, error)) {
-    input_error(folder.string(), ": holds files that are no synthetic scene (no ", kOptionsFile,
-                "), and is left alone; name an empty or new folder");
+    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
+                "); choose a new or empty folder");
   }
   for (const char* part : {"images", "sparse", "truth.ply"}) {
-    if (!remove_tree(folder / part)) io_error((folder / part).string(), ": cannot be removed: ", std::strerror(errno));
+    if (!remove_tree(folder / part))
+      io_error("cannot remove ", (folder / part).string(), " (", std::strerror(errno), ")");
   }
 }
 
@@ -44,7 +45,7 @@ std::string image_name(std::size_t index, const SynthConfig& config) {
 
 ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   ColmapModel model;
-  const Camera& shared = scene.cameras.front();  // all views have the same intrinsics
+  const Camera& shared = scene.cameras.front();  // all views share the intrinsics
   ColmapCamera camera;
   camera.id = 1;
   camera.model = CameraModel::kPinhole;
@@ -81,7 +82,7 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   const fs::path folder = config.output;
   prepare_folder(folder);
   write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
-  write_splat_ply(folder / "truth.ply", scene.truth);
+  write_splats(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     write_image(folder / "images" / image_name(i, config), render_truth(scene.truth, scene.cameras[i]));
     if (on_image) on_image(i + 1, scene.cameras.size());

@@ -1,5 +1,5 @@
-// Puts a synthetic scene on disk as a COLMAP folder: images/, sparse/0/, truth.ply with the known Gaussians, and
-// synth.json with the options it was made from.
+// Writes a synthetic scene as a COLMAP folder: images/, sparse/0/, truth.ply with the true Gaussians, and synth.json
+// with the options.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +9,8 @@
 
 namespace b3dgs {
 
-/// Renders the images and writes everything to config.output. A folder that holds a synthetic scene is replaced.
-/// @throws InputError if the folder holds anything else: a real scene is not to be lost
+/// Renders the images and writes everything to config.output. Replaces an existing synthetic scene.
+/// @throws InputError if the folder contains anything else, which protects real scenes
 /// @throws IoError if something cannot be written
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t done, std::size_t total)>& on_image = {});

@@ -102,26 +102,20 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
 void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame, BenchFile& file) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::vector<float> grad_color(frame.color.size(), 1.0f / static_cast<float>(frame.color.size()));
-  std::vector<SplatGrad> isect_grads(static_cast<std::size_t>(frame.bins.n_isects));
+  std::vector<SplatGrad> pair_grads(static_cast<std::size_t>(frame.bins.n_pairs));
   std::vector<float> means(3 * n), log_scales(3 * n), quats(4 * n), opacities(n), sh0(3 * n),
       shN(scene.cloud.shN.size()), means2d(2 * n);
   cpu::blend_forward(ForwardKernel::kSharedMemory, frame.forward);
   const BlendForwardArgs& f = frame.forward;
-  const BlendBackwardArgs backward{f.splats,
-                                   f.extents,
-                                   f.bins,
-                                   f.grid,
-                                   f.background,
-                                   f.out,
-                                   f.transmittance,
-                                   f.last_ids,
-                                   {grad_color.data(), nullptr, nullptr},
-                                   isect_grads.data()};
+  const BlendBackwardArgs backward{f.splats,         f.extents,    f.bins,
+                                   f.grid,           f.background, f.out,
+                                   f.transmittance,  f.last_ids,   {grad_color.data(), nullptr, nullptr},
+                                   pair_grads.data()};
   const GaussianGradArrays grads{means.data(), log_scales.data(), quats.data(),  opacities.data(),
                                  sh0.data(),   shN.data(),        means2d.data()};
   const ProjectBackwardArgs project_backward{
       frame.project.gaussians, frame.project.view,      frame.project.sh_degree, f.splats,
-      frame.n_splats,          frame.bins.slot_offsets, isect_grads.data(),      grads};
+      frame.n_splats,          frame.bins.slot_offsets, pair_grads.data(),       grads};
 
   PassTable table("pass");
   const auto add = [&](const char* name, const std::function<void()>& body) {

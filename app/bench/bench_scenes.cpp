@@ -8,7 +8,9 @@
 #include "data_synth/synth_scene.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
+#include "model/raster_input.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -134,7 +136,7 @@ BenchScene read_bench_scene(const BenchConfig& config) {
   }
   BenchScene scene;
   scene.name = config.ply.empty() ? config.scene : config.ply;
-  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splat_ply(config.ply);
+  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
   if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
   scene.view = to_pinhole_view(choose_view(content.cameras, config.view));
   if (scene.cloud.size() == 0)
@@ -156,10 +158,7 @@ void resolve_auto(BenchRun& run) {
 }
 
 GaussianArrays BenchScene::arrays() const {
-  return {cloud.size(),       cloud.sh_degree,
-          cloud.means.data(), cloud.log_scales.data(),
-          cloud.quats.data(), cloud.logit_opacities.data(),
-          cloud.sh0.data(),   cloud.shN.data()};
+  return to_gaussian_arrays(cloud);
 }
 
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {

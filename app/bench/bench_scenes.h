@@ -27,17 +27,16 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fi
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
   field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},
-        "tile size, px, as in b3dgs train; auto is the faster one: 16x8 on a GPU, 16x16 on a CPU");
+        "tile size, px, as in b3dgs train (auto: 16x8 on a GPU, 16x16 on a CPU)");
   field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px; overrides --tile (0 = as in --tile)");
   field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px; overrides --tile (0 = as in --tile)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
-        "which tiles list a splat: those that its ellipse touches, or those of its 3-sigma square");
+        "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
-  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "number of timed runs, of which the median is shown");
-  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
-        "device to time; auto selects a GPU if there is one");
+  field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed repetitions after one warm-up; the median is shown");
+  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto: a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
-  field(Option{"json"}, c.json, Any{}, "also write all results to this JSON file");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
 /// Visits the options that a benchmark's config inherits from BenchRun.
@@ -84,19 +83,14 @@ struct BenchConfig : BenchRun {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"scene"}, c.scene, Any{},
-        "street (synthetic LiDAR points along a road, initialized as in training: a very uneven load), balanced "
-        "(synthetic Gaussians spread over the image, evenly or by --skew), a COLMAP folder (its points, initialized as "
-        "in training), or a model folder (its last PLY)");
-  field(Option{"ply"}, c.ply, Any{}, "use the Gaussians of this PLY instead of the folder's");
-  field(Option{"cameras"}, c.cameras, Any{}, "use the cameras of this cameras.json instead of the folder's");
+  field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
+  field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this PLY instead");
+  field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
   field(Option{"view"}, c.view, Any{}, "use the camera of this image (default: the first)");
-  field(Option{"images", 'i'}, c.images, Any{}, "image folder within a COLMAP folder");
+  field(Option{"images", 'i'}, c.images, Any{}, "image folder inside the COLMAP folder");
   field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and balanced");
   field(Option{"skew"}, c.skew, InRange{0, 2},
-        "distribution of balanced: density is proportional to (distance from the image centre)^(-2 skew); 0 is even, 1 "
-        "is "
-        "as uneven as street");
+        "density of balanced ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_run_fields(c, field);
 }
 

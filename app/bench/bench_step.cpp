@@ -37,11 +37,11 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchStepOptions>> visit_fields(Config& c,
                                                                                              Visitor&& field) {
   field(Option{"steps"}, c.steps, InRange{1, 100000},
-        "number of timed training steps, of which the median of each stage is shown");
+        "number of timed training steps; the median of each stage is shown");
   field(Option{"warmup"}, c.warmup, InRange{0, 100000}, "number of steps before them that are not timed");
   field(Option{"checkpoint"}, c.checkpoint, Any{},
-        "start from this checkpoint with its options, unless others are given, instead of from the scene's points");
-  field(Option{"json"}, c.json, Any{}, "also write all results to this JSON file");
+        "start from this checkpoint, with its options, instead of the scene's points");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
 /// Times of the steps after the warm-up.
@@ -203,8 +203,8 @@ Json report_steps(const StepTimes& times, const TrainConfig& config, const StepS
 
 int run_bench_step(const std::vector<std::string>& words) {
   BenchStepOptions options;
-  CommandLine line("bench step",
-                   "Times whole training steps by stage, without writing a model: b3dgs bench step SOURCE_PATH.");
+  CommandLine line("bench step", "Time whole training steps by stage. No model is written.",
+                   "b3dgs bench step scenes/garden --steps 200");
   line.add(options, "Benchmark");
   line.add(TrainConfig{}, "Training", {"source_path"},
            {"model_path", "iterations", "test_iterations", "save_iterations", "checkpoint_iterations",

@@ -21,11 +21,9 @@ struct SweepConfig : BenchRun {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SweepConfig>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"points"}, c.points, AtLeast{1},
-        "numbers of Gaussians (default: 250000 1000000 4000000 on a GPU, a tenth of these on the CPU)");
-  field(
-      Option{"skew"}, c.skew, InRange{0, 2},
-      "distributions of Gaussians: density is proportional to (distance from the image centre)^(-2 skew); 0 is even, 1 "
-      "is as uneven as street. All have opacity 0.1 and sizes that follow from their spacing, as in a first iteration");
+        "numbers of Gaussians (none = 250000 1000000 4000000; on a CPU a tenth of them)");
+  field(Option{"skew"}, c.skew, InRange{0, 2},
+        "density ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_run_fields(c, field);
 }
 
@@ -74,10 +72,11 @@ nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes&
 
 int run_bench_sweep(const std::vector<std::string>& words) {
   SweepConfig config;
-  CommandLine line(
-      "bench sweep",
-      "Times every forward kernel on synthetic scenes: all combinations of --points (number of Gaussians) and --skew "
-      "(how unevenly they are distributed), in the state of a first iteration.");
+  CommandLine line("bench sweep",
+                   "Time every forward kernel on a grid of synthetic scenes, by number and distribution of Gaussians, "
+                   "in the state of "
+                   "a first iteration. Times are in ms, list lengths in Gaussians per tile.",
+                   "b3dgs bench sweep --json sweep.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   line.apply(config);

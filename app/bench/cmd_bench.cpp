@@ -13,9 +13,9 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   BenchConfig config;
   CommandLine line(
       "bench",
-      "Times the blending kernels and the passes of one view: b3dgs bench [kernels] [street|balanced|SCENE|MODEL]. "
-      "See also: b3dgs bench step (a training step by stage) and b3dgs bench sweep (forward kernels over numbers and "
-      "distributions of Gaussians).");
+      "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
+      "bench sweep` times the forward kernels for various numbers and distributions of Gaussians.",
+      "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);

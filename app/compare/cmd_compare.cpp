@@ -35,24 +35,15 @@ struct CompareOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(
-      Option{"configs"}, c.configs, Any{},
-      "configurations to compare, separated by commas; the first is the baseline. Each is [NAME:]PART+PART..., where a "
-      "part is a --kernel, option=value for any training option below, or original (naive, per-pixel backward pass, "
-      "square culling, 16x16 tiles: closest to the original 3DGS trainer). Example: "
-      "naive,adaptive,shared-memory+culling=square");
-  field(Option{"seeds"}, c.seeds, AtLeast{0}, "random seeds to train with, one after the other (instead of --seed)");
-  field(Option{"noise"}, c.noise, Any{},
-        "train the first configuration twice and show the run-to-run variation beside every difference");
-  field(Option{"chunk"}, c.chunk, AtLeast{1},
-        "iterations per turn; the configurations take turns, so that changes in the speed of the machine affect all of "
-        "them alike");
-  field(Option{"config"}, c.config, Any{},
-        "JSON file with training options as keys; options on the command line override it");
-  field(Option{"resume"}, c.resume, Any{},
-        "resume the comparison in the output folder (-m) with its options, unless others are given");
-  field(Option{"overwrite"}, c.overwrite, Any{}, "replace the comparison in the output folder");
-  field(Option{"quiet"}, c.quiet, Any{}, "do not show progress, messages and the summary of the scene");
+  field(Option{"configs"}.common(), c.configs, Any{},
+        "[NAME:]PART+PART..., comma-separated; PART: kernel, original or option=value");
+  field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
+  field(Option{"noise"}, c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
+  field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations are trained in turns");
+  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
+  field(Option{"resume"}.common(), c.resume, Any{}, "resume the comparison in the output folder (-m)");
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing comparison in the output folder");
+  field(Option{"quiet"}, c.quiet, Any{}, "print results and warnings only");
 }
 
 /// Holds out test views unless --no_eval is given, because times should be compared at equal quality.
@@ -194,11 +185,12 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
 }  // namespace
 
 int run_compare(const std::vector<std::string>& words) {
-  CommandLine line(
-      "compare",
-      "Trains a COLMAP scene with several configurations in turns and compares time and quality: "
-      "b3dgs compare SOURCE_PATH [-m OUTPUT]. Writes compare.json, report.html and the models. The models of "
-      "all configurations are in memory at the same time.");
+  CommandLine line("compare",
+                   "Train a COLMAP scene with several configurations in turns, and compare time and quality. Writes "
+                   "compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
+                   "first of --configs is the baseline; `original` stands for the options that are closest to the "
+                   "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles).",
+                   "b3dgs compare scenes/garden --configs original,naive,adaptive+culling=square");
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});

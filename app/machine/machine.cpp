@@ -14,7 +14,7 @@
 namespace b3dgs {
 namespace {
 
-/// The value of the first "model name : VALUE" of /proc/cpuinfo.
+/// The first "model name" in /proc/cpuinfo; empty if there is none.
 std::string cpu_name() {
   std::ifstream file("/proc/cpuinfo");
   for (std::string line; std::getline(file, line);) {

@@ -1,4 +1,4 @@
-// What a figure was measured on: without it, a time says nothing.
+// Description of the machine, to store along with measured times.
 #pragma once
 
 #include <torch/types.h>
@@ -6,11 +6,11 @@
 
 namespace b3dgs {
 
-/// "program", "cpu", "cores" (logical), "memory_gb", "libtorch", "device"; of a device that is a GPU also "gpu",
-/// "gpu_memory_gb", "driver" and "cuda". What the system does not tell is left out.
+/// Keys: "program", "cpu", "cores" (logical), "memory_gb", "libtorch", "device"; if `device` is a GPU also "gpu",
+/// "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
 nlohmann::ordered_json describe_machine(const torch::Device& device);
 
-/// The GPU's part. Only in builds with CUDA.
+/// Adds the keys of a GPU. Only in builds with CUDA.
 void describe_gpu(nlohmann::ordered_json& machine);
 
 }  // namespace b3dgs

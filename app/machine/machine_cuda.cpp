@@ -1,4 +1,4 @@
-// The only part of the machine's description that asks the CUDA runtime.
+// The part of the machine description that needs the CUDA runtime.
 #include <cuda_runtime.h>
 
 #include <cmath>
@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-/// "570.86.15" of the kernel module's line, or "".
+/// Version of the kernel module, "570.86.15"; empty if unknown.
 std::string driver_version() {
   std::ifstream file("/proc/driver/nvidia/version");
   std::string line;

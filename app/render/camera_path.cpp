@@ -13,12 +13,12 @@ using Vec = std::array<double, 3>;
 
 Quat slerp(const Quat& a, Quat b, double share) {
   double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-  if (cosine < 0) {  // b and -b are the same rotation: take the shorter way
+  if (cosine < 0) {  // b and -b are the same rotation: take the shorter path
     cosine = -cosine;
     for (double& value : b) value = -value;
   }
   const double angle = std::acos(std::min(cosine, 1.0));
-  const bool is_tiny = angle < 1e-6;  // the two weights' common divisor vanishes; straight is as good
+  const bool is_tiny = angle < 1e-6;  // sin(angle) would vanish; linear interpolation is accurate enough
   const double weight_a = is_tiny ? 1 - share : std::sin((1 - share) * angle) / std::sin(angle);
   const double weight_b = is_tiny ? share : std::sin(share * angle) / std::sin(angle);
   Quat result{};
@@ -26,7 +26,7 @@ Quat slerp(const Quat& a, Quat b, double share) {
   return result;
 }
 
-/// Curve from p1 to p2 that is smooth across segments.
+/// Catmull-Rom segment from p1 to p2, t in [0, 1].
 Vec catmull_rom(const Vec& p0, const Vec& p1, const Vec& p2, const Vec& p3, double t) {
   Vec result{};
   for (int i = 0; i < 3; ++i) {

@@ -1,4 +1,4 @@
-// Camera paths for rendering.
+// Camera paths for `b3dgs render`.
 #pragma once
 
 #include <vector>
@@ -7,9 +7,9 @@
 
 namespace b3dgs {
 
-/// `frames` cameras from the first key camera to the last, through those between at equal steps: centres on a
-/// Catmull-Rom curve, rotations along great circles, focal lengths and principal points linear. All frames have the
-/// size of the first key. `keys` is not empty.
+/// `frames` cameras on a path through all key cameras, with the same number of frames between any two of them. Centres
+/// follow a Catmull-Rom spline, rotations are interpolated by slerp, focal lengths and principal points linearly. All
+/// frames have the image size of the first key. `keys` must not be empty.
 std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int frames);
 
 }  // namespace b3dgs

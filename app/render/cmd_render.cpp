@@ -1,4 +1,4 @@
-// b3dgs render: colour, depth and alpha images of a model along its views or a path between them.
+// b3dgs render: colour, depth and alpha images of a model, from its views or along a path through them.
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
@@ -32,17 +32,16 @@ struct RenderOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated"}},
-        "cameras: the test or training views, or a path through the training views by name");
-  field(Option{"frames"}, c.frames, AtLeast{1}, "images of the interpolated path");
-  field(Option{"ply"}, c.ply, Any{}, "render this PLY with the cameras of a scene (-s) instead of a model folder");
-  field(Option{"output"}, c.output, Any{},
-        "folder to write to (default: MODEL/PATH/ours_N, or PLY_PATH beside the PLY)");
+        "cameras: test views, training views, or a path through the training views");
+  field(Option{"frames"}, c.frames, AtLeast{1}, "number of images on the interpolated path");
+  field(Option{"ply"}, c.ply, Any{}, "render this PLY from the views of a scene (-s) instead of a model folder");
+  field(Option{"output"}, c.output, Any{}, "output folder (default MODEL/PATH/ours_N, or PLY_PATH next to the PLY)");
   field(Option{"depth"}, c.depth, Any{},
-        "write depth/: inverse depth in turbo colours, red near, one range for all images");
-  field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: how much of the light is stopped, as grey");
+        "write depth/: inverse depth in turbo colours, red is near, one range for all");
+  field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: accumulated opacity as grey");
 }
 
-/// A file in place of the model folder is a PLY; one that lies in a model folder is that folder's iteration.
+/// Interprets a file in place of the model folder as a PLY. A PLY in a model folder selects that model's iteration.
 void take_file(ModelOptions& model, RenderOptions& options) {
   if (fs::is_regular_file(model.model_path)) options.ply = std::exchange(model.model_path, "");
   if (options.ply.empty() || !model.source_path.empty()) return;
@@ -62,8 +61,8 @@ void take_file(ModelOptions& model, RenderOptions& options) {
 std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
   const std::vector<View>& views = options.path == "test" ? scene.test : scene.train;
   if (views.empty()) {
-    input_error("command line: path ", options.path,
-                ": no views were held out for testing; use --path train or interpolated");
+    input_error("no views for --path ", options.path,
+                " (the model was trained without --eval); use --path train or interpolated");
   }
   std::vector<Camera> cameras;
   for (const View& view : views) cameras.push_back(view.camera);
@@ -81,8 +80,9 @@ fs::path output_folder(const LoadedModel& model, const RenderOptions& options) {
 
 int run_render(const std::vector<std::string>& words) {
   CommandLine line("render",
-                   "Renders images of a trained model, or of any PLY of Gaussians: b3dgs render MODEL, b3dgs render "
-                   "FILE.ply -s SCENE. A model folder needs no photographs.");
+                   "Render a model folder, or a PLY of Gaussians with the cameras of a scene (FILE.ply -s SCENE). "
+                   "Photographs are not needed.",
+                   "b3dgs render output/garden --path interpolated");
   ModelOptions model_options;
   RenderOptions options;
   line.add(model_options, "Model", {"model_path"});
@@ -94,12 +94,12 @@ int run_render(const std::vector<std::string>& words) {
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   if (!options.ply.empty() && !model_options.model_path.empty()) {
-    input_error("command line: -m and --ply name two models; give one");
+    input_error("-m and --ply both name a model; use one of them");
   }
   take_file(model_options, options);
   const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)
                                                 : load_ply_model(options.ply, model_options, status);
-  // A single PLY was held out from nothing: its default is what every scene has.
+  // Without test views, as for a single PLY, the default is the training views.
   if (!line.was_given("path") && model.scene.test.empty()) options.path = "train";
   const std::vector<Camera> cameras = choose_cameras(model.scene, options);
   const fs::path folder = output_folder(model, options);

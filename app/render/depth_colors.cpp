@@ -9,11 +9,11 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kSamples = 20000;   // Gaussians looked at
-constexpr double kLeastLogitOpacity = -2;  // fainter ones do not make a surface
+constexpr std::int64_t kSamples = 20000;   // Gaussians that are examined
+constexpr double kLeastLogitOpacity = -2;  // more transparent ones do not form a surface
 constexpr double kPercentile = 0.02;
 
-/// The 256 colours, near last.
+/// 256 colours, from far to near.
 cv::Mat turbo_table() {
   cv::Mat ramp(256, 1, CV_8UC1);
   for (int i = 0; i < 256; ++i) ramp.at<std::uint8_t>(i) = static_cast<std::uint8_t>(i);

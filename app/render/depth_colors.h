@@ -1,5 +1,5 @@
-// Depth as pictures: inverse depth, so that near things keep their contrast, over one range for all frames of a path,
-// so that a video does not flicker; in the turbo colours, near red and far blue, fading to black where nothing is seen.
+// Colour images of depth: inverse depth, which preserves contrast at close range, in the turbo colour map, near red and
+// far blue, fading to black with decreasing alpha. All frames of a path share one range, so that videos do not flicker.
 #pragma once
 
 #include <torch/types.h>
@@ -17,10 +17,10 @@ struct DepthRange {
   double near = 0, far = 0;
 };
 
-/// Depths between which nearly all Gaussians lie that the cameras see: from the 2nd to the 98th percentile.
+/// The 2nd to 98th percentile of the depths of the Gaussians that the cameras see.
 DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camera>& cameras, double near_plane);
 
-/// `depth` [H, W] is the sum of weight times depth, as it is rendered; `alpha` [H, W] divides it.
+/// `depth` [H, W]: rendered depth, the sum of weight x depth in world units. `alpha` [H, W]: the sum of the weights.
 Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range);
 
 }  // namespace b3dgs

@@ -8,16 +8,16 @@ namespace {
 
 constexpr std::size_t kSamplesKept = 80;
 constexpr std::size_t kSpeedSamples = 5;
-constexpr int kLargestSpacing = 25;       // iterations: 80 samples then span 20 rounds of densification
-constexpr int kSmallestGrowthSpan = 100;  // iterations: less may fall between two rounds of densification
+constexpr int kLargestSpacing = 25;       // iterations; 80 samples then cover 20 rounds of densification
+constexpr int kSmallestGrowthSpan = 100;  // iterations; a shorter span may lie between two rounds of densification
 
 /// Seconds per iteration = constant + slope * count.
 struct StepTime {
   double constant = 0, slope = 0;
 };
 
-/// Least squares over the intervals between samples. Where the count hardly varies the data do not tell constant and
-/// slope apart; a weak prior then gives half of the time to each.
+/// Least-squares fit over the intervals between samples. If the count hardly varies, the data do not determine both
+/// constant and slope; a weak prior then attributes half of the time to each.
 StepTime fit_step_time(const std::deque<EtaSample>& samples) {
   double weight = 0, mean_time = 0, mean_count = 0;
   const auto for_each_interval = [&](auto&& body) {
@@ -43,11 +43,11 @@ StepTime fit_step_time(const std::deque<EtaSample>& samples) {
     variance += steps / weight * (count - mean_count) * (count - mean_count);
     covariance += steps / weight * (count - mean_count) * (time - mean_time);
   });
-  const double prior_weight = 0.0025 * mean_count * mean_count;  // as if the count had varied by 5 %
+  const double prior_weight = 0.0025 * mean_count * mean_count;  // equivalent to a variation of the count by 5 %
   const double prior_slope = 0.5 * mean_time / mean_count;
   StepTime fit;
   fit.slope = (covariance + prior_weight * prior_slope) / (variance + prior_weight);
-  fit.slope = std::clamp(fit.slope, 0.0, mean_time / mean_count);  // neither part is negative
+  fit.slope = std::clamp(fit.slope, 0.0, mean_time / mean_count);  // both parts are at least 0
   fit.constant = mean_time - fit.slope * mean_count;
   return fit;
 }
@@ -60,7 +60,7 @@ std::optional<Eta> estimate_eta(const std::deque<EtaSample>& samples, const EtaP
   const double steps_left = std::max(0, plan.iterations - now.iteration);
   const int growth_end = std::min(plan.densify_until, plan.iterations);
 
-  // Growth per iteration, from the part of the samples in which the count could grow.
+  // Growth per iteration, from the samples taken during density control.
   double growth = 0;
   bool growth_is_known = now.iteration >= growth_end || plan.densify_from >= growth_end;
   const auto first = std::find_if(samples.begin(), samples.end(),
@@ -71,7 +71,7 @@ std::optional<Eta> estimate_eta(const std::deque<EtaSample>& samples, const EtaP
     growth = std::max(0.0, growth);
   }
 
-  // Sum of the count over the iterations left: it grows for some, to at most the limit, and is constant for the others.
+  // Sum of the count over the remaining iterations: it grows until density control ends or the limit is reached.
   const double count = static_cast<double>(now.n_gaussians);
   double growing = std::max(0, growth_end - now.iteration);
   if (plan.max_gaussians > 0 && growth > 0) {
@@ -85,7 +85,7 @@ std::optional<Eta> estimate_eta(const std::deque<EtaSample>& samples, const EtaP
 
 void EtaHistory::add(const EtaSample& sample) {
   const int spacing = std::clamp(plan_.iterations / 200, 1, kLargestSpacing);
-  // The newest sample is always kept; the one before it goes where the two would be too near to those further back.
+  // The newest sample is always kept. The one before it is dropped if it is too close to its predecessor.
   const std::size_t n = samples_.size();
   if (n >= 2 && samples_[n - 1].iteration < samples_[n - 2].iteration + spacing) samples_.pop_back();
   samples_.push_back(sample);

@@ -16,7 +16,7 @@ constexpr double kRedrawSeconds = 0.1;
 constexpr double kPlainLineSeconds = 10;
 constexpr int kPlainLineIterations = 500;
 constexpr int kBarColumns = 22;
-constexpr int kBarFromColumns = 100;  // narrower terminals need the room for the numbers
+constexpr int kBarFromColumns = 100;  // narrower terminals show the numbers only
 
 }  // namespace
 
@@ -104,7 +104,7 @@ TrainProgressView::TrainProgressView(StatusLine& status, const TrainConfig& conf
 
 void TrainProgressView::operator()(const TrainProgress& progress) {
   history_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians});
-  if (last_line_ == 0) last_line_ = progress.iteration;  // of a resumed run
+  if (last_line_ == 0) last_line_ = progress.iteration;  // of a resumed training
   const bool is_due =
       progress.iteration >= last_line_ + kPlainLineIterations || progress.iteration == progress.iterations;
   const bool is_step = progress.activity == "training";

@@ -1,5 +1,4 @@
-// What the user sees while something runs: one line that is redrawn on a terminal, and now and then a plain line
-// elsewhere.
+// Progress output: on a terminal, one line that is redrawn; elsewhere, occasional plain lines.
 #pragma once
 
 #include <chrono>
@@ -14,17 +13,17 @@
 
 namespace b3dgs {
 
-/// Seconds from any fixed moment.
+/// Seconds since an arbitrary fixed moment.
 using Clock = std::function<double()>;
 double steady_seconds();
 
-/// A stream with a status line at its end. Without a terminal the status is printed as a line of its own, at most every
-/// 10 seconds unless asked for.
+/// An output stream with a status line below the output. Without a terminal, the status is printed as a line of its
+/// own, at most every 10 seconds unless requested.
 class StatusLine {
  public:
-  /// `columns` is the width of the terminal, 0 if there is none; `quiet` shows no status, only print()ed lines.
+  /// `columns` is the width of the terminal, 0 if there is none. If `quiet`, only lines from print() are shown.
   StatusLine(std::ostream& out, int columns, bool quiet, Clock clock = steady_seconds);
-  /// For standard error, with its terminal's width.
+  /// A status line on standard error.
   static StatusLine for_stderr(bool quiet);
   ~StatusLine();
 
@@ -32,13 +31,13 @@ class StatusLine {
   bool is_terminal() const { return columns_ > 0; }
   int columns() const { return columns_; }
 
-  /// Shows `text`; `now` also where it is too early for the next one.
+  /// Shows `text`, unless the last status was shown too recently and `now` is false.
   void show(const std::string& text, bool now = false);
-  /// A line that stays, above the status.
+  /// Prints a permanent line above the status.
   void print(const std::string& line);
-  /// Likewise, with "warning: " before it; also where quiet.
+  /// Prints "warning: LINE", even if quiet.
   void warn(const std::string& line) { print("warning: " + line); }
-  /// Takes the status away.
+  /// Removes the status.
   void clear();
 
  private:
@@ -47,19 +46,19 @@ class StatusLine {
   bool quiet_;
   Clock clock_;
   double last_shown_s_;
-  std::string shown_;  // on the terminal now
+  std::string shown_;  // on the terminal
 };
 
-/// "[=====>    ]", `columns` wide in all.
+/// "[=====>    ]", `columns` wide.
 std::string format_bar(double share, int columns);
 /// "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"
 std::string format_train_progress(const TrainProgress& progress, double iterations_per_second,
                                   const std::optional<Eta>& eta);
 
-/// For load_scene().
+/// Shows the progress of load_scene().
 ProgressFn show_loading(StatusLine& status);
 
-/// For TrainHooks::on_progress.
+/// Shows the progress of training; a callback for TrainHooks::on_progress.
 class TrainProgressView {
  public:
   TrainProgressView(StatusLine& status, const TrainConfig& config);

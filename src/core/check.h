@@ -1,13 +1,13 @@
-// Kinds of fault and the checks that raise them. Depends on nothing else.
+// Error types, and the functions that throw them. Depends on nothing else.
 //
-// InputError        what the user gave cannot be used: a damaged file, an unknown option, a missing GPU.
-// IoError           the system refused to read or write: an unwritable folder, a full disk.
-// NumericError      the numbers left the range in which training makes sense.
-// OutOfMemoryError  a GPU has not as much memory as was asked for.
-// LogicError        a contract between our own modules was broken.
+// InputError        the user's input cannot be used: a damaged file, an unknown option, a missing GPU.
+// IoError           the operating system refused a read or write: a read-only folder, a full disk.
+// NumericError      training diverged.
+// OutOfMemoryError  the GPU has less free memory than requested.
+// LogicError        a bug: a contract between modules was broken.
 //
-// app/main.cpp turns the first two into exit code 2 and the others into 1. Whoever else catches adds a place to the
-// message, or can go on without what failed.
+// app/main.cpp maps the first two to exit code 2 and the others to 1. Code that catches them elsewhere adds context to
+// the message, or continues without the part that failed.
 #pragma once
 
 #include <sstream>
@@ -21,7 +21,8 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// One line: "PLACE: what is wrong (expected ..., found ...); remedy".
+/// One line: "WHAT: WHERE (expected X, found Y); what to do", for example
+/// "scene folder not found: data/garden (expected images/ and sparse/0/)".
 class InputError : public Error {
  public:
   using Error::Error;
@@ -56,7 +57,7 @@ std::string concat(const Parts&... parts) {
   return text.str();
 }
 
-/// Names from files may hold anything; an error stays one line, and nothing in it steers a terminal.
+/// Replaces control characters: names from files may contain line breaks and terminal escape sequences.
 inline std::string one_line(std::string text) {
   for (char& c : text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
@@ -70,7 +71,7 @@ inline std::string one_line(std::string text) {
 
 }  // namespace detail
 
-/// Throws an InputError whose message is the arguments joined, e.g. input_error(path, ": camera ", id, " ...").
+/// Throws an InputError with the concatenated arguments: input_error("file not found: ", path).
 template <class... Parts>
 [[noreturn]] void input_error(const Parts&... parts) {
   throw InputError(detail::one_line(detail::concat(parts...)));
@@ -83,7 +84,7 @@ template <class... Parts>
 
 }  // namespace b3dgs
 
-/// A contract between modules, checked in every build: B3DGS_CHECK(n >= 0, "n is ", n). Not for inner loops.
+/// Checks a contract between modules, in every build type: B3DGS_CHECK(n >= 0, "n is ", n). Not for inner loops.
 #define B3DGS_CHECK(condition, ...)                                                                      \
   do {                                                                                                   \
     if (!(condition)) {                                                                                  \

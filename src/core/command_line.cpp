@@ -2,21 +2,24 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <fstream>
 #include <iostream>
 #include <iterator>
 #include <sstream>
+#include <utility>
 
 #include "core/json_text.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr std::size_t kNameColumn = 36;  // of the help text
-constexpr std::size_t kTextColumns = 78;
+// Columns of the help text.
+constexpr std::size_t kNameColumns = 36;
+constexpr std::size_t kTextColumns = 84;
 
-/// "--some-name=x" -> "--some_name=x"; other words stay.
+/// "--some-name=x" -> "--some_name=x"; other words are unchanged.
 std::string with_underscores(std::string word) {
   if (word.size() < 3 || word.compare(0, 2, "--") != 0) return word;
   const std::size_t end = std::min(word.find('='), word.size());
@@ -48,13 +51,14 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
   return row[b.size()];
 }
 
-std::string wrap(const std::string& text, std::size_t columns) {
+/// Breaks the text at blanks into lines of at most `columns`, each but the first indented by `indent`.
+std::string wrap(const std::string& text, std::size_t columns, std::size_t indent) {
   std::istringstream words(text);
   std::string wrapped, word;
   std::size_t used = 0;
   while (words >> word) {
     if (used > 0 && used + 1 + word.size() > columns) {
-      wrapped += '\n';
+      wrapped += '\n' + std::string(indent, ' ');
       used = 0;
     }
     if (used > 0) wrapped += ' ', ++used;
@@ -64,41 +68,50 @@ std::string wrap(const std::string& text, std::size_t columns) {
   return wrapped;
 }
 
-std::string default_text(const OptionSpec& spec) {
-  const nlohmann::json& value = spec.default_value;
-  if (value.is_boolean()) return value.get<bool>() ? "on" : "";
-  if (value.is_string()) return value.get<std::string>();
-  std::string text = value.dump();
-  if (value.is_array()) {
-    text = text.substr(1, text.size() - 2);
-    std::replace(text.begin(), text.end(), ',', ' ');
-    text.erase(std::remove(text.begin(), text.end(), '"'), text.end());
-    if (text.empty()) text = "none";
-  }
+/// "--a, --b", or in Markdown "`--a`, `--b`".
+std::string alias_list(const OptionSpec& spec, const std::string& quote = "") {
+  std::string text;
+  for (const std::string& name : spec.aliases) text += (text.empty() ? "" : ", ") + quote + "--" + name + quote;
   return text;
 }
 
-/// "optimisation steps (default 30000; at least 1; also --max_steps)"
-std::string description(const OptionSpec& spec) {
+/// A default value as one would type it; empty for an empty text and for a flag that is off.
+std::string value_text(const nlohmann::json& value) {
+  if (value.is_boolean()) return value.get<bool>() ? "on" : "";
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_array()) {
+    std::string text;
+    for (const nlohmann::json& entry : value) text += (text.empty() ? "" : " ") + value_text(entry);
+    return text.empty() ? "none" : text;
+  }
+  const std::string text = value.dump();
+  const bool is_whole = text.size() > 2 && text.compare(text.size() - 2, 2, ".0") == 0;
+  return is_whole ? text.substr(0, text.size() - 2) : text;
+}
+
+enum class HelpDetail { kShort, kAll };
+
+/// "training iterations (default 30000; at least 1; also --max_steps)"; a short one leaves out ranges and aliases.
+std::string description(const OptionSpec& spec, HelpDetail detail) {
   std::vector<std::string> notes;
-  if (const std::string text = default_text(spec); !text.empty()) notes.push_back("default " + text);
-  if (!spec.range.empty()) notes.push_back(spec.range);
-  std::string also;
-  for (const char* other : spec.option.other) also += std::string(also.empty() ? "also --" : ", --") + other;
-  if (!also.empty()) notes.push_back(also);
-  std::string text = spec.help;
-  for (std::size_t i = 0; i < notes.size(); ++i) text += (i == 0 ? " (" : "; ") + notes[i];
-  return wrap(notes.empty() ? text : text + ")", kTextColumns);
+  if (const std::string text = value_text(spec.default_value); !text.empty()) notes.push_back("default " + text);
+  if (!spec.range.empty() && (detail == HelpDetail::kAll || spec.lists_choices)) notes.push_back(spec.range);
+  if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
+  if (notes.empty()) return spec.help;
+  // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
+  const bool has_note = !spec.help.empty() && spec.help.back() == ')';
+  std::string text = has_note ? spec.help.substr(0, spec.help.size() - 1) + "; " : spec.help + " (";
+  for (std::size_t i = 0; i < notes.size(); ++i) text += (i == 0 ? "" : "; ") + notes[i];
+  return text + ")";
 }
 
 /// Names in CLI11's notation: "scene,-s,--source_path,--data_dir".
 std::string cli11_names(const OptionSpec& spec) {
-  const std::string name(spec.option.name);
-  std::string names = spec.positional ? name + "," : "";
-  if (spec.option.letter != '\0') names += std::string("-") + spec.option.letter + ",";
-  names += "--" + name;
-  for (const char* other : spec.option.other) names += std::string(",--") + other;
-  if (spec.kind == ValueKind::kFlag) names += ",!--no_" + name;
+  std::string names = spec.positional ? spec.name + "," : "";
+  if (spec.letter != '\0') names += std::string("-") + spec.letter + ",";
+  names += "--" + spec.name;
+  for (const std::string& alias : spec.aliases) names += ",--" + alias;
+  if (spec.kind == ValueKind::kFlag) names += ",!--no_" + spec.name;
   return names;
 }
 
@@ -108,12 +121,12 @@ Number to_number(const OptionSpec& spec, const std::string& word) {
   const char* end = word.data() + word.size();
   const auto [stop, error] = std::from_chars(word.data(), end, value);
   if (error == std::errc() && stop == end && std::isfinite(static_cast<double>(value))) return value;
-  std::string wanted = "number";
+  std::string expected = "a number";
   if constexpr (std::is_integral_v<Number>) {
     const bool is_too_large = error == std::errc::result_out_of_range && stop == end;
-    wanted = "whole number" + (is_too_large ? detail::limits_text<Number>() : "");
+    expected = "a whole number" + (is_too_large ? detail::limits_text<Number>() : "");
   }
-  input_error("command line: ", spec.option.name, " must be a ", wanted, ", found \"", word, "\"");
+  detail::invalid_value(/*place=*/"", spec.name, expected, '"' + word + '"');
 }
 
 template <class Number>
@@ -137,7 +150,7 @@ nlohmann::json to_json(const OptionSpec& spec, const std::vector<std::string>& w
   switch (spec.kind) {
     case ValueKind::kFlag:
       if (!is_truth_value(words.back())) {
-        input_error("command line: ", spec.option.name, " must be true or false, found \"", words.back(), "\"");
+        detail::invalid_value(/*place=*/"", spec.name, "true or false", '"' + words.back() + '"');
       }
       return words.back() == "true";
     case ValueKind::kInt:
@@ -171,29 +184,47 @@ const char* value_name(const OptionSpec& spec) {
       return "X";
     case ValueKind::kInts:
     case ValueKind::kInt64s:
-      return "N ...";
+      return "N...";
     case ValueKind::kNumbers:
-      return "X ...";
+      return "X...";
     case ValueKind::kNames:
-      return "NAME ...";
+      return "NAME...";
     case ValueKind::kText:
       return spec.range.empty() ? "TEXT" : "NAME";
   }
   return "";
 }
 
-/// CLI11's layout, with aliases left to the description.
-class HelpFormatter : public CLI::Formatter {
- public:
-  std::string make_option_name(const CLI::Option* option, bool is_positional) const override {
-    if (is_positional) return option->get_name(true);
-    const std::string letter = option->get_snames().empty() ? "    " : "-" + option->get_snames().front() + ", ";
-    return letter + "--" + option->get_lnames().front();
-  }
-  std::string make_option_opts(const CLI::Option* option) const override {
-    return option->get_type_name().empty() ? "" : " " + option->get_type_name();
-  }
-};
+/// "-s, --source_path TEXT"; without a letter, indented as if there were one.
+std::string names_and_value(const OptionSpec& spec) {
+  const std::string value = value_name(spec);
+  return (spec.letter == '\0' ? "    " : std::string("-") + spec.letter + ", ") + "--" + spec.name +
+         (value.empty() ? "" : " " + value);
+}
+
+/// One option of a help text, its description starting at a fixed column.
+std::string help_entry(const OptionSpec& spec, HelpDetail detail) {
+  const std::string names = "  " + names_and_value(spec);
+  const bool fits = names.size() + 2 <= kNameColumns;
+  const std::string space =
+      fits ? std::string(kNameColumns - names.size(), ' ') : "\n" + std::string(kNameColumns, ' ');
+  return names + space + wrap(description(spec, detail), kTextColumns, kNameColumns) + "\n";
+}
+
+/// A cell of a Markdown table.
+std::string cell(std::string text) {
+  for (std::size_t at = 0; (at = text.find('|', at)) != std::string::npos; at += 2) text.insert(at, 1, '\\');
+  return " " + text + " |";
+}
+
+std::string markdown_row(const OptionSpec& spec) {
+  std::string names = spec.letter == '\0' ? "" : std::string("`-") + spec.letter + "`";
+  if (!spec.aliases.empty()) names += (names.empty() ? "" : ", ") + alias_list(spec, "`");
+  const std::string value = value_text(spec.default_value);
+  const bool is_flag = spec.kind == ValueKind::kFlag;
+  return "|" + cell("`--" + spec.name + "`") + cell(names) + cell(is_flag && value.empty() ? "off" : value) +
+         cell(is_flag ? "flag" : spec.range) + cell(spec.help) + "\n";
+}
 
 }  // namespace
 
@@ -203,10 +234,57 @@ struct CommandLine::Impl {
     CLI::Option* option;
   };
   CLI::App app;
+  CLI::Option* markdown_flag = nullptr;
+  std::string summary, example;
   std::vector<Row> rows;
 
+  /// "b3dgs train --help-all"
+  std::string command(const std::string& words) const { return "b3dgs " + app.get_name() + " " + words; }
+
+  std::size_t count_listed() const {
+    return static_cast<std::size_t>(
+        std::count_if(rows.begin(), rows.end(), [](const Row& row) { return !row.spec.is_ignored; }));
+  }
+
+  /// Calls `visit(group, specs)` for each group of listed options, in the order in which the groups begin.
+  template <class Wanted, class Visit>
+  void for_each_group(Wanted&& is_wanted, Visit&& visit) const {
+    std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> groups;
+    for (const Row& row : rows) {
+      if (row.spec.is_ignored || !is_wanted(row.spec)) continue;
+      const auto same = [&](const auto& group) { return group.first == row.spec.group; };
+      auto group = std::find_if(groups.begin(), groups.end(), same);
+      if (group == groups.end()) group = groups.insert(groups.end(), {row.spec.group, {}});
+      group->second.push_back(&row.spec);
+    }
+    for (const auto& [group, specs] : groups) visit(group, specs);
+  }
+
+  /// Summary, usage and example.
+  std::string introduction() const {
+    std::string text = wrap(summary, kNameColumns + kTextColumns, 0) + "\n\nUsage: b3dgs " + app.get_name();
+    for (const Row& row : rows) {
+      if (!row.spec.positional) continue;
+      std::string name = row.spec.name;
+      std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
+      text += " [" + name + "]";
+    }
+    text += " [OPTIONS]\n";
+    return example.empty() ? text : text + "Example: " + example + "\n";
+  }
+
+  template <class Wanted>
+  std::string help(Wanted&& is_wanted, HelpDetail detail) const {
+    std::string text = introduction();
+    for_each_group(is_wanted, [&](const std::string& group, const std::vector<const OptionSpec*>& specs) {
+      text += "\n" + group + ":\n";
+      for (const OptionSpec* spec : specs) text += help_entry(*spec, detail);
+    });
+    return text;
+  }
+
   std::vector<std::string> known_names() const {
-    std::vector<std::string> names{"help"};
+    std::vector<std::string> names{"help", "help_all"};
     for (const Row& row : rows) {
       for (const std::string& name : row.option->get_lnames()) names.push_back(name);
     }
@@ -220,7 +298,7 @@ struct CommandLine::Impl {
     return nullptr;
   }
 
-  /// Words as CLI11 takes them, last first: underscores in names, and "--flag false" joined to "--flag=false".
+  /// The words as CLI11 expects them, last first: underscores in names, and "--flag false" joined to "--flag=false".
   std::vector<std::string> prepared(const std::vector<std::string>& words) const {
     std::vector<std::string> result;
     for (std::size_t i = 0; i < words.size(); ++i) {
@@ -237,34 +315,32 @@ struct CommandLine::Impl {
   }
 
   [[noreturn]] void reject(const std::string& word) const {
-    if (word.empty() || word[0] != '-') input_error("command line: unexpected argument \"", word, "\"");
+    if (word.empty() || word[0] != '-') input_error("unexpected argument \"", word, "\"; see ", command("--help"));
     const std::string option = word.substr(0, word.find('='));
     const std::string nearest = option.compare(0, 2, "--") == 0 ? nearest_name(option.substr(2), known_names()) : "";
-    input_error("command line: unknown option ", option,
-                nearest.empty() ? "; see b3dgs " + app.get_name() + " --help" : "; did you mean --" + nearest + "?");
+    input_error("unknown option ", option,
+                nearest.empty() ? "; see " + command("--help-all") : "; did you mean --" + nearest + "?");
   }
 };
 
-CommandLine::CommandLine(const std::string& name, const std::string& summary) : impl_(std::make_unique<Impl>()) {
+CommandLine::CommandLine(const std::string& name, const std::string& summary, const std::string& example)
+    : impl_(std::make_unique<Impl>()) {
   CLI::App& app = impl_->app;
   app.name(name);
-  app.description(summary);
+  impl_->summary = summary;
+  impl_->example = example;
   app.allow_extras();  // reported by reject(), with the nearest name
-  app.set_help_flag("-h,--help", "print this text");
-  app.get_help_ptr()->group("Help");
-  auto formatter = std::make_shared<HelpFormatter>();
-  formatter->column_width(kNameColumn);
-  app.formatter(formatter);
+  app.set_help_flag("-h,--help");
+  app.set_help_all_flag("--help_all");
+  impl_->markdown_flag = app.add_flag("--help_markdown");
 }
 
 CommandLine::~CommandLine() = default;
 
-void CommandLine::add(const OptionSpec& spec, const std::string& heading) {
+void CommandLine::add(const OptionSpec& spec) {
   CLI::App& app = impl_->app;
   CLI::Option* option = spec.kind == ValueKind::kFlag ? app.add_flag(cli11_names(spec))
                                                       : app.add_option(cli11_names(spec), CLI::callback_t());
-  option->description(description(spec));
-  option->group(spec.unused ? "" : heading)->type_name(value_name(spec));
   if (is_list(spec)) {
     option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
   } else {
@@ -280,13 +356,20 @@ bool CommandLine::parse(const std::vector<std::string>& words) {
   } catch (const CLI::CallForHelp&) {
     std::cout << help();
     return false;
+  } catch (const CLI::CallForAllHelp&) {
+    std::cout << help_all();
+    return false;
   } catch (const CLI::ParseError& error) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');
-    input_error("command line: ", reason);
+    input_error("invalid command line: ", reason);
+  }
+  if (impl_->markdown_flag->count() > 0) {
+    std::cout << help_markdown();
+    return false;
   }
   if (const std::vector<std::string> extras = app.remaining(); !extras.empty()) {
-    // An unknown option leaves its value behind, too: the option is what the user has to hear of.
+    // The value of an unknown option is left over, too; the message is about the option.
     const auto option =
         std::find_if(extras.begin(), extras.end(), [](const std::string& word) { return word[0] == '-'; });
     impl_->reject(option == extras.end() ? extras.front() : *option);
@@ -294,33 +377,54 @@ bool CommandLine::parse(const std::vector<std::string>& words) {
   for (const Impl::Row& row : impl_->rows) {
     if (row.option->count() == 0) continue;
     std::vector<std::string> results = row.option->results();
-    // CLI11 stands an empty word, or "{}", for a list without values.
+    // CLI11 represents a list without values by an empty word or by "{}".
     if (is_list(row.spec) && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
       results.clear();
     }
-    given_[std::string(row.spec.option.name)] = to_json(row.spec, results);
+    given_[std::string(row.spec.name)] = to_json(row.spec, results);
   }
   return true;
 }
 
 std::string CommandLine::help() const {
-  return impl_->app.help("b3dgs");
+  const std::size_t n_listed = impl_->count_listed();
+  const bool is_short_list = n_listed <= kMaxShortHelp;
+  std::string text =
+      impl_->help([&](const OptionSpec& spec) { return is_short_list || spec.is_common; }, HelpDetail::kShort);
+  return text + "\n" + impl_->command("--help-all") +
+         (is_short_list ? " adds ranges and aliases.\n" : " lists all " + std::to_string(n_listed) + " options.\n");
+}
+
+std::string CommandLine::help_all() const {
+  return impl_->help([](const OptionSpec&) { return true; }, HelpDetail::kAll);
+}
+
+std::string CommandLine::help_markdown() const {
+  std::string text = "## b3dgs " + impl_->app.get_name() + "\n\n" + wrap(impl_->summary, 100, 0) + "\n";
+  if (!impl_->example.empty()) text += "\n    " + impl_->example + "\n";
+  impl_->for_each_group([](const OptionSpec&) { return true; },
+                        [&](const std::string& group, const std::vector<const OptionSpec*>& specs) {
+                          text += "\n### " + group +
+                                  "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
+                          for (const OptionSpec* spec : specs) text += markdown_row(*spec);
+                        });
+  return text;
 }
 
 nlohmann::ordered_json read_json_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) input_error(path, ": cannot be opened; --config needs a JSON file with option names as keys");
+  if (!file) input_error("cannot open config file: ", path, " (expected a JSON file with option names as keys)");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
   if (!json.is_discarded()) return json;
   try {
-    json = nlohmann::ordered_json::parse(text, nullptr, true, /*ignore_comments=*/true);  // for its reason
+    json = nlohmann::ordered_json::parse(text, nullptr, true, /*ignore_comments=*/true);  // for its error message
   } catch (const nlohmann::json::exception& error) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');
-    input_error(path, ": no valid JSON: ", reason);
+    input_error("not valid JSON: ", path, " (", reason, ")");
   }
-  input_error(path, ": is nested deeper than ", kMaxJsonDepth, " levels, expected option names and values");
+  input_error("JSON nested too deeply: ", path, " (at most ", kMaxJsonDepth, " levels)");
 }
 
 std::string nearest_name(const std::string& name, const std::vector<std::string>& known) {
@@ -328,11 +432,11 @@ std::string nearest_name(const std::string& name, const std::vector<std::string>
   std::string best;
   std::size_t best_distance = std::max<std::size_t>(2, name.size() / 3) + 1;
   for (const std::string& candidate : known) {
-    // An abbreviation counts as near, however much is missing.
-    const bool is_start = name.size() >= 3 && candidate.compare(0, name.size(), name) == 0;
-    // So does a word put behind: tile_width for tile.
+    // An abbreviation counts as similar, however short.
+    const bool is_abbreviation = name.size() >= 3 && candidate.compare(0, name.size(), name) == 0;
+    // So does a name with more words: tile_width for tile.
     const bool is_longer = name.compare(0, candidate.size() + 1, candidate + "_") == 0;
-    const std::size_t distance = is_start || is_longer ? 1 : edit_distance(name, candidate);
+    const std::size_t distance = is_abbreviation || is_longer ? 1 : edit_distance(name, candidate);
     if (distance < best_distance) {
       best = candidate;
       best_distance = distance;

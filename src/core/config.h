@@ -1,12 +1,12 @@
-// Options as structs. A config is a struct with defaults and units in place and one field list:
+// Options as structs. A config is a struct whose members have default values, plus one field list:
 //
 //   template <class Config, class Visitor> void visit_fields(Config& c, Visitor&& field) {
-//     field(Option{"iterations"}, c.iterations, AtLeast{1}, "optimisation steps");
+//     field(Option{"iterations"}.common(), c.iterations, AtLeast{1}, "training iterations");
 //   }
 //
-// Command-line flags, help, JSON in both directions, range checks and the comparison at resume are visitors over that
-// list, so an option, its default and its range exist once. Member types: bool, int, std::int64_t, double, std::string,
-// std::vector<int>, std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>.
+// The command line, help texts, docs/options.md, JSON input and output, range checks and the list of changed options at
+// resume are visitors of that list, so an option is defined in one place. Member types: bool, int, std::int64_t,
+// double, std::string, std::vector<int>, std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>.
 #pragma once
 
 #include <algorithm>
@@ -24,17 +24,32 @@
 
 namespace b3dgs {
 
-/// Name of a field: in JSON, and with two hyphens on the command line. '-' and '_' are the same in both.
+/// Names of a field: JSON keys, and with two hyphens, command-line options. '-' and '_' are equivalent in both.
 struct Option {
-  std::string_view name;                          // "source_path"
-  char letter = '\0';                             // 's' for -s, or none
-  std::initializer_list<const char*> other = {};  // names of other trainers for the same thing
+  std::string_view name;                            // "source_path"
+  char letter = '\0';                               // 's' for -s, or none
+  std::initializer_list<const char*> aliases = {};  // what other trainers call this option
+  bool is_common = false;
+  const char* group_name = "";
 
-  /// Whether `key` is one of the option's names, its letter included.
+  /// Lists the option in `b3dgs COMMAND --help`, not only in --help-all.
+  constexpr Option common() const {
+    Option option = *this;
+    option.is_common = true;
+    return option;
+  }
+  /// Puts this option, and those after it up to the next group(), under a heading in the help text.
+  constexpr Option group(const char* heading) const {
+    Option option = *this;
+    option.group_name = heading;
+    return option;
+  }
+
+  /// Whether `key` is one of the option's names, including its letter.
   bool has_name(std::string key) const {
     if (letter != '\0' && key == std::string(1, letter)) return true;
     std::replace(key.begin(), key.end(), '-', '_');
-    return key == name || std::any_of(other.begin(), other.end(), [&](const char* word) { return key == word; });
+    return key == name || std::any_of(aliases.begin(), aliases.end(), [&](const char* word) { return key == word; });
   }
 };
 
@@ -46,18 +61,18 @@ struct Above {
   double min;
 };
 struct InRange {
-  double min, max;  // both included
+  double min, max;  // inclusive
 };
 struct OneOf {
   std::vector<std::string> values;
 };
-/// For a list of names: at least `least` of them, none twice.
+/// For a list of names: at least `least` of them, without repetition.
 struct SomeOf {
   std::vector<std::string> values;
   std::size_t least = 1;
 };
 
-/// What a value would have to be, or "" if it is that.
+/// The values that a constraint allows, such as "at least 1"; empty if `value` is one of them.
 inline std::string violation(const Any&, ...) {
   return "";
 }
@@ -88,7 +103,7 @@ inline std::string violation(const SomeOf& choice, const std::vector<std::string
   if (fits) return "";
   std::string names;
   for (const std::string& name : choice.values) names += (names.empty() ? "" : ", ") + name;
-  return detail::concat("at least ", choice.least, " different ones of ", names);
+  return detail::concat(choice.least, " or more different names out of ", names);
 }
 template <class Constraint, class Number>
 std::string violation(const Constraint& constraint, const std::vector<Number>& values) {
@@ -107,13 +122,13 @@ struct is_vector : std::false_type {};
 template <class Entry>
 struct is_vector<std::vector<Entry>> : std::true_type {};
 
-/// " from -2147483648 to 2147483647"
+/// " from -2147483648 to 2147483647", for the message about a number that does not fit.
 template <class Number>
 std::string limits_text() {
   return concat(" from ", std::numeric_limits<Number>::min(), " to ", std::numeric_limits<Number>::max());
 }
 
-/// Takes a JSON value as it is, without rounding or wrapping. False if it does not fit.
+/// Converts a JSON value without rounding or wrapping. False if it does not fit.
 template <class Value>
 bool take_json(const nlohmann::ordered_json& json, Value& value) {
   if constexpr (is_vector<Value>::value) {
@@ -141,7 +156,7 @@ bool take_json(const nlohmann::ordered_json& json, Value& value) {
   }
 }
 
-/// What `found`, which take_json() refuses, would have to be for a field of type Value: "a whole number".
+/// What take_json() accepts for a field of type Value, given that it rejected `found`: "a whole number".
 template <class Value>
 std::string expected_json(const nlohmann::ordered_json& found) {
   if constexpr (is_vector<Value>::value) {
@@ -157,20 +172,28 @@ std::string expected_json(const nlohmann::ordered_json& found) {
   } else if constexpr (std::is_floating_point_v<Value>) {
     return "a number";
   } else {
-    return "text in quotes";
+    return "a string";
   }
+}
+
+/// `place` is the file that the value is from; empty: the command line.
+[[noreturn]] inline void invalid_value(const std::string& place, std::string_view option, const std::string& expected,
+                                       const std::string& found) {
+  const std::string what = place.empty() ? concat("--", option) : concat(option, ": ", place);
+  input_error("invalid value for ", what, " (expected ", expected, ", found ", found, ")");
 }
 
 }  // namespace detail
 
-/// Throws an InputError that names the first field out of range; `place` is the file or command it came from.
+/// Throws an InputError for the first value out of range. `place` is the file that the values are from; empty: the
+/// command line.
 template <class Config>
 void check_ranges(const Config& config, const std::string& place) {
   visit_fields(config, [&](const Option& option, const auto& value, const auto& constraint, const char*) {
     using Constraint = std::decay_t<decltype(constraint)>;
     if constexpr (!std::is_same_v<Constraint, Any>) {
       if (std::string wanted = violation(constraint, value); !wanted.empty()) {
-        input_error(place, ": ", option.name, " must be ", wanted, ", found ", nlohmann::json(value).dump());
+        detail::invalid_value(place, option.name, wanted, nlohmann::json(value).dump());
       }
     }
   });
@@ -185,24 +208,26 @@ nlohmann::ordered_json config_to_json(const Config& config) {
   return json;
 }
 
-/// Sets the fields that `json` names, by any of their names, and leaves the others. Unknown keys, fields named twice,
-/// wrong types and values out of range are InputErrors that name `place` and the key.
+/// Sets the fields that `json` names, by any of their names, and leaves the others unchanged. Throws an InputError with
+/// `place` (a file; empty: the command line) and the key for unknown keys, options given twice, wrong types and values
+/// out of range.
 template <class Config>
 void config_from_json(Config& config, const nlohmann::ordered_json& json, const std::string& place) {
   if (!json.is_object())
-    input_error(place, ": expected a JSON object with option names as keys, found ", json.type_name());
+    input_error("not a JSON object: ", place, " (expected option names as keys, found ", json.type_name(), ")");
   std::size_t n_known = 0;
   visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
     std::string first;
     for (const auto& [key, given] : json.items()) {
       if (!option.has_name(key)) continue;
-      if (!first.empty()) input_error(place, ": \"", first, "\" and \"", key, "\" are the same option; give one");
+      if (!first.empty()) {
+        input_error("option given twice: ", place, " (\"", first, "\" and \"", key, "\" are the same); remove one");
+      }
       first = key;
       ++n_known;
       using Value = std::decay_t<decltype(value)>;
       if (!detail::take_json(given, value)) {
-        input_error(place, ": ", option.name, " must be ", detail::expected_json<Value>(given), ", found ",
-                    given.dump());
+        detail::invalid_value(place, option.name, detail::expected_json<Value>(given), given.dump());
       }
     }
   });
@@ -212,7 +237,7 @@ void config_from_json(Config& config, const nlohmann::ordered_json& json, const 
       visit_fields(config, [&, &name = key](const Option& option, const auto&, const auto&, const char*) {
         is_known = is_known || option.has_name(name);
       });
-      if (!is_known) input_error(place, ": unknown option \"", key, "\"");
+      if (!is_known) input_error("unknown option \"", key, "\": ", place);
     }
   }
   check_ranges(config, place);

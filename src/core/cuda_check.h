@@ -1,4 +1,4 @@
-// CUDA calls that fail say so: what was called, where, and CUDA's name and text for the fault.
+// Error checks for CUDA calls: a failure becomes an exception with the call, its place, and CUDA's error name and text.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -7,7 +7,7 @@
 
 namespace b3dgs {
 
-/// A CUDA call or kernel failed.
+/// A failed CUDA call or kernel.
 class CudaError : public Error {
  public:
   using Error::Error;
@@ -16,7 +16,7 @@ class CudaError : public Error {
 namespace detail {
 
 [[noreturn]] inline void fail_cuda(cudaError_t code, const char* expression, const char* file, int line) {
-  cudaGetLastError();  // a fault that can be survived must not fail the next call as well
+  cudaGetLastError();  // clears the error: the next check must not report it again
   if (code == cudaErrorMemoryAllocation) throw OutOfMemoryError(concat(expression, ": out of memory"));
   throw CudaError(
       concat(file, ":", line, ": ", expression, ": ", cudaGetErrorName(code), ": ", cudaGetErrorString(code)));
@@ -31,5 +31,5 @@ namespace detail {
     if (b3dgs_code != cudaSuccess) ::b3dgs::detail::fail_cuda(b3dgs_code, #call, __FILE__, __LINE__); \
   } while (false)
 
-/// After every launch; asks for launch errors only and does not wait.
+/// Checks the last kernel launch for launch errors. Does not wait for the kernel.
 #define B3DGS_CUDA_CHECK_LAUNCH() B3DGS_CUDA_CHECK(cudaGetLastError())

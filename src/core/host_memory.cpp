@@ -22,7 +22,7 @@ std::int64_t system_available(const fs::path& root) {
   return kUnknown;
 }
 
-/// The number that a file holds; nothing if it does not exist or says "max".
+/// The number in a file; nothing if the file does not exist or contains "max".
 std::optional<std::int64_t> read_number(const fs::path& file) {
   std::ifstream in(file);
   std::int64_t value = 0;
@@ -40,7 +40,7 @@ std::int64_t read_statistic(const fs::path& file, const std::string& wanted) {
 }
 
 struct ControlGroupFiles {
-  const char *limit, *usage, *file_cache;  // the last one is a line of memory.stat
+  const char *limit, *usage, *file_cache;  // file_cache is a line of memory.stat
 };
 constexpr ControlGroupFiles kVersion1{"memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"};
 constexpr ControlGroupFiles kVersion2{"memory.max", "memory.current", "inactive_file"};
@@ -52,8 +52,8 @@ std::int64_t group_available(const fs::path& folder, const ControlGroupFiles& fi
   return std::max<std::int64_t>(0, *limit - in_use);
 }
 
-/// The least of a group and its parents. In a container the group's own path may not exist below `mount`: then the
-/// mount itself is the container's group.
+/// The minimum over a group and its parents. In a container the path of the group may not exist below `mount`; the
+/// mount itself is then the container's group.
 std::int64_t hierarchy_available(const fs::path& mount, const fs::path& group, const ControlGroupFiles& files) {
   std::int64_t least = group_available(mount, files);
   fs::path folder = mount;
@@ -68,7 +68,7 @@ std::int64_t hierarchy_available(const fs::path& mount, const fs::path& group, c
 
 std::int64_t available_host_memory(const fs::path& root) {
   std::int64_t available = system_available(root);
-  std::ifstream groups(root / "proc/self/cgroup");  // lines of "NUMBER:CONTROLLERS:PATH"; version 2 names none
+  std::ifstream groups(root / "proc/self/cgroup");  // lines of "NUMBER:CONTROLLERS:PATH"; v2: no controllers
   for (std::string line; std::getline(groups, line);) {
     const std::size_t first = line.find(':'), second = line.find(':', first + 1);
     if (first == std::string::npos || second == std::string::npos) continue;

@@ -1,4 +1,4 @@
-// How much host memory there is to take.
+// Available host memory.
 #pragma once
 
 #include <cstdint>
@@ -6,9 +6,9 @@
 
 namespace b3dgs {
 
-/// Bytes that this process can still take without swapping: what the system has available, or less where a control
-/// group (v1 or v2, its parents included) limits the process; memory that only caches files counts as available.
-/// The largest std::int64_t if the system does not say. `root` is where /proc and /sys are looked for.
+/// Bytes that this process can still allocate without swapping: the memory available on the system, or less if a
+/// control group (v1 or v2, including parent groups) limits the process. Memory that only caches files counts as
+/// available. The largest std::int64_t if unknown. `root` is the folder that contains proc/ and sys/.
 std::int64_t available_host_memory(const std::filesystem::path& root = "/");
 
 }  // namespace b3dgs

@@ -1,5 +1,4 @@
-// JSON that comes from outside: parsed without exceptions, numbers taken only where they fit, and values quoted in
-// messages at a bounded length.
+// For JSON from files: parsing without exceptions, integers with range checks, and short excerpts for error messages.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +13,11 @@
 
 namespace b3dgs {
 
-/// Copying, comparing and printing a JSON value recurse, so what is nested deeper than this is not taken at all.
+/// Deeper nesting is rejected, since copying, comparing and printing a JSON value recurse.
 inline constexpr int kMaxJsonDepth = 64;
 
-/// The document, or a discarded value (is_discarded()) if the text is no JSON or is nested too deeply. `input` is a
-/// string or a stream.
+/// The document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON or is nested
+/// too deeply.
 template <class Input>
 nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
   using Json = nlohmann::ordered_json;
@@ -33,7 +32,7 @@ nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
   return is_too_deep ? Json(Json::value_t::discarded) : json;
 }
 
-/// A value for a message: its text, cut after some 80 characters, or "an array" and the like.
+/// A value for an error message: its text, at most 80 characters of it, or "an object", "an array of 20 values".
 inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   if (json.is_object()) return "an object";
   if (json.is_array() && json.size() > 16) return detail::concat("an array of ", json.size(), " values");
@@ -43,7 +42,7 @@ inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   return text;
 }
 
-/// A whole number in [min, max]. @throws InputError that begins with `place` and names `what`, also for 1.0 and true.
+/// An integer in [min, max]. @throws InputError naming `place` and `what` for any other value, including 1.0 and true
 template <class Integer>
 Integer json_integer(const nlohmann::ordered_json& json, const char* what, const std::string& place,
                      Integer min = std::numeric_limits<Integer>::min(),

@@ -1,5 +1,5 @@
-// Work on all cores, through OpenMP. Two ways of dividing it: equal chunks settled beforehand, and a pool from which
-// each thread takes the next task. An exception in a body is thrown again in the caller.
+// Parallel loops with OpenMP: over equal chunks, one per thread, or over tasks that threads take one by one. An
+// exception in a loop body is rethrown in the caller.
 #pragma once
 
 #include <omp.h>
@@ -11,7 +11,7 @@
 
 namespace b3dgs {
 
-/// Threads that the functions below use; set_thread_count(0) takes all cores.
+/// Number of threads that the functions below use; set_thread_count(0) sets the number of cores.
 inline int thread_count() {
   return omp_get_max_threads();
 }
@@ -21,8 +21,8 @@ inline void set_thread_count(int n) {
 
 namespace detail {
 
-/// Calls body(0) ... body(n - 1), each on a thread of its own where that many can be had; within another parallel
-/// region, or where fewer are granted, threads take several.
+/// Calls body(0) ... body(n - 1), each on its own thread. If OpenMP provides fewer threads, as in a nested parallel
+/// region, a thread makes several of the calls.
 template <class Body>
 void on_threads(int n, Body&& body) {
   if (n <= 1) {
@@ -44,7 +44,7 @@ void on_threads(int n, Body&& body) {
 
 }  // namespace detail
 
-/// Calls body(task, thread) for every task in [0, n); threads take tasks from a common counter.
+/// Calls body(task, thread) for every task in [0, n). Tasks are assigned dynamically, in ascending order.
 template <class Body>
 void parallel_pool(std::int64_t n, Body&& body) {
   std::atomic<std::int64_t> next{0};
@@ -54,14 +54,14 @@ void parallel_pool(std::int64_t n, Body&& body) {
   });
 }
 
-/// [0, n) cut into nearly equal runs, one per thread.
+/// [0, n) divided into `count` nearly equal ranges.
 struct Chunks {
   std::int64_t n = 0, count = 0;
   std::int64_t begin(std::int64_t chunk) const { return n * chunk / count; }
   std::int64_t end(std::int64_t chunk) const { return n * (chunk + 1) / count; }
 };
 
-/// As many chunks as threads, but none smaller than `grain` where there are several.
+/// One chunk per thread, or fewer so that each has at least `grain` elements.
 inline Chunks make_chunks(std::int64_t n, std::int64_t grain) {
   const std::int64_t most = std::max<std::int64_t>(1, n / std::max<std::int64_t>(1, grain));
   return {n, std::min<std::int64_t>(thread_count(), most)};

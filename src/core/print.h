@@ -1,4 +1,4 @@
-// std::printf into a string, for the short figures of messages and reports.
+// std::printf into a string, for short numbers in messages and reports.
 #pragma once
 
 #include <cstdio>
@@ -6,7 +6,7 @@
 
 namespace b3dgs {
 
-/// What is longer than 199 characters is cut.
+/// Cuts the text after 199 characters.
 template <class... Args>
 std::string print_to_string(const char* format, Args... args) {
   char buffer[200];

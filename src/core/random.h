@@ -1,5 +1,5 @@
-// Random numbers without state: each is a function of what it is for (seed, stream, iteration, row). Any order of
-// asking, any number of threads, a GPU and a resumed run get the same ones, and a checkpoint has nothing to save.
+// Counter-based random numbers: each is a function of (seed, stream, iteration, row). They do not depend on the order
+// of calls, the number of threads or the device, and there is no state to save in a checkpoint.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> co
   return counter;
 }
 
-/// What numbers are for: streams never share any.
+/// Numbers of different streams are independent.
 enum class RandomStream : std::uint32_t { kViewOrder, kBackground, kSplit };
 
 struct RandomKey {

@@ -1,6 +1,6 @@
-// A float whose every operation is rounded by itself. A GPU's compiler may fuse a product and a sum into one operation
-// with one rounding, and does so differently in each place a function is inlined into; where two kernels have to find
-// the same bits, they calculate with this. On the CPU contraction is off for all sources (cmake/CompileOptions.cmake).
+// A float type that rounds after every operation. A GPU compiler may contract a multiplication and an addition into one
+// fused operation with a single rounding, and may decide differently at each place where a function is inlined. Kernels
+// that must compute identical bits use this type. For CPU code, contraction is disabled in cmake/CompileOptions.cmake.
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Numbers as people read them.
+// Counts, sizes and durations as text.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace b3dgs {
 
-/// "1,234,567"
+/// "1,234,567".
 inline std::string format_count(std::int64_t n) {
   std::string text = std::to_string(n);
   for (std::ptrdiff_t at = static_cast<std::ptrdiff_t>(text.size()) - 3; at > (n < 0 ? 1 : 0); at -= 3) {
@@ -21,7 +21,7 @@ inline std::string format_count(std::int64_t n) {
   return text;
 }
 
-/// "1.23 GB", of 10^9 bytes
+/// "1.23 GB"; 1 GB is 10^9 bytes.
 inline std::string format_gigabytes(std::int64_t bytes) {
   char text[32];
   std::snprintf(text, sizeof text, "%.2f GB", 1e-9 * static_cast<double>(bytes));

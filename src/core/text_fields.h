@@ -1,4 +1,4 @@
-// The fields of one line of a text file, taken one after the other.
+// Reads the fields of one line of a text file in order.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace b3dgs {
 
-/// Fields are separated by blanks, tabs and commas, as COLMAP takes them.
+/// Fields are separated by blanks, tabs and commas, as in COLMAP's text files.
 class TextFields {
  public:
   explicit TextFields(std::string_view line) : rest_(line) { skip_separators(); }
@@ -28,17 +28,17 @@ class TextFields {
     return field;
   }
 
-  /// Everything that is left, without blanks at its end: names may contain blanks and commas.
+  /// The rest of the line without trailing blanks, for names, which may contain blanks and commas.
   std::string_view rest() const {
     const std::size_t last = rest_.find_last_not_of(" \t\r");
     return last == std::string_view::npos ? std::string_view() : rest_.substr(0, last + 1);
   }
 
-  /// The next field as a number. @throws InputError that begins with place() and says that `what` was expected.
+  /// The next field as a number. @throws InputError naming place() and `what` if it is not one
   template <class T, class Place>
   T number(const char* what, const Place& place) {
     std::string_view field = word();
-    if (field.size() > 1 && field[0] == '+') field.remove_prefix(1);  // from_chars takes no plus sign
+    if (field.size() > 1 && field[0] == '+') field.remove_prefix(1);  // from_chars rejects a plus sign
     T value{};
     const auto result = std::from_chars(field.data(), field.data() + field.size(), value);
     if (result.ec != std::errc() || result.ptr != field.data() + field.size() || field.empty()) {

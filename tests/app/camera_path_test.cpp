@@ -7,7 +7,7 @@
 namespace b3dgs {
 namespace {
 
-/// A camera at `center`, turned by `angle` about its y axis.
+/// A camera at `center`, rotated by `angle` (rad) about its y axis.
 Camera camera_at(const std::array<double, 3>& center, double angle) {
   Camera camera;
   camera.width = 100;
@@ -42,20 +42,20 @@ TEST(InterpolateCameras, PassesThroughEveryKey) {
   }
 }
 
-TEST(InterpolateCameras, TurnsEvenlyTheShortWay) {
+TEST(InterpolateCameras, RotatesUniformlyAlongTheShortArc) {
   const std::vector<Camera> path = interpolate_cameras({camera_at({0, 0, 0}, 3.0), camera_at({0, 0, 0}, -3.0)}, 3);
-  // From 3 to -3 rad it is 0.283 rad across pi, not 6 rad across 0.
+  // The short arc from 3 to -3 rad has 0.283 rad, across pi; the long one has 6 rad, across 0.
   EXPECT_NEAR(std::cos(turn_of(path[1])), -1, 1e-12);
 }
 
-TEST(InterpolateCameras, MovesEvenlyAlongEquallySpacedKeys) {
+TEST(InterpolateCameras, MovesUniformlyAlongEquallySpacedKeys) {
   std::vector<Camera> keys;
   for (int i = 0; i < 4; ++i) keys.push_back(camera_at({2.0 * i, 0, 0}, 0));
   const std::vector<Camera> path = interpolate_cameras(keys, 31);
   for (std::size_t i = 10; i <= 20; ++i) EXPECT_NEAR(path[i].center()[0], 0.2 * static_cast<double>(i), 1e-12);
 }
 
-TEST(InterpolateCameras, KeepsTheSizeOfTheFirst) {
+TEST(InterpolateCameras, UsesTheImageSizeOfTheFirstKey) {
   const std::vector<Camera> keys{camera_at({0, 0, 0}, 0), camera_at({1, 0, 0}, 0).scaled_to(200, 160)};
   const std::vector<Camera> path = interpolate_cameras(keys, 3);
   for (const Camera& camera : path) {
@@ -65,7 +65,7 @@ TEST(InterpolateCameras, KeepsTheSizeOfTheFirst) {
   }
 }
 
-TEST(InterpolateCameras, OneKeyOrOneFrameStandsStill) {
+TEST(InterpolateCameras, AcceptsOneKeyOrOneFrame) {
   EXPECT_EQ(interpolate_cameras({camera_at({1, 2, 3}, 0)}, 4).size(), 4u);
   EXPECT_NEAR(interpolate_cameras({camera_at({1, 2, 3}, 0)}, 4)[3].center()[2], 3, 1e-12);
   EXPECT_EQ(interpolate_cameras({camera_at({1, 2, 3}, 0), camera_at({4, 5, 6}, 0)}, 1).size(), 1u);

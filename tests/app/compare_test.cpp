@@ -188,11 +188,11 @@ TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
     EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
     EXPECT_FALSE(fs::exists(output()));
   };
-  rejected({"--configs", "naive,fastest"}, "kernel must be one of");
+  rejected({"--configs", "naive,fastest"}, "invalid value for --kernel (expected one of");
   rejected({"--configs", "naive,naive"}, "occurs twice");
   rejected({"--configs", "naive"}, "at least two configurations");
   rejected({"--seeds", "1", "1"}, "occurs twice");
-  rejected({"--chunk", "0"}, "chunk must be at least 1");
+  rejected({"--chunk", "0"}, "invalid value for --chunk (expected at least 1");
   rejected({"--resume"}, "no comparison to resume");
   EXPECT_EQ(run_b3dgs({"compare"}).exit_code, 2);
 }
@@ -377,7 +377,7 @@ TEST_F(Compare, AFullReportIsDisplayedInABrowser) {
   for (const std::string folder : {"", "naive/seed_0"}) {
     for (const std::string scheme : {"light", "dark"}) {
       const fs::path report = output() / folder / "report.html", screenshot = output() / (scheme + ".png");
-      const std::string command = std::string(B3DGS_SCRIPTS) + "/check_report.sh " + report.string() + " " +
+      const std::string command = std::string(B3DGS_SOURCE) + "/scripts/check_report.sh " + report.string() + " " +
                                   screenshot.string() + " " + scheme + " 2>&1";
       const int status = std::system(command.c_str());
       if (WEXITSTATUS(status) == 77) GTEST_SKIP() << "chromium is not installed";

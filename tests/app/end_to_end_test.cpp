@@ -1,4 +1,4 @@
-// The program from outside: a scene is made, trained, stopped, continued, measured and rendered.
+// Runs the program: makes a scene, trains, stops, resumes, evaluates and renders.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -40,7 +40,7 @@ class EndToEnd : public ::testing::Test {
     return run_b3dgs(words, options);
   }
 
-  /// A training that is stopped by a signal once it has written a checkpoint of its own.
+  /// A training that is stopped by a signal once it has written a checkpoint.
   Outcome train_and_signal(int signal, int n_signals = 1) const {
     test::RunOptions options;
     options.signal = signal;
@@ -108,7 +108,7 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
 }
 
 TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
-  // The opacity reset after the last iteration belongs to the checkpoint, for a training that goes on.
+  // The opacity reset after the last iteration affects the checkpoint only, for a training that is resumed.
   const Outcome trained = train({"--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto views = nlohmann::json::parse(read_bytes(fs::path(model()) / "per_view.json"))["ours_60"]["PSNR"];
@@ -131,7 +131,7 @@ TEST_F(EndToEnd, APlyIsRenderedWithTheCamerasOfAScene) {
   EXPECT_FALSE(fs::exists(output + "/depth"));
 }
 
-TEST_F(EndToEnd, ASignalLeavesACheckpointThatContinues) {
+TEST_F(EndToEnd, ASignalLeavesACheckpointToResume) {
   for (const auto& [signal, code] : {std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
     remove_tree(model());
     const Outcome stopped = train_and_signal(signal);
@@ -151,17 +151,17 @@ TEST_F(EndToEnd, ASignalLeavesACheckpointThatContinues) {
   }
 }
 
-TEST_F(EndToEnd, SignalsAtOnceAreOneRequest) {
-  // timeout(1) signals the program and its group, the program among them. The exit code would be the same if the second
-  // signal killed it.
+TEST_F(EndToEnd, SignalsInQuickSuccessionAreOneRequest) {
+  // timeout(1) signals the program and its process group. The exit code would be the same if the second signal killed
+  // the program, but not the output.
   const Outcome stopped = train_and_signal(SIGTERM, 4);
   EXPECT_EQ(stopped.exit_code, 143) << stopped.err;
   EXPECT_NE(stopped.out.find("--resume"), std::string::npos) << stopped.out;
 }
 
 TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
-  // Density control at 4, 8, 12, 16 and an opacity reset at 12 lie on both sides of the interruption. The two
-  // candidates blend the same bits on a CPU: which one is found to be faster does not show.
+  // Density control at 4, 8, 12, 16 and the opacity reset at 12 are on both sides of the interruption. On a CPU the two
+  // candidates compute the same bits, so it does not matter which one is faster.
   const Words schedule{"--densify_from_iter",      "2",  "--densification_interval", "4",
                        "--opacity_reset_interval", "12", "--densify_grad_threshold", "0.00001",
                        "--sh_increase_interval",   "7",  "--kernel_candidates",      "naive,shared-memory"};
@@ -191,13 +191,13 @@ TEST_F(EndToEnd, AModelIsNotReplacedByAccident) {
   const Outcome replaced = train({"--iterations", "3", "--overwrite"});
   EXPECT_EQ(replaced.exit_code, 0) << replaced.err;
   EXPECT_TRUE(fs::exists(ply("model", 3)));
-  EXPECT_FALSE(fs::exists(ply("model", 5)));  // nothing of the earlier one is left to be taken for this one's
+  EXPECT_FALSE(fs::exists(ply("model", 5))) << "left over from the replaced model";
 }
 
 TEST_F(EndToEnd, ResumeAutoWithoutACheckpointStartsFromTheBeginning) {
   const Outcome outcome = train({"--iterations", "3", "--resume", "auto"});
   EXPECT_EQ(outcome.exit_code, 0);
-  EXPECT_NE(outcome.err.find("no checkpoint to resume, starting from the beginning"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("no checkpoint to resume in "), std::string::npos) << outcome.err;
   EXPECT_TRUE(fs::exists(ply("model", 3)));
 }
 
@@ -208,7 +208,7 @@ TEST_F(EndToEnd, AFullDiskLosesNothing) {
   full.file_size_limit = 4096;
   const Outcome outcome = run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", "10"}, full);
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_NE(outcome.err.find("b3dgs: error: "), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("error: "), std::string::npos) << outcome.err;
   EXPECT_EQ(checkpoints(), kept);
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(model())) {
     EXPECT_NE(entry.path().extension(), ".tmp") << entry.path();
@@ -224,17 +224,17 @@ TEST_F(EndToEnd, QuietPrintsResultsOnly) {
   EXPECT_EQ(outcome.out.compare(0, 7, "trained"), 0) << outcome.out;
 }
 
-TEST_F(EndToEnd, TheModelFolderIsNamedAfterTheSceneWhereNoneIsGiven) {
+TEST_F(EndToEnd, TheDefaultModelFolderIsNamedAfterTheScene) {
   test::RunOptions here;
   here.folder = folder_.path();
   const Outcome outcome = run_b3dgs({"train", "-s", "scene/", "--iterations", "2"}, here);
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(fs::exists(folder_.path() / "output" / "scene" / "point_cloud"));
-  // The scene was named relative to the folder of that run; the model knows where it is all the same.
+  // The scene was given relative to the working folder of the training; the model stores its absolute path.
   EXPECT_EQ(run_b3dgs({"eval", "-m", (folder_.path() / "output" / "scene").string()}).exit_code, 0);
 }
 
-TEST(Program, SaysItsVersionAndHelp) {
+TEST(Program, PrintsVersionAndHelp) {
   const Outcome version = run_b3dgs({"--version"});
   EXPECT_EQ(version.exit_code, 0);
   EXPECT_EQ(version.out.compare(0, 6, "b3dgs "), 0);

@@ -1,4 +1,4 @@
-// The estimate of the time that remains, on runs whose law is known.
+// Estimates of the remaining time, for trainings with a known time per iteration.
 #include "app/terminal/eta.h"
 
 #include <gtest/gtest.h>
@@ -8,8 +8,8 @@
 namespace b3dgs {
 namespace {
 
-/// A run in which an iteration takes constant + slope * count seconds and the count grows by `growth` an iteration from
-/// `densify_from` to `densify_until`.
+/// A training in which an iteration takes constant + slope * count seconds, and the count grows by `growth` per
+/// iteration from `densify_from` to `densify_until`.
 struct KnownRun {
   double constant = 0.1, slope = 1e-6;
   double start_count = 10000, growth = 20;
@@ -60,13 +60,13 @@ TEST(Eta, IsExactForAConstantCount) {
 
 TEST(Eta, KnowsThatTheCountGrowsUntilDensificationEnds) {
   KnownRun run;
-  run.slope = 4e-6;  // at the end four fifths of the time depend on the count
+  run.slope = 4e-6;  // at the end, four fifths of the time depend on the count
   const auto eta = run.history_until(2500).estimate();
   ASSERT_TRUE(eta);
   EXPECT_FALSE(eta->is_lower_bound);
   const double truth = run.remaining_after(2500);
   const double naive = 7500 * (run.constant + run.slope * run.count_after(2500));
-  ASSERT_LT(naive, 0.8 * truth);  // what an estimate from the speed alone would say
+  ASSERT_LT(naive, 0.8 * truth);  // an estimate from the current speed alone is far too low
   EXPECT_NEAR(eta->seconds, truth, 0.03 * truth);
 }
 
@@ -102,7 +102,7 @@ TEST(Eta, AFallingCountIsNotExtrapolated) {
   const auto eta = estimate_eta(samples, plan);
   ASSERT_TRUE(eta);
   EXPECT_GT(eta->seconds, 0);
-  EXPECT_LE(eta->seconds, 800 * 1.01);  // one second an iteration so far, and not more with fewer Gaussians
+  EXPECT_LE(eta->seconds, 800 * 1.01);  // one second per iteration so far, and no more with fewer Gaussians
 }
 
 TEST(Eta, IsZeroAtTheEnd) {

@@ -1,10 +1,10 @@
-// Kills trainings at random moments and continues them, and holds what they leave against a training that nobody
-// disturbed: the last PLY has to be the same to the byte, and the folder has to be usable after every kill.
+// Kills trainings at random moments, resumes them, and compares the result with an uninterrupted training: the last PLY
+// must be identical byte by byte, and the model folder must be usable after every kill.
 //
 //   kill_training FOLDER [--kills N] [--seed S] [--device cpu|cuda] [--keep]
 //
-// FOLDER is made and, unless --keep is given, removed. Each training is a process that is forked off this one, which
-// has loaded LibTorch once and starts no thread of its own: a thousand kills take minutes.
+// FOLDER is created, and removed at the end unless --keep is given. Each training is a fork of this process, which has
+// loaded LibTorch once and starts no threads, so that a thousand kills take only minutes.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -49,7 +49,7 @@ Options parse(const Words& words) {
   Options options;
   for (std::size_t i = 0; i < words.size(); ++i) {
     const auto value = [&] {
-      return ++i < words.size() ? words[i] : throw InputError(words[i - 1] + ": a value is missing");
+      return ++i < words.size() ? words[i] : throw InputError("missing value for " + words[i - 1]);
     };
     if (words[i] == "--kills") {
       options.kills = std::stoi(value());
@@ -72,7 +72,8 @@ Options parse(const Words& words) {
   throw Error(what);
 }
 
-/// A process that runs `work` with its output in `log`. It exits with 0 unless there is an exception.
+/// Starts a process that runs `work` with its output in `log`. It exits with the result of `work`, or 1 after an
+/// exception.
 template <class Work>
 pid_t start(const fs::path& log, Work&& work) {
   std::cout.flush();
@@ -99,10 +100,11 @@ int wait_for_end(pid_t child) {
 
 void expect_success(int status, const fs::path& log) {
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
-  fail("a training that was not killed ended with status " + std::to_string(status) + ": " + test::read_bytes(log));
+  fail("training failed with status " + std::to_string(status) + ": " + test::read_bytes(log));
 }
 
-/// Density control, opacity resets, evaluations, PLYs on the way, and checkpoints every three iterations and by time.
+/// Options with density control, opacity resets, evaluations, intermediate PLYs, and checkpoints every three
+/// iterations.
 Words training(const Options& options, const fs::path& model, bool resumes) {
   Words words{"-s",
               (options.folder / "scene").string(),
@@ -140,25 +142,25 @@ Words training(const Options& options, const fs::path& model, bool resumes) {
   return words;
 }
 
-/// What has to hold at any moment.
+/// Checks what must hold at any moment.
 void check_folder(const ModelFolder& folder) {
   for (const int iteration : folder.checkpoint_iterations()) verify_checkpoint_file(folder.checkpoint(iteration));
   for (const int iteration : folder.ply_iterations()) read_splat_ply(folder.ply(iteration));
-  for (const char* name : {"config.json", "cameras.json", "course.json", "results.json", "per_view.json"}) {
+  for (const char* name : {"config.json", "cameras.json", "training.json", "results.json", "per_view.json"}) {
     const fs::path path = folder.root() / name;
     if (fs::exists(path) && nlohmann::json::parse(test::read_bytes(path), nullptr, false).is_discarded()) {
-      fail(path.string() + ": is no JSON");
+      fail("not valid JSON: " + path.string());
     }
   }
 }
 
-/// What has to hold at the end.
+/// Checks what must hold at the end.
 void check_end(const ModelFolder& folder, const std::string& expected) {
   if (test::read_bytes(folder.ply(40)) != expected)
-    fail(folder.ply(40).string() + ": differs from the undisturbed one");
+    fail("differs from the PLY of the uninterrupted training: " + folder.ply(40).string());
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder.root())) {
     const std::string name = entry.path().filename().string();
-    if (name.compare(0, 6, ".b3dgs") == 0) fail(entry.path().string() + ": was left behind");
+    if (name.compare(0, 6, ".b3dgs") == 0) fail("temporary file was not removed: " + entry.path().string());
   }
   int last = 0;
   std::istringstream log(test::read_bytes(folder.log()));
@@ -192,12 +194,12 @@ int run(const Options& options) {
 
   std::mt19937 random(options.seed);
   int n_kills = 0, n_trainings = 0, n_attempts = 0;
-  std::set<int> killed_after;  // iterations of the newest checkpoint then
+  std::set<int> killed_after;  // iteration of the newest checkpoint at each kill
   while (n_kills < options.kills) {
     const ModelFolder folder(options.folder / ("model_" + std::to_string(n_trainings)));
     for (bool is_done = false, is_first = true; !is_done; ++n_attempts, is_first = false) {
       const auto attempt_begin = Clock::now();
-      // Towards the end of a training there is no more than that: it is undisturbed.
+      // The delay may exceed the duration of the training, which is then not killed.
       const double delay_s = std::uniform_real_distribution<double>(0, 1.1 * whole_s)(random);
       const pid_t child = start(log, [&] { return run_train(training(options, folder.root(), true)); });
       const auto moment = Clock::now() + std::chrono::duration<double>(n_kills < options.kills ? delay_s : 1e9);
@@ -218,7 +220,7 @@ int run(const Options& options) {
       } else {
         expect_success(status, log);
         is_done = true;
-        // The machine may have become faster: moments are to lie within a training.
+        // The speed of the machine may have changed; the kills must fall into the training.
         if (is_first) whole_s = std::chrono::duration<double>(Clock::now() - attempt_begin).count();
       }
     }
@@ -226,7 +228,7 @@ int run(const Options& options) {
     ++n_trainings;
     if (!options.keep) remove_tree(folder.root());
   }
-  std::printf("%d kills in %d trainings, after %zu different checkpoints: every folder usable, every PLY the same\n",
+  std::printf("%d kills in %d trainings, after %zu different checkpoints: all folders usable, all PLYs identical\n",
               n_kills, n_trainings, killed_after.size());
   if (!options.keep) remove_tree(options.folder);
   return 0;

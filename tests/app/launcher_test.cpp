@@ -1,4 +1,4 @@
-// b3dgs before it becomes b3dgs-engine, and the demo's care for what it did not make.
+// The launcher b3dgs, which works without b3dgs-engine; and the demo script.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 using test::Outcome;
 using test::run_b3dgs;
 
-/// The exit code of a shell command, its output in `folder`/out.
+/// Runs a shell command and returns its exit code. Its output is in `folder`/out.
 int run_shell(const fs::path& folder, const std::string& command) {
   const int status = std::system((command + " > '" + (folder / "out").string() + "' 2>&1").c_str());
   return WEXITSTATUS(status);
@@ -30,24 +30,25 @@ TEST(Launcher, AnswersWithoutTheEngine) {
   EXPECT_EQ(run_shell(folder.path(), program + " --help"), 0);
   EXPECT_NE(test::read_bytes(folder / "out").find("Usage: b3dgs COMMAND"), std::string::npos);
   EXPECT_EQ(run_shell(folder.path(), program + " train"), 1);
-  EXPECT_NE(test::read_bytes(folder / "out").find("b3dgs-engine: cannot be started"), std::string::npos);
+  EXPECT_NE(test::read_bytes(folder / "out").find("error: cannot start " + (folder / "b3dgs-engine").string()),
+            std::string::npos);
 }
 
 TEST(Launcher, ThreadsSleepWhileTheyWaitUnlessTheUserSaysOtherwise) {
   setenv("OMP_DISPLAY_ENV", "true", 1);
-  const std::string usual = run_b3dgs({"train", "--help"}).err;
+  const std::string by_default = run_b3dgs({"train", "--help"}).err;
   setenv("OMP_WAIT_POLICY", "active", 1);
-  const std::string told = run_b3dgs({"train", "--help"}).err;
+  const std::string overridden = run_b3dgs({"train", "--help"}).err;
   unsetenv("OMP_WAIT_POLICY");
   unsetenv("OMP_DISPLAY_ENV");
-  EXPECT_NE(usual.find("OMP_WAIT_POLICY = 'PASSIVE'"), std::string::npos) << usual;
-  EXPECT_NE(told.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << told;
+  EXPECT_NE(by_default.find("OMP_WAIT_POLICY = 'PASSIVE'"), std::string::npos) << by_default;
+  EXPECT_NE(overridden.find("OMP_WAIT_POLICY = 'ACTIVE'"), std::string::npos) << overridden;
 }
 
 TEST(Demo, RefusesAFolderThatItDidNotMake) {
   const test::TempDir folder;
   test::write_bytes(folder / "mine/model/thesis.txt", "years");
-  EXPECT_EQ(run_shell(folder.path(), B3DGS_SCRIPTS "/demo.sh '" + (folder / "mine").string() + "'"), 2);
+  EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/demo.sh '" + (folder / "mine").string() + "'"), 2);
   EXPECT_NE(test::read_bytes(folder / "out").find("holds something that the demo did not make"), std::string::npos);
   EXPECT_EQ(test::read_bytes(folder / "mine/model/thesis.txt"), "years");
 }

@@ -1,4 +1,4 @@
-// What progress looks like on a terminal and elsewhere.
+// Progress output on a terminal and elsewhere.
 #include "app/terminal/progress.h"
 
 #include <gtest/gtest.h>
@@ -61,7 +61,7 @@ TEST(StatusLine, OnATerminalOneLineIsRedrawnAndCut) {
   EXPECT_EQ(out.str(), "\r012345678\x1b[K\rnow\x1b[K");
 }
 
-TEST(StatusLine, OnATerminalMessagesStandAboveTheStatus) {
+TEST(StatusLine, OnATerminalMessagesAreAboveTheStatus) {
   std::ostringstream out;
   StatusLine status(out, 80, false, [] { return 0.0; });
   status.show("status", true);

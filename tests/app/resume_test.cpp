@@ -1,4 +1,4 @@
-// The program from outside: what is continued where, and what is not.
+// Runs the program: what can be resumed where, and what cannot.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -32,9 +32,9 @@ class Resume : public ::testing::Test {
     return run_b3dgs(words, options);
   }
   static void expect_success(const Outcome& outcome) { EXPECT_EQ(outcome.exit_code, 0) << outcome.err; }
-  static void expect_refused(const Outcome& outcome, const std::vector<std::string>& says) {
+  static void expect_refused(const Outcome& outcome, const std::vector<std::string>& parts) {
     EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
-    for (const std::string& part : says) {
+    for (const std::string& part : parts) {
       EXPECT_NE(outcome.err.find(part), std::string::npos) << part << " in " << outcome.err;
     }
   }
@@ -54,7 +54,7 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_EQ(read_bytes(b.ply(5)), ply);
   EXPECT_EQ(read_bytes(b.log()), log);
 
-  // Put beside that model it would be removed with it.
+  // In that model's folder, the checkpoint would be removed with the model.
   const fs::path guest = b.checkpoint(3);
   fs::copy_file(a.checkpoint(3), guest);
   expect_refused(train({"--resume", guest, "-m", b.root(), "--overwrite"}), {guest, "move it elsewhere"});
@@ -69,7 +69,7 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_TRUE(fs::exists(a.checkpoint(3)));
 }
 
-TEST_F(Resume, TakesAFolderAndSaysHowFarItWent) {
+TEST_F(Resume, AcceptsAFolderAndReportsTheIterations) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
   const Outcome more = train({"--resume", a.root(), "--iterations", "10", "--kernel", "naive"});
   expect_success(more);
@@ -79,7 +79,7 @@ TEST_F(Resume, TakesAFolderAndSaysHowFarItWent) {
   EXPECT_EQ(report.find("never changed"), std::string::npos);
   EXPECT_EQ(train({"--resume", temp / "scene"}).exit_code, 2);
 
-  // Back to an earlier one: eval and info follow.
+  // Resuming an earlier checkpoint sets the later files aside; eval uses the new ones.
   const Outcome back = train({"--resume", a.checkpoint(6), "--iterations", "8"});
   expect_success(back);
   EXPECT_NE(back.err.find("set_aside"), std::string::npos) << back.err;
@@ -92,19 +92,19 @@ TEST_F(Resume, TakesAFolderAndSaysHowFarItWent) {
 TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
   for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
-    fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is there
+    fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is intact
   }
   expect_refused(train({"--resume", a.root(), "--iterations", "5", "-r", "2"}), {"training view 0", "-r"});
 }
 
-TEST_F(Resume, AutoNeedsNoSceneAndKnowsDamagedCheckpoints) {
+TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4", "--sh_degree", "1"}));
   fs::resize_file(a.checkpoint(4), 1000);
-  expect_refused(train({"-m", a.root(), "--resume", "auto"}), {"all of its checkpoints are damaged", "--overwrite"});
+  expect_refused(train({"-m", a.root(), "--resume", "auto"}), {"all checkpoints are damaged", "--overwrite"});
   expect_success(train({"-m", a.root(), "--resume", "auto", "--overwrite", "--iterations", "5"}));
   EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{5}));
 
-  // Killed before the first checkpoint.
+  // As if killed before the first checkpoint.
   fs::remove(a.checkpoint(5));
   EXPECT_TRUE(remove_tree(a.root() / "point_cloud"));
   expect_success(train({"-m", a.root(), "--resume", "auto"}));
@@ -124,16 +124,16 @@ TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
   const Outcome first =
       train({"-s", scene(), "-m", a.root(), "--iterations", "1000000", "--checkpoint_interval", "5"}, options);
   EXPECT_EQ(first.exit_code, 143) << first.err;
-  expect_refused(second, {a.root(), "is training into this folder", " train -s "});
+  expect_refused(second, {"model folder in use: ", a.root(), " train -s "});
 }
 
-TEST_F(Resume, AFullDiskOnTheWayDoesNotEndATraining) {
+TEST_F(Resume, AFullDiskDuringTrainingDoesNotEndIt) {
   test::RunOptions full;
   full.file_size_limit = 60000;
   const Outcome outcome = train({"-s", scene(), "-m", a.root(), "--iterations", "8", "--checkpoint_iterations", "4",
                                  "--stats_interval", "0", "--quiet"},
                                 full);
-  expect_refused(outcome, {"warning: ", "iteration_4.b3dgs: cannot write", "b3dgs: error: ", "File too large"});
+  expect_refused(outcome, {"warning: ", "cannot write ", "iteration_4.b3dgs", "error: ", "File too large"});
   EXPECT_NE(outcome.err.find("last checkpoint: none was written"), std::string::npos) << outcome.err;
 }
 

@@ -1,4 +1,4 @@
-// What a user does before the first training: setup_gpu.sh on machines where something is missing, and an installation.
+// scripts/setup_gpu.sh on machines that lack something, and installation of the program.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A machine made of scripts that answer as the real programs do.
+/// Simulates a machine by scripts that print what nvidia-smi and nvcc would print.
 class SetupGpu : public testing::Test {
  protected:
   void add_program(const std::string& name, const std::string& answer) {
@@ -20,16 +20,14 @@ class SetupGpu : public testing::Test {
     test::write_bytes(path, "#!/bin/sh\ncat <<'ANSWER'\n" + answer + "\nANSWER\n");
     fs::permissions(path, fs::perms::owner_all);
   }
-  void add_gpu(const std::string& capability) {
-    add_program("nvidia-smi", "NVIDIA Test GPU, 550.54, " + capability);
-  }
+  void add_gpu(const std::string& capability) { add_program("nvidia-smi", "NVIDIA Test GPU, 550.54, " + capability); }
   void add_nvcc() { add_program("nvcc", "Cuda compilation tools, release 12.6, V12.6.20"); }
 
-  /// The exit code of setup_gpu.sh with these arguments; its output is in `output`.
+  /// Runs setup_gpu.sh and returns its exit code. Its output is in `output`.
   int run(const std::string& arguments) {
     const std::string folder = temp.path().string();
     const std::string command = "cd '" + folder + "' && PATH='" + folder + "/bin:/usr/bin:/bin' HOME='" + folder +
-                                "' CUDA_HOME='" + folder + "/cuda' LIBTORCH= '" B3DGS_SCRIPTS "/setup_gpu.sh' " +
+                                "' CUDA_HOME='" + folder + "/cuda' LIBTORCH= '" B3DGS_SOURCE "/scripts/setup_gpu.sh' " +
                                 arguments + " > output 2>&1";
     const int status = std::system(command.c_str());
     output = test::read_bytes(temp / "output");
@@ -40,7 +38,7 @@ class SetupGpu : public testing::Test {
   std::string output;
 };
 
-TEST_F(SetupGpu, SaysWhatIsMissing) {
+TEST_F(SetupGpu, ReportsWhatIsMissing) {
   add_program("nvcc", "Cuda compilation tools, release 12.6, V12.6.20");
   add_program("nvidia-smi", "");
   EXPECT_EQ(run("--check --libtorch '" + (temp / "none").string() + "'"), 1);
@@ -51,14 +49,14 @@ TEST_F(SetupGpu, SaysWhatIsMissing) {
   EXPECT_NE(output.find("setup_gpu.sh: error: 2 of 3 are missing"), std::string::npos) << output;
 }
 
-TEST_F(SetupGpu, RefusesAGpuThatIsTooOld) {
+TEST_F(SetupGpu, RejectsAGpuThatIsTooOld) {
   add_gpu("6.1");
   add_nvcc();
   EXPECT_EQ(run("--check"), 1);
   EXPECT_NE(output.find("compute capability 6.1; 7.5 (Turing, 2018) or later is needed"), std::string::npos) << output;
 }
 
-TEST_F(SetupGpu, FindsWhatIsThere) {
+TEST_F(SetupGpu, FindsWhatIsInstalled) {
   add_gpu("8.6");
   add_nvcc();
   test::write_bytes(temp / "libtorch/lib/libtorch_cuda.so", "");
@@ -67,12 +65,12 @@ TEST_F(SetupGpu, FindsWhatIsThere) {
   EXPECT_NE(output.find(fs::canonical(temp / "libtorch").string()), std::string::npos) << output;
 }
 
-TEST_F(SetupGpu, RefusesUnknownOptions) {
+TEST_F(SetupGpu, RejectsUnknownOptions) {
   EXPECT_EQ(run("--chek"), 2);
   EXPECT_NE(output.find("unknown option: --chek"), std::string::npos) << output;
 }
 
-TEST(Install, TheProgramRunsFromWhereItIsInstalled) {
+TEST(Install, TheInstalledProgramRuns) {
   const test::TempDir temp;
   const std::string command = "cmake --install '" B3DGS_BUILD "' --prefix '" + (temp / "here").string() + "' > '" +
                               (temp / "log").string() + "' 2>&1";

@@ -1,4 +1,4 @@
-// Synthetic scenes: their law, their files, and that others read them.
+// Synthetic scenes: their distributions, their files, and that COLMAP can read them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ void write(const SynthConfig& config) {
   write_synth_scene(config, make_scene(config));
 }
 
-/// Relative path and content of every file, synth.json apart: it holds the output's name.
+/// Relative path and content of every file except synth.json, which contains the output folder.
 std::vector<std::pair<std::string, std::string>> contents(const fs::path& folder) {
   std::vector<std::pair<std::string, std::string>> files;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
@@ -55,7 +55,7 @@ std::vector<double> depths(const SynthScene& scene) {
   return z;
 }
 
-/// Largest distance between the distribution of u in [0, 1] and the uniform one (Kolmogorov-Smirnov).
+/// Kolmogorov-Smirnov distance between the distribution of u and the uniform distribution on [0, 1].
 double distance_from_uniform(std::vector<double> u) {
   std::sort(u.begin(), u.end());
   double largest = 0;
@@ -107,7 +107,7 @@ TEST_P(Synth, LoadsAsAScene) {
   }
 }
 
-TEST_P(Synth, TheTruthIsAPlyOfTheKnownGaussians) {
+TEST_P(Synth, TruthPlyHoldsTheTrueGaussians) {
   const SynthConfig config = small(GetParam(), folder_.path() / "scene");
   const SynthScene made = make_scene(config);
   write_synth_scene(config, made);
@@ -156,7 +156,7 @@ TEST(SynthFolder, ASyntheticSceneIsReplaced) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path() / "scene" / "images"), fs::directory_iterator()), 2);
 }
 
-TEST(SynthFolder, AnythingElseIsLeftAlone) {
+TEST(SynthFolder, AnyOtherFolderIsRejected) {
   test::TempDir folder;
   write_file(folder.path() / "sparse" / "0" / "cameras.bin", "precious");
   EXPECT_THROW(write(small("orbit", folder.path())), InputError);
@@ -168,11 +168,11 @@ TEST(Street, DepthsAreLogUniform) {
   config.points = 20000;
   std::vector<double> u;
   for (const double z : depths(make_scene(config))) u.push_back(std::log(z / 3) / std::log(400.0 / 3));
-  EXPECT_LT(distance_from_uniform(u), 1.63 / std::sqrt(20000.0));  // exceeded once in a hundred seeds
+  EXPECT_LT(distance_from_uniform(u), 1.63 / std::sqrt(20000.0));  // the 1 % critical value
 }
 
 TEST(Street, PointsAreThoseOfTheMeasuredFigures) {
-  // docs/benchmarks.md has figures of `bench street`, which draws these points.
+  // docs/benchmarks.md has results of `bench street`, which uses these points.
   for (const char* truth : {"surfaces", "points"}) {
     SynthConfig config = small("street", "");
     config.truth = truth;
@@ -182,14 +182,14 @@ TEST(Street, PointsAreThoseOfTheMeasuredFigures) {
   }
 }
 
-/// As training starts from the points, but with the opacity of a surface.
+/// The Gaussians that training starts from, but with the opacity of a surface.
 SplatCloud solid_points(const SynthScene& scene) {
   SplatCloud cloud = splats_from_points(scene.points, 0);
   std::fill(cloud.logit_opacities.begin(), cloud.logit_opacities.end(), logit(0.8));
   return cloud;
 }
 
-/// Of one model's picture against the other's, dB.
+/// PSNR between renders of two models, dB.
 double psnr_of(const SplatCloud& a, const SplatCloud& b, const Camera& camera) {
   const Image8 first = render_truth(a, camera), second = render_truth(b, camera);
   double sum = 0;
@@ -218,16 +218,17 @@ TEST(Street, TrainingHasToFindWhatTheImagesShow) {
     n_round += *std::max_element(scale, scale + 3) - *std::min_element(scale, scale + 3) < std::log(2.0);
     n_solid += made.truth.logit_opacities[i] > logit(0.8);
   }
-  EXPECT_EQ(n_at_points, 0u) << "places";
-  EXPECT_EQ(n_round, 0u) << "shapes";
-  EXPECT_GT(n_solid, n / 10) << "opacities of many kinds";
+  EXPECT_EQ(n_at_points, 0u) << "positions differ";
+  EXPECT_EQ(n_round, 0u) << "the Gaussians are anisotropic";
+  EXPECT_GT(n_solid, n / 10) << "opacities vary";
   EXPECT_LT(n_solid, n / 2);
-  EXPECT_LT(psnr_of(solid_points(made), made.truth, made.cameras[0]), 25) << "solid points are not the picture";
+  EXPECT_LT(psnr_of(solid_points(made), made.truth, made.cameras[0]), 25)
+      << "opaque points do not reproduce the images";
 
   config.truth = "points";
   const SynthScene given = make_scene(config);
   EXPECT_EQ(given.truth.means, given.points.positions);
-  EXPECT_GT(psnr_of(solid_points(given), given.truth, given.cameras[0]), 60) << "here they are";
+  EXPECT_GT(psnr_of(solid_points(given), given.truth, given.cameras[0]), 60) << "with truth=points they do";
 }
 
 TEST(Street, SkewMovesPointsTowardsTheHorizon) {
@@ -256,7 +257,7 @@ TEST(Street, AThirdIsRoadAndTheRestFacades) {
   EXPECT_EQ(n_road, 3000);
 }
 
-TEST(Street, TheFirstCameraIsThatOfTheRecipeAndTheOthersDriveForward) {
+TEST(Street, CamerasDriveForward) {
   SynthConfig config = with_scene_defaults([] {
     SynthConfig c;
     c.scene = "street";

@@ -24,7 +24,7 @@ std::vector<std::filesystem::path>& synced_paths() {
 
 }  // namespace
 
-/// In place of the C library's: notes what is synced.
+/// Replaces fsync() of the C library and records what is synced.
 extern "C" int fsync(int file) {
   std::error_code error;
   synced_paths().push_back(std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(file), error));
@@ -43,7 +43,7 @@ std::size_t count_files(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), fs::directory_iterator()));
 }
 
-// Lets no file of this process grow beyond `bytes`: writing further fails as on a full disk, with another reason.
+// Limits the size of files that this process writes. A write beyond it fails as on a full disk, but with EFBIG.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : handler_(::signal(SIGXFSZ, SIG_IGN)) {
@@ -61,7 +61,7 @@ class FileSizeLimit {
   void (*handler_)(int);
 };
 
-TEST(AtomicFile, IsNotThereBeforeCommitAndWholeAfter) {
+TEST(AtomicFile, ExistsOnlyAfterCommit) {
   TempDir folder;
   const fs::path target = folder / "new" / "deep" / "file.txt";
   AtomicFile file(target);
@@ -73,7 +73,7 @@ TEST(AtomicFile, IsNotThereBeforeCommitAndWholeAfter) {
   EXPECT_EQ(count_files(target.parent_path()), 1u);
 }
 
-TEST(AtomicFile, WithoutCommitLeavesTheOldFileAndNothingElse) {
+TEST(AtomicFile, WithoutCommitTheOldFileIsUnchanged) {
   TempDir folder;
   write_file(folder / "a", "old");
   {
@@ -91,7 +91,7 @@ TEST(AtomicFile, ReplacesTheOldFile) {
   EXPECT_EQ(read_bytes(folder / "a"), "new");
 }
 
-TEST(AtomicFile, HasTheModeThatTheUmaskLeaves) {
+TEST(AtomicFile, RespectsTheUmask) {
   TempDir folder;
   const mode_t before = ::umask(0027);
   write_file(folder / "a", "x");
@@ -101,7 +101,7 @@ TEST(AtomicFile, HasTheModeThatTheUmaskLeaves) {
   EXPECT_EQ(status.st_mode & 0777, mode_t{0640});
 }
 
-TEST(AtomicFile, SaysWhyAWriteFailedAndKeepsTheOldFile) {
+TEST(AtomicFile, AFailedWriteReportsTheReasonAndKeepsTheOldFile) {
   TempDir folder;
   const fs::path target = folder / "big.ply";
   write_file(target, "old");
@@ -115,21 +115,21 @@ TEST(AtomicFile, SaysWhyAWriteFailedAndKeepsTheOldFile) {
   EXPECT_EQ(count_files(folder.path()), 1u);
 }
 
-TEST(AtomicFile, NamesTheTargetWhenItsFolderCannotBeMade) {
+TEST(AtomicFile, NamesTheTargetIfItsFolderCannotBeCreated) {
   TempDir folder;
-  write_file(folder / "plain", "a file, no folder");
+  write_file(folder / "plain", "a file, not a folder");
   const fs::path target = folder / "plain" / "b.txt";
   EXPECT_TRUE(fails_with<IoError>({target.string(), "Not a directory"}, [&] { AtomicFile file(target); }));
 }
 
-TEST(AtomicFile, NamesTheTargetWhenItIsAFolder) {
+TEST(AtomicFile, NamesTheTargetIfItIsAFolder) {
   TempDir folder;
   fs::create_directories(folder / "taken" / "inside");
   EXPECT_TRUE(fails_with<IoError>({(folder / "taken").string()}, [&] { write_file(folder / "taken", "x"); }));
   EXPECT_EQ(count_files(folder.path()), 1u);
 }
 
-TEST(AtomicFile, SyncsNewFoldersAndTheFoldersThatTheyAreIn) {
+TEST(AtomicFile, SyncsNewFoldersAndTheirParents) {
   TempDir folder;
   const fs::path root = fs::canonical(folder.path());
   synced_paths().clear();
@@ -137,15 +137,15 @@ TEST(AtomicFile, SyncsNewFoldersAndTheFoldersThatTheyAreIn) {
   const auto is_synced = [&](const fs::path& path) {
     return std::count(synced_paths().begin(), synced_paths().end(), path) > 0;
   };
-  EXPECT_TRUE(is_synced(root)) << "new/ would be lost";
+  EXPECT_TRUE(is_synced(root)) << "else new/ could be lost";
   EXPECT_TRUE(is_synced(root / "new"));
   EXPECT_TRUE(is_synced(root / "new" / "deep"));
   synced_paths().clear();
   write_file(root / "new" / "deep" / "a", "y");
-  EXPECT_FALSE(is_synced(root)) << "nothing in it is new";
+  EXPECT_FALSE(is_synced(root)) << "its content did not change";
 }
 
-TEST(AtomicFile, RewritesWhatWasWritten) {
+TEST(AtomicFile, RewriteReplacesEarlierBytes) {
   TempDir folder;
   AtomicFile file(folder / "a");
   file.write("0123456789");
@@ -155,14 +155,14 @@ TEST(AtomicFile, RewritesWhatWasWritten) {
   EXPECT_EQ(read_bytes(folder / "a"), "012abc6789more");
 }
 
-TEST(UnfinishedFiles, OfDeadProcessesAreRemovedAndNoOthers) {
+TEST(UnfinishedFiles, OnlyThoseOfDeadProcessesAreRemoved) {
   TempDir folder;
   const pid_t dead = ::fork();
   if (dead == 0) ::_exit(0);
   ASSERT_EQ(::waitpid(dead, nullptr, 0), dead);
   const std::string of_dead = ".b3dgs-" + std::to_string(dead) + "-7.tmp";
   const std::string of_living = ".b3dgs-" + std::to_string(::getppid()) + "-7.tmp";
-  const std::string of_earlier = ".b3dgs-" + std::to_string(::getpid()) + "-7.tmp";  // ids are used again
+  const std::string of_earlier = ".b3dgs-" + std::to_string(::getpid()) + "-7.tmp";  // process IDs are reused
   for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
     for (const std::string& name : {of_dead, of_living, of_earlier, of_dead + "x", std::string(".b3dgs-notes.tmp")}) {
       test::write_bytes(where / name, "x");

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TEST(RemoveTree, RemovesAllBelowAndFollowsNoLink) {
+TEST(RemoveTree, RemovesAFolderAndFollowsNoLink) {
   const test::TempDir temp;
   fs::create_directories(temp / "kept");
   std::ofstream(temp / "kept" / "file") << "x";
@@ -23,7 +23,7 @@ TEST(RemoveTree, RemovesAllBelowAndFollowsNoLink) {
   EXPECT_TRUE(fs::exists(temp / "kept" / "file"));
 }
 
-TEST(RemoveTree, TakesAFileAndNothing) {
+TEST(RemoveTree, AcceptsAFileAndAMissingPath) {
   const test::TempDir temp;
   std::ofstream(temp / "file") << "x";
   EXPECT_TRUE(remove_tree(temp / "file"));

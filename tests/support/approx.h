@@ -1,4 +1,4 @@
-// Comparison of tensors that says where it failed: the worst entry, its place and both values.
+// Comparison of tensors. A failure reports the worst entry: its index and both values.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 namespace b3dgs::test {
 
-/// "[row, column, ...]" of a flat index.
+/// A flat index as "[row, column, ...]".
 inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
   std::string place;
   for (std::int64_t axis = tensor.dim() - 1; axis >= 0; --axis) {
@@ -18,8 +18,7 @@ inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
   return "[" + place + "]";
 }
 
-/// Whether |actual - expected| <= allowed everywhere; `allowed` has a shape that broadcasts to theirs. NaN never
-/// agrees.
+/// Whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN always fails.
 inline testing::AssertionResult within(const torch::Tensor& actual, const torch::Tensor& expected,
                                        const torch::Tensor& allowed) {
   if (!actual.defined() || actual.sizes() != expected.sizes()) {
@@ -30,7 +29,7 @@ inline testing::AssertionResult within(const torch::Tensor& actual, const torch:
   if (actual.numel() == 0) return testing::AssertionSuccess();
   const torch::Tensor a = actual.detach().to(torch::kFloat64).contiguous();
   const torch::Tensor e = expected.detach().to(torch::kFloat64).contiguous();
-  // The smallest normal number keeps 0 <= 0 from becoming 0 / 0.
+  // The tiny constant avoids 0 / 0 if nothing is allowed.
   const torch::Tensor limit = allowed.detach().to(torch::kFloat64).expand_as(e) + 1e-300;
   const torch::Tensor excess = torch::nan_to_num((a - e).abs() / limit, INFINITY, INFINITY);
   const std::int64_t worst = excess.argmax().item<std::int64_t>();

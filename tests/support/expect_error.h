@@ -1,4 +1,4 @@
-// Whether a call fails with the right kind of error, and says what it should.
+// Checks the type and the message of an exception.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -15,7 +15,8 @@ testing::AssertionResult fails_with(std::initializer_list<std::string> parts, Ca
     call();
   } catch (const Kind& error) {
     const std::string message = error.what();
-    if (message.find('\n') != std::string::npos) return testing::AssertionFailure() << "several lines: " << message;
+    if (message.find('\n') != std::string::npos)
+      return testing::AssertionFailure() << "the message has several lines: " << message;
     for (const std::string& part : parts) {
       if (message.find(part) == std::string::npos) {
         return testing::AssertionFailure() << "\"" << part << "\" is not in: " << message;
@@ -23,9 +24,9 @@ testing::AssertionResult fails_with(std::initializer_list<std::string> parts, Ca
     }
     return testing::AssertionSuccess();
   } catch (const std::exception& error) {
-    return testing::AssertionFailure() << "an error of another kind: " << error.what();
+    return testing::AssertionFailure() << "an exception of another type: " << error.what();
   }
-  return testing::AssertionFailure() << "no error";
+  return testing::AssertionFailure() << "no exception";
 }
 
 }  // namespace b3dgs::test

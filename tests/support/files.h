@@ -1,4 +1,4 @@
-// Whole files in and out, for tests that look at bytes.
+// Reads and writes whole files.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +18,7 @@ inline void write_bytes(const std::filesystem::path& path, const std::string& by
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
-/// The value's bytes as they are in memory, for files put together by hand.
+/// The bytes of a value in memory, to assemble binary files.
 template <class T>
 std::string bytes_of(T value) {
   return {reinterpret_cast<const char*>(&value), sizeof(value)};

@@ -1,4 +1,4 @@
-// Tests that need a GPU: they skip with a reason where there is none, and fail instead if B3DGS_REQUIRE_GPU=1.
+// For tests that need a GPU. Without one they are skipped, or fail if B3DGS_REQUIRE_GPU=1.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -13,7 +13,7 @@
 
 namespace b3dgs::test {
 
-/// Why no GPU can be used, or "".
+/// The reason why no GPU can be used; empty if one can.
 inline std::string gpu_fault() {
   int n_devices = 0;
   const cudaError_t code = cudaGetDeviceCount(&n_devices);
@@ -26,15 +26,15 @@ inline bool gpu_is_required() {
   return value != nullptr && std::strcmp(value, "1") == 0;
 }
 
-/// First statement of SetUp() or of a test.
+/// Use as the first statement of SetUp() or of a test.
 #define B3DGS_NEEDS_GPU()                                                                 \
   if (const std::string fault = ::b3dgs::test::gpu_fault(); !fault.empty()) {             \
     if (::b3dgs::test::gpu_is_required()) FAIL() << "B3DGS_REQUIRE_GPU=1, but " << fault; \
     GTEST_SKIP() << "no GPU: " << fault;                                                  \
   }
 
-/// An array on the device for the length of a test. Fresh memory is all ones: NaN as float, so what is not written
-/// shows.
+/// An array in device memory. It is initialised with 0xff bytes, which are NaN as float, so that missing writes are
+/// detected.
 template <class T>
 class DeviceArray {
  public:
@@ -50,7 +50,7 @@ class DeviceArray {
   DeviceArray& operator=(DeviceArray&&) = delete;
 
   T* data() const { return data_; }
-  /// Waits for the device.
+  /// Synchronises with the device.
   void download(T* host) const { B3DGS_CUDA_CHECK(cudaMemcpy(host, data_, bytes(), cudaMemcpyDeviceToHost)); }
 
  private:

@@ -1,11 +1,11 @@
-// A small COLMAP model with everything in it that readers get wrong.
+// A small COLMAP model with unusual values that readers must handle.
 #pragma once
 
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs::test {
 
-/// Cameras 7 and 3, images out of order with ids that are not consecutive, a name with a folder and a blank.
+/// Two cameras, unordered images with non-consecutive IDs, and a name with a folder and a blank.
 inline ColmapModel sample_model() {
   ColmapModel model;
   model.cameras[7] = {7, CameraModel::kPinhole, 64, 48, {50.25, 51.5, 31, 25}};

@@ -1,4 +1,4 @@
-// Is it well-formed? Asked of expat, which is strict.
+// Checks XML with expat.
 #pragma once
 
 #include <expat.h>
@@ -7,7 +7,7 @@
 
 namespace b3dgs::test {
 
-/// "" if `text` is well-formed XML, or the reason with its place. A document type of HTML is fine.
+/// Empty if `text` is well-formed XML, else the line and the reason. The document type may be HTML.
 inline std::string xml_fault(const std::string& text) {
   const XML_Parser parser = XML_ParserCreate("UTF-8");
   std::string fault;

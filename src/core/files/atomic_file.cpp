@@ -23,14 +23,14 @@ namespace fs = std::filesystem;
 
 constexpr const char *kTemporaryPrefix = ".b3dgs-", *kTemporarySuffix = ".tmp";
 
-// A short name of its own: the target's name may already have the greatest length that the file system allows.
+// Not derived from the target's name, which may already have the maximum length.
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
   return folder / (kTemporaryPrefix + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)) +
                    kTemporarySuffix);
 }
 
-// The process of a temporary file's name, 0 for other names.
+// The process ID in the name of a temporary file; 0 for other names.
 pid_t process_of(const std::string& name) {
   int process = 0, length = 0;
   unsigned number = 0;
@@ -41,32 +41,35 @@ pid_t process_of(const std::string& name) {
 
 int remove_if_left_behind(const char* path, const struct stat*, int type, FTW* place) {
   const pid_t process = type == FTW_F ? process_of(path + place->base) : 0;
-  // One with the id of this process is of an earlier one, since no file is being written yet.
+  // This process has no file open here, so a file with its ID is from an earlier process with the same ID.
   if (process == ::getpid() || (process > 0 && ::kill(process, 0) != 0 && errno == ESRCH)) ::unlink(path);
   return 0;
 }
 
-// A rename is on disk once the folder is. Some network file systems cannot sync a folder, and say EINVAL.
+// A rename is durable once the folder is synced. Some network file systems cannot sync folders and return EINVAL.
 void sync_folder(const fs::path& folder, const std::string& target) {
   const int file = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (file < 0) io_error(target, ": cannot open its folder to sync it: ", std::strerror(errno));
+  if (file < 0) io_error("cannot open the folder of ", target, " to sync it (", std::strerror(errno), ")");
   const int failed = ::fsync(file) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
   ::close(file);
-  if (failed) io_error(target, ": cannot sync its folder: ", std::strerror(failed));
+  if (failed) io_error("cannot sync the folder of ", target, " (", std::strerror(failed), ")");
 }
 
-// Nor is a new folder on disk before the one above it is.
+// A new folder is durable once its parent is synced.
 void create_folders(const fs::path& folder, const std::string& target) {
-  std::vector<fs::path> holders;  // of new folders
+  std::vector<fs::path> parents;  // of new folders
   std::error_code error;
   const fs::path absolute = fs::absolute(folder).lexically_normal();
   for (fs::path path = absolute; !fs::exists(path, error) && path.has_relative_path(); path = path.parent_path()) {
-    if (path.has_filename()) holders.push_back(path.parent_path());
+    if (path.has_filename()) parents.push_back(path.parent_path());
   }
   fs::create_directories(folder, error);
-  if (error) io_error(target, ": cannot create the folder ", folder.string(), ": ", error.message());
-  for (const fs::path& holder : holders) {
-    if (::access(holder.c_str(), R_OK) == 0) sync_folder(holder, target);  // else it cannot be opened to be synced
+  if (error) {
+    const std::string purpose = target == folder.string() ? "" : ", needed for " + target;
+    io_error("cannot create folder: ", folder.string(), " (", error.message(), ")", purpose);
+  }
+  for (const fs::path& parent : parents) {
+    if (::access(parent.c_str(), R_OK) == 0) sync_folder(parent, target);  // syncing needs read permission
   }
 }
 
@@ -75,12 +78,12 @@ void create_folders(const fs::path& folder, const std::string& target) {
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
   const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
   create_folders(folder, target_.string());
-  do {  // a file left by a killed process with the same id may have the name
+  do {  // the name may be taken, by a file that a killed process with the same ID left
     temporary_ = temporary_name(folder);
-    // 0666 less the umask, as any other new file.
+    // The usual mode of a new file: 0666 without the bits of the umask.
     file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   } while (file_ < 0 && (errno == EEXIST || errno == EINTR));
-  if (file_ < 0) io_error(target_.string(), ": cannot write in ", folder.string(), ": ", std::strerror(errno));
+  if (file_ < 0) io_error("cannot write ", target_.string(), " (", std::strerror(errno), ")");
 }
 
 AtomicFile::~AtomicFile() {
@@ -88,7 +91,7 @@ AtomicFile::~AtomicFile() {
   if (!temporary_.empty()) ::unlink(temporary_.c_str());
 }
 
-/// Calls write_some(from, n) -> written until all is written.
+/// Calls write_some(from, n), which returns the number of bytes written, until all are written.
 template <class WriteSome>
 void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& write_some) {
   B3DGS_CHECK(file_ >= 0, target_.string(), " is written after commit()");
@@ -98,8 +101,8 @@ void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& writ
     const ssize_t written = write_some(from, left);
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
-      const char* reason = written < 0 ? std::strerror(errno) : "nothing was accepted";
-      io_error(target_.string(), ": cannot write ", bytes, " bytes: ", reason, "; the file was left as it was");
+      const char* reason = written < 0 ? std::strerror(errno) : "no byte was written";
+      io_error("cannot write ", target_.string(), " (", bytes, " bytes: ", reason, "); an existing file is unchanged");
     }
     from += written;
     left -= static_cast<std::size_t>(written);
@@ -123,14 +126,14 @@ void AtomicFile::commit() {
   int failed = 0;
   while (::fsync(file_) != 0) {
     if (errno == EINTR) continue;
-    if (errno != EINVAL && errno != ENOTSUP) failed = errno;  // those two: not a file that can be synced
+    if (errno != EINVAL && errno != ENOTSUP) failed = errno;  // these two: the file system cannot sync it
     break;
   }
   if (::close(file_) != 0 && failed == 0 && errno != EINTR) failed = errno;
   file_ = -1;
-  if (failed) io_error(target_.string(), ": cannot finish writing: ", std::strerror(failed));
+  if (failed) io_error("cannot write ", target_.string(), " (", std::strerror(failed), ")");
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
-    io_error(target_.string(), ": cannot be replaced: ", std::strerror(errno));
+    io_error("cannot replace ", target_.string(), " (", std::strerror(errno), ")");
   }
   const fs::path folder = temporary_.parent_path();
   temporary_.clear();

@@ -1,4 +1,5 @@
-// Files that appear whole or not at all: written beside the target, fsynced, then renamed.
+// Atomic file writes: a temporary file in the target's folder is written, fsynced and renamed over the target, so a
+// reader never sees a partly written file.
 #pragma once
 
 #include <cstddef>
@@ -10,22 +11,22 @@ namespace b3dgs {
 
 class AtomicFile {
  public:
-  /// Opens a temporary file in the target's folder, which is created if missing (and then synced, as is the folder
-  /// that it is in). @throws IoError
+  /// Opens a temporary file in the target's folder. Creates that folder if it is missing, and then syncs it and its
+  /// parent. @throws IoError
   explicit AtomicFile(std::filesystem::path target);
-  /// Removes the temporary file unless commit() was reached.
+  /// Removes the temporary file unless commit() has renamed it.
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
 
-  /// Appends bytes. @throws IoError, naming target, bytes wanted and the system's reason (disk full, ...)
+  /// Appends bytes. @throws IoError with the target, the number of bytes and the reason (disk full, ...)
   void write(const void* data, std::size_t bytes);
   void write(std::string_view text) { write(text.data(), text.size()); }
 
-  /// Replaces bytes that were written before, from `offset` on. @throws IoError
+  /// Overwrites bytes that were written before, starting at `offset`. @throws IoError
   void rewrite(std::uint64_t offset, const void* data, std::size_t bytes);
 
-  /// Flushes, fsyncs file and folder, renames over the target. @throws IoError
+  /// Fsyncs the file, renames it over the target, and fsyncs the folder. @throws IoError
   void commit();
 
  private:
@@ -36,14 +37,14 @@ class AtomicFile {
   void write_all(const void* data, std::size_t bytes, WriteSome&& write_some);
 };
 
-/// Writes a whole file atomically.
+/// Writes a file atomically. @throws IoError
 void write_file(const std::filesystem::path& path, std::string_view content);
 
-/// Creates a folder and those above it, and syncs the new ones. @throws IoError
+/// Creates a folder and its missing parents, and syncs them to disk. @throws IoError
 void create_folder(const std::filesystem::path& folder);
 
-/// Removes the temporary files of processes that were killed, in `folder` and all below it. No AtomicFile of this
-/// process may be open there. What cannot be removed stays.
+/// Removes temporary files that killed processes left in `folder` and its subfolders. No AtomicFile of this process may
+/// be open there. Files that cannot be removed are skipped.
 void remove_unfinished_files(const std::filesystem::path& folder);
 
 }  // namespace b3dgs

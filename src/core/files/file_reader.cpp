@@ -19,12 +19,12 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 FileReader::FileReader(std::filesystem::path path)
     : path_(std::move(path)), buffer_(kBufferBytes), data_(buffer_.data()) {
   file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
-  if (file_ < 0) input_error(name(), ": cannot be read: ", std::strerror(errno));
+  if (file_ < 0) input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
   struct stat status {};
   const int failed = ::fstat(file_, &status) != 0 ? errno : 0;
   if (failed || !S_ISREG(status.st_mode)) {
     ::close(file_);
-    input_error(name(), ": cannot be read: ", failed ? std::strerror(failed) : "it is no regular file");
+    input_error("file cannot be read: ", name(), " (", failed ? std::strerror(failed) : "not a regular file", ")");
   }
   size_ = static_cast<std::uint64_t>(status.st_size);
 }
@@ -44,14 +44,15 @@ void FileReader::begin_record(const char* kind, std::uint64_t index, std::uint64
 
 void FileReader::expect_records(const char* kind, std::uint64_t count, std::uint64_t min_bytes_each) const {
   if (count <= remaining() / min_bytes_each) return;
-  input_error(name(), ": says that ", count, " ", kind, " follow, at least ", min_bytes_each, " bytes each, but only ",
-              remaining(), " bytes do; the file is truncated, damaged or of another kind: copy or export it again");
+  input_error("file too short: ", name(), " (expected ", count, " ", kind, " of at least ", min_bytes_each,
+              " bytes each, found ", remaining(),
+              " bytes); it is truncated, damaged or in another format: copy or export it again");
 }
 
 void FileReader::expect_end() const {
   if (remaining() == 0) return;
-  input_error(name(), ": ", remaining(), " bytes follow after the last record at byte ", position_,
-              ", expected the end of the file; it is damaged or of another kind: copy or export it again");
+  input_error("unexpected data: ", name(), " (", remaining(), " bytes follow after the last record, at byte ",
+              position_, "); the file is damaged or in another format: copy or export it again");
 }
 
 bool FileReader::fill() {
@@ -60,7 +61,7 @@ bool FileReader::fill() {
   for (;;) {
     const ssize_t bytes = ::read(file_, buffer_.data(), buffer_.size());
     if (bytes < 0 && errno == EINTR) continue;
-    if (bytes < 0) input_error(name(), ": cannot be read: ", std::strerror(errno));
+    if (bytes < 0) input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
     end_ = static_cast<std::size_t>(bytes);
     return bytes > 0;
   }
@@ -68,16 +69,16 @@ bool FileReader::fill() {
 
 void FileReader::fail_truncated(std::uint64_t wanted) const {
   const std::string record =
-      record_ > 0 ? detail::concat("in ", record_kind_, " ", record_, " of ", record_count_) : "in its header";
-  input_error(name(), ": ends ", record, ", at byte ", size_, "; expected ", wanted,
-              " more bytes; the file is truncated: copy or export it again");
+      record_ > 0 ? detail::concat(record_kind_, " ", record_, " of ", record_count_) : "its header";
+  input_error("truncated file: ", name(), " (ends in ", record, " at byte ", size_, ", expected ", wanted,
+              " more bytes); copy or export it again");
 }
 
 void FileReader::read_bytes(void* to, std::size_t bytes) {
   if (bytes > remaining()) fail_truncated(bytes - remaining());
   char* out = static_cast<char*>(to);
   while (bytes > 0) {
-    if (next_ == end_ && !fill()) fail_truncated(bytes);  // shrunk while it was read
+    if (next_ == end_ && !fill()) fail_truncated(bytes);  // the file became shorter meanwhile
     const std::size_t part = std::min(bytes, end_ - next_);
     std::memcpy(out, data_ + next_, part);
     out += part;
@@ -93,7 +94,7 @@ void FileReader::skip(std::uint64_t bytes) {
   const std::uint64_t buffered = std::min<std::uint64_t>(bytes, end_ - next_);
   next_ += buffered;
   if (bytes > buffered && ::lseek(file_, static_cast<off_t>(bytes - buffered), SEEK_CUR) < 0) {
-    input_error(name(), ": cannot be read: ", std::strerror(errno));
+    input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
   }
 }
 

@@ -25,10 +25,10 @@ std::string read_all(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-/// "b3dgs train -s scene" of a process, "" where the system does not say.
+/// Command line of a process, "b3dgs train -s scene"; empty if unknown.
 std::string command_of(const std::string& process) {
   constexpr std::size_t kMost = 200;
-  std::string words = read_all(fs::path("/proc") / process / "cmdline");  // with a zero byte after each
+  std::string words = read_all(fs::path("/proc") / process / "cmdline");  // separated by zero bytes
   while (!words.empty() && words.back() == '\0') words.pop_back();
   std::replace_if(
       words.begin(), words.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
@@ -39,12 +39,12 @@ std::string command_of(const std::string& process) {
   std::string process = read_all(path);
   process.erase(std::find_if(process.begin(), process.end(), [](char c) { return c < '0' || c > '9'; }), process.end());
   const std::string command = process.empty() ? "" : command_of(process);
-  input_error(folder.string(), ": ", process.empty() ? "another process" : "process " + process,
-              command.empty() ? "" : " (" + command + ")",
-              " is training into this folder; wait until it has ended, or name another folder with -m");
+  input_error("model folder in use: ", folder.string(), " (by ",
+              process.empty() ? "another process" : "process " + process, command.empty() ? "" : ": " + command,
+              "); wait until it ends, or choose another folder with -m");
 }
 
-/// Whether the open file is still the one at `path`: its holder removes it before it lets go of the lock.
+/// Whether the open file is still the one at `path`: the previous holder removes it before releasing the lock.
 bool is_at(int file, const fs::path& path) {
   struct stat own {
   }, there{};
@@ -58,7 +58,7 @@ FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".b3dgs-lock") {
   create_folder(folder);
   for (;;) {
     file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (file_ < 0) io_error(folder.string(), ": cannot be written to: ", std::strerror(errno));
+    if (file_ < 0) io_error("cannot write to folder: ", folder.string(), " (", std::strerror(errno), ")");
     int failed = 0;
     while (::flock(file_, LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
     }
@@ -71,7 +71,7 @@ FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".b3dgs-lock") {
     ::close(file_);
   }
   const std::string process = std::to_string(::getpid()) + "\n";
-  // For messages only: a disk that is full is not noticed here.
+  // The process ID serves error messages only, so a full disk is ignored here.
   if (::ftruncate(file_, 0) != 0 || ::write(file_, process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
 }

@@ -1,4 +1,5 @@
-// One training at a time in a model folder. The system releases the lock when its process ends, in whatever way.
+// Ensures that only one process trains into a model folder. The system releases the lock when the process ends, even if
+// it crashes.
 #pragma once
 
 #include <filesystem>
@@ -7,9 +8,9 @@ namespace b3dgs {
 
 class FolderLock {
  public:
-  /// Creates the folder if it is missing, locks it, and removes the unfinished files that killed processes left in it.
-  /// On a file system that has no locks it goes without.
-  /// @throws InputError naming the process that holds the lock, IoError if the folder cannot be written to
+  /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. Does
+  /// nothing else on a file system without locks.
+  /// @throws InputError naming the process that holds the lock; IoError if the folder cannot be written to
   explicit FolderLock(const std::filesystem::path& folder);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;

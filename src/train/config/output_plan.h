@@ -1,4 +1,4 @@
-// What a run writes, and when.
+// What a training writes, and when.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +9,8 @@ namespace b3dgs {
 
 struct OutputPlan {
   bool log = false;           // a line in train.jsonl
-  bool statistics = false;    // a line there about the load
-  bool kernel_times = false;  // lines there about the candidates for the blends
+  bool statistics = false;    // a line there with load statistics
+  bool kernel_times = false;  // lines there with times of the candidate kernels
   bool evaluate = false;      // the test views
   bool save = false;          // a PLY
   bool checkpoint = false;
@@ -25,7 +25,7 @@ inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has
   OutputPlan plan;
   plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
   plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
-  // The first iteration is where the load is least even.
+  // The load is most uneven in the first iteration.
   plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
   plan.kernel_times = config.kernel_times_interval > 0 && iteration % config.kernel_times_interval == 0;
   plan.save = is_last || is_in(config.save_iterations);

@@ -1,5 +1,4 @@
-// Everything a training run can be told. The numbers are those of the original 3DGS code; where a default has a story,
-// it stands beside it.
+// The training options. Default values are those of the original 3DGS code unless a comment says otherwise.
 #pragma once
 
 #include <cstdint>
@@ -12,11 +11,11 @@
 
 namespace b3dgs {
 
-/// In place of a kernel's name: choose by measuring.
+/// In place of a kernel name: choose by timing.
 inline constexpr const char* kAdaptive = "adaptive";
-/// The same for the forward kernel, exactly as the paper does it: see KernelPolicy::kPublished.
+/// The same for the forward kernel, with the rule of the paper: see KernelPolicy::kPublished.
 inline constexpr const char* kPaperKernel = "paper";
-/// What stands for that where nothing is measured: in evaluation, and where a run has to give the same bytes twice.
+/// The kernels used in place of these where nothing is timed: in evaluation and in deterministic training.
 inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
 
 struct TrainConfig {
@@ -28,13 +27,13 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string device = "auto";
-  // A few hundred photographs at the default 1600 px take 1 to 3 GB: half of what a GPU has free holds nearly every
-  // scene, and the other half is left to the Gaussians. What is uploaded instead is learned from just the same.
+  // -1: up to half of the free GPU memory, which leaves the other half to the Gaussians. A few hundred photographs at
+  // the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside it are uploaded ahead of use.
   double image_cache_gb = -1;
-  double gpu_memory_gb = 0;  // 0: all that is free
+  double gpu_memory_gb = 0;  // 0: all free memory
   double host_memory_gb = -1;
 
-  // Model and picture
+  // Model and image
   int sh_degree = 3;
   bool white_background = false;
   bool random_background = false;
@@ -51,10 +50,10 @@ struct TrainConfig {
   int keep_checkpoints = 2;
 
   // Learning rates
-  double position_lr_init = 0.00016;     // times the scene's extent
-  double position_lr_final = 0.0000016;  // times the scene's extent
+  double position_lr_init = 0.00016;     // times the scene extent
+  double position_lr_final = 0.0000016;  // times the scene extent
   int position_lr_max_steps = 30000;
-  double feature_lr = 0.0025;  // of SH degree 0; the rest gets a 20th
+  double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
@@ -63,19 +62,19 @@ struct TrainConfig {
   double lambda_dssim = 0.2;
 
   // Density control
-  int densify_from_iter = 500;     // exclusive: acts at 600, 700, ...
-  int densify_until_iter = 15000;  // exclusive: acts up to 14900
+  int densify_from_iter = 500;     // exclusive: first acts at 600
+  int densify_until_iter = 15000;  // exclusive: last acts at 14900
   int densification_interval = 100;
-  double densify_grad_threshold = 0.0002;  // norm of the gradient by the projected centre, in units of half the image
-  double percent_dense = 0.01;             // of the extent: larger Gaussians are split, smaller ones cloned
+  double densify_grad_threshold = 0.0002;  // of the loss by the projected centre, in units of half the image
+  double percent_dense = 0.01;             // of the scene extent: larger Gaussians are split, smaller ones cloned
   double prune_opacity = 0.005;
-  double prune_world_size = 0.1;  // of the extent; acts after the first opacity reset
-  // The original code means to prune Gaussians wider than 20 px, but zeroes the radii just before it looks (its issue
-  // 123), so nothing is ever pruned for its size on screen. 0 keeps that; 20 is the rule as it was meant.
+  double prune_world_size = 0.1;  // of the scene extent; acts after the first opacity reset
+  // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
+  // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
   double prune_screen_size = 0;  // px
   int opacity_reset_interval = 3000;
   int sh_increase_interval = 1000;
-  std::int64_t max_gaussians = 0;  // 0: no limit
+  std::int64_t max_gaussians = 0;  // 0 = no limit
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -87,11 +86,11 @@ struct TrainConfig {
   std::string tile = "auto";
   std::string culling = "ellipse";
   bool deterministic = false;
-  int threads = 0;  // 0: all cores
+  int threads = 0;  // 0 = all cores
 
-  // What train.jsonl tells
+  // Log (train.jsonl)
   int stats_interval = 1000;
-  int kernel_times_interval = 0;
+  int kernel_times_interval = 0;  // 0: never; in b3dgs compare: stats_interval
 };
 
 template <class Config, class Visitor>
@@ -103,117 +102,112 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
-  field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{}, "folder of the COLMAP scene");
-  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{},
-        "folder to write the model to (default: output/SCENE)");
-  field(Option{"images", 'i'}, c.images, Any{}, "image folder below the scene");
-  field(Option{"resolution", 'r', {"data_factor"}}, c.resolution, AtLeast{-1},
-        "1, 2, 4, 8 divide the image size; -1 caps the width at 1600 px; 32 and more are the width in px");
-  field(Option{"eval"}, c.eval, Any{}, "hold out every 8th view by sorted name for testing");
+  field(Option{"source_path", 's', {"data_dir", "data_path"}}.common().group("Scene and output"), c.source_path, Any{},
+        "COLMAP scene folder");
+  field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{},
+        "output folder (default output/SCENE)");
+  field(Option{"images", 'i'}.common(), c.images, Any{}, "image folder inside the scene folder");
+  field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
+        "1, 2, 4, 8: divide size; >= 32: width, px; -1: width at most 1600 px");
+  field(Option{"eval"}.common(), c.eval, Any{}, "hold out every 8th view, by sorted name, for testing");
   field(Option{"init_ply"}, c.init_ply, Any{},
-        "start from the Gaussians (or points) of this PLY instead of the scene's points");
-  field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
-        "where to train; auto takes a GPU if there is one");
+        "start from this PLY of Gaussians or points instead of the scene's points");
+  field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
+        OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: on a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
-        "photographs that stay on the GPU, 10^9 bytes; the others are uploaded ahead; -1: as many as fit in half of "
-        "the memory that is free");
-  field(Option{"gpu_memory_gb"}, c.gpu_memory_gb, AtLeast{0},
-        "GPU memory that training may take besides the CUDA context, 10^9 bytes; the number of Gaussians is held where "
-        "more would not fit; 0: all that is free");
-  field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
-        "host memory for decoded photographs, 10^9 bytes; those beyond it are read ahead from disk, with the same "
-        "result; -1: 80 % of the memory that is available");
+        "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
+  field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
+        "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
+  field(Option{"host_memory_gb"}.common(), c.host_memory_gb, AtLeast{-1},
+        "host memory for photographs, GB; others on disk (-1 = 80 % of available)");
 
-  field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3}, "highest degree of the spherical harmonics");
-  field(Option{"white_background", 'w'}, c.white_background, Any{}, "white instead of black behind the Gaussians");
-  field(Option{"random_background"}, c.random_background, Any{}, "another background colour each step");
-  field(Option{"near_plane"}, c.near_plane, Above{0}, "Gaussians nearer than this are not seen, world units");
+  field(Option{"sh_degree"}.common().group("Model and image"), c.sh_degree, InRange{0, 3},
+        "highest degree of the spherical harmonics");
+  field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
+  field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
+  field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
 
-  field(Option{"iterations", '\0', {"max_steps"}}, c.iterations, AtLeast{1}, "optimisation steps");
-  field(Option{"seed"}, c.seed, AtLeast{0}, "of everything random");
-  field(Option{"test_iterations", '\0', {"eval_steps"}}, c.test_iterations, AtLeast{1}, "evaluate after these");
-  field(Option{"save_iterations", '\0', {"save_steps"}}, c.save_iterations, AtLeast{1},
-        "write a PLY after these, and after the last");
-  field(Option{"checkpoint_iterations"}, c.checkpoint_iterations, AtLeast{1},
-        "write a checkpoint after these, and after the last");
+  field(Option{"iterations", '\0', {"max_steps"}}.common().group("Schedule"), c.iterations, AtLeast{1},
+        "training iterations");
+  field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
+  field(Option{"test_iterations", '\0', {"eval_steps"}}.common(), c.test_iterations, AtLeast{1},
+        "evaluate the test views after these iterations, and at the end");
+  field(Option{"save_iterations", '\0', {"save_steps"}}.common(), c.save_iterations, AtLeast{1},
+        "write a PLY after these iterations, and at the end");
+  field(Option{"checkpoint_iterations"}.common(), c.checkpoint_iterations, AtLeast{1},
+        "write a checkpoint after these iterations, and at the end");
   field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0},
-        "write a checkpoint every so many iterations; 0: not");
+        "write a checkpoint every N iterations (0 = never)");
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
-        "write a checkpoint whenever this many minutes of training have passed since the last one (0 = never)");
-  field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "keep so many of the newest checkpoints");
+        "write a checkpoint every X minutes of training (0 = never)");
+  field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
 
-  field(Option{"position_lr_init"}, c.position_lr_init, AtLeast{0}, "rate of the means at the start, times the extent");
-  field(Option{"position_lr_final"}, c.position_lr_final, AtLeast{0}, "rate of the means at the end, times the extent");
+  field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
+        "initial learning rate of the means, x scene extent");
+  field(Option{"position_lr_final"}, c.position_lr_final, AtLeast{0},
+        "final learning rate of the means, x scene extent");
   field(Option{"position_lr_max_steps"}, c.position_lr_max_steps, AtLeast{1},
-        "iterations over which the means' rate falls");
-  field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "rate of SH degree 0; the higher ones get a 20th");
-  field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "rate of the opacities");
-  field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "rate of the scales");
-  field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "rate of the rotations");
+        "iterations over which the learning rate of the means decays");
+  field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
+  field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
+  field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
+  field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
-        "share of D-SSIM in the loss");
+        "weight of D-SSIM in the loss");
 
-  field(Option{"densify_from_iter"}, c.densify_from_iter, AtLeast{0}, "density control acts after this iteration");
-  field(Option{"densify_until_iter"}, c.densify_until_iter, AtLeast{0}, "density control acts before this iteration");
+  field(Option{"densify_from_iter"}.group("Density control"), c.densify_from_iter, AtLeast{0},
+        "start density control after this iteration");
+  field(Option{"densify_until_iter"}, c.densify_until_iter, AtLeast{0}, "stop density control before this iteration");
   field(Option{"densification_interval"}, c.densification_interval, AtLeast{1},
-        "iterations between two rounds of density control");
-  field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
-        "mean gradient above which a Gaussian is cloned or split");
+        "iterations between rounds of density control");
+  field(Option{"densify_grad_threshold"}.common(), c.densify_grad_threshold, AtLeast{0},
+        "clone or split Gaussians whose mean screen-space gradient exceeds X");
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
-        "share of the extent above which a Gaussian is split, not cloned");
+        "split Gaussians larger than X x scene extent, clone smaller ones");
   field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1},
-        "Gaussians below this opacity are removed");
+        "remove Gaussians with an opacity below X");
   field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0},
-        "share of the extent above which a Gaussian is removed, after the first opacity reset; 0: none");
+        "after an opacity reset, remove Gaussians larger than X x scene extent (0 = none)");
   field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
-        "radius in px above which a Gaussian is removed, after the first opacity reset; 0: none");
-  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1},
-        "iterations between two resets of the opacities");
+        "after an opacity reset, remove Gaussians with a radius above X px (0 = none)");
+  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1}, "iterations between opacity resets");
   field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}, c.sh_increase_interval, AtLeast{1},
-        "iterations after which the SH degree rises by one");
-  field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}, c.max_gaussians, AtLeast{0},
-        "the count never grows beyond this; 0: no limit");
+        "raise the active SH degree by one every N iterations");
+  field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
+        "maximum number of Gaussians (0 = no limit)");
 
-  field(Option{"kernel"}, c.kernel, kernels,
-        "forward blending kernel; adaptive measures and chooses; paper does so exactly as the paper: starts with "
-        "combined, times it against shared-memory every --kernel_check_interval iterations, and switches once");
+  field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
+        "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");
   field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
-        "how adaptive chooses: leaves the first candidate once and for good, or keeps checking");
+        "of adaptive; paper: switch at most once; tracking: keep re-checking");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
-        "what adaptive chooses from; training starts with the first");
+        "kernels that adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
-        "iterations between two measurements of the candidates; adaptive measures once more before the first step, "
-        "and later where all of them would cost over 0.5 % of the training time so far (without loading the kernels' "
-        "code, once in a process), where the next one would cost more than that of what is left, and for 500 "
-        "iterations after an opacity reset");
+        "re-time kernels every N iterations; less often if it cost over 0.5 % of training");
   field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
-        "coming views on which the candidates are measured; fewer, but three at least, where those leave no doubt "
-        "or more would delay the next measurement");
+        "views per timing check; fewer if the result is clear");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
-        "backward blending kernel, on the GPU; adaptive measures and chooses, with the forward kernel's policy");
-  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},
-        "unit of binning, px; auto takes what is faster: 16x8 on a GPU, 16x16 on a CPU");
+        "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
+  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x8 on a GPU, 16x16 on a CPU");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
-        "tiles of a Gaussian: exact, or the original's 3-sigma square");
-  field(Option{"deterministic"}, c.deterministic, Any{},
-        "the same bytes from the same seed, on the GPU too; slower there. Nothing is chosen by its time");
-  field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads; 0: all cores");
+        "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
+  field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},
+        "same result every run; turns off kernel auto-selection, slower on a GPU");
+  field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
 
-  field(Option{"stats_interval"}, c.stats_interval, AtLeast{0},
-        "write how unevenly the load is spread over tiles and pixels every so many iterations; 0: not");
-  field(
-      Option{"kernel_times_interval"}, c.kernel_times_interval, AtLeast{0},
-      "write how long each of --kernel_candidates takes every so many iterations, whatever kernel is used; not counted "
-      "as training; 0: not, or as often as --stats_interval in b3dgs compare");
+  field(Option{"stats_interval"}.group("Schedule"), c.stats_interval, AtLeast{0},
+        "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
+  field(Option{"kernel_times_interval"}.group("Kernels"), c.kernel_times_interval, AtLeast{0},
+        "log all candidates' times every N iterations (0 = never)");
 }
 
-/// Whether the forward kernel is chosen by measuring.
+/// Whether the forward kernel is chosen by timing.
 inline bool chooses_forward_kernel(const TrainConfig& config) {
   return config.kernel == kAdaptive || config.kernel == kPaperKernel;
 }
 
-/// The forward kernels that a training may use, the one that it starts with first.
+/// The forward kernels that training may use, beginning with the one that it starts with.
 inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
   if (config.kernel == kPaperKernel) {
     return {std::string(forward_kernel_name(ForwardKernel::kCombined)),

@@ -1,0 +1,78 @@
+// docs/options.md and the help texts of all commands.
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+#include "core/command_line.h"
+#include "support/files.h"
+#include "support/run_program.h"
+
+namespace b3dgs {
+namespace {
+
+using test::Outcome;
+using test::run_b3dgs;
+using Words = std::vector<std::string>;
+
+/// The first line in which two texts differ.
+std::string first_difference(const std::string& found, const std::string& expected) {
+  std::istringstream a(found), b(expected);
+  std::string line_a, line_b;
+  for (int n = 1;; ++n) {
+    const bool has_a = static_cast<bool>(std::getline(a, line_a)), has_b = static_cast<bool>(std::getline(b, line_b));
+    if (!has_a && !has_b) return "none";
+    if (has_a != has_b || line_a != line_b) {
+      return "line " + std::to_string(n) + ": \"" + (has_a ? line_a : "") + "\", expected \"" + (has_b ? line_b : "") +
+             "\"";
+    }
+  }
+}
+
+TEST(OptionsPage, IsUpToDate) {
+  const Outcome page = run_b3dgs({"help-markdown"});
+  ASSERT_EQ(page.exit_code, 0) << page.err;
+  const std::string stored = test::read_bytes(B3DGS_SOURCE "/docs/options.md");
+  EXPECT_TRUE(stored == page.out) << "docs/options.md is out of date; run scripts/update_options.sh; first difference: "
+                                  << first_difference(stored, page.out);
+}
+
+TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
+  const std::string page = run_b3dgs({"help-markdown"}).out;
+  for (const std::string command :
+       {"train", "eval", "render", "info", "synth", "compare", "report", "bench", "bench step", "bench sweep"}) {
+    EXPECT_NE(page.find("\n## b3dgs " + command + "\n"), std::string::npos) << command;
+  }
+  const std::string row = "\n| `--rotation_lr` |";
+  ASSERT_NE(page.find(row), std::string::npos);
+  EXPECT_EQ(page.find(row), page.rfind(row)) << "compare and bench step refer to train";
+  EXPECT_NE(page.find("\nSame as for `b3dgs train`.\n"), std::string::npos);
+}
+
+TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
+  const std::vector<Words> commands{{"train"},   {"eval"},   {"render"}, {"info"},          {"synth"},
+                                    {"compare"}, {"report"}, {"bench"},  {"bench", "step"}, {"bench", "sweep"}};
+  for (Words words : commands) {
+    const std::string name = words.size() == 1 ? words[0] : words[0] + " " + words[1];
+    words.emplace_back("--help");
+    const Outcome help = run_b3dgs(words);
+    EXPECT_EQ(help.exit_code, 0) << help.err;
+    std::istringstream lines(help.out);
+    std::size_t n_options = 0;
+    for (std::string line; std::getline(lines, line);) {
+      n_options += line.rfind("      --", 0) == 0 || (line.rfind("  -", 0) == 0 && line.find(", --") == 4);
+      EXPECT_LE(line.size(), 120u) << line;
+    }
+    EXPECT_GE(n_options, 1u) << help.out;
+    EXPECT_LE(n_options, CommandLine::kMaxShortHelp) << help.out;
+    EXPECT_NE(help.out.find("\nUsage: b3dgs " + name + " "), std::string::npos) << help.out;
+    EXPECT_NE(help.out.find("\nExample: b3dgs " + name + " "), std::string::npos) << help.out;
+    EXPECT_NE(help.out.find("\nb3dgs " + name + " --help-all "), std::string::npos) << help.out;
+    words.back() = "--help-all";
+    const Outcome all = run_b3dgs(words);
+    EXPECT_EQ(all.exit_code, 0) << all.err;
+    EXPECT_GE(all.out.size() + 200, help.out.size());
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs
