@@ -122,8 +122,7 @@ const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::st
   const auto found =
       std::find_if(cameras.begin(), cameras.end(), [&](const NamedCamera& camera) { return camera.name == name; });
   if (found == cameras.end()) {
-    input_error("command line: --view ", name, ": no camera with this image name (the first is ", cameras.front().name,
-                ")");
+    input_error("--view ", name, ": no camera with this image name (the first is ", cameras.front().name, ")");
   }
   return found->camera;
 }
@@ -203,7 +202,7 @@ BenchScene make_bench_scene(const BenchConfig& config) {
   const bool is_street = config.scene == "street", is_synthetic = is_street || config.scene == "balanced";
   if (is_synthetic && config.ply.empty() != config.cameras.empty()) {
     input_error(
-        "command line: --ply and --cameras must be given together, or with a COLMAP or model folder that provides the "
+        "--ply and --cameras must be given together, or with a COLMAP or model folder that provides the "
         "other");
   }
   if (!is_synthetic || !config.ply.empty()) return read_bench_scene(config);

@@ -131,8 +131,7 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
     config.device = TrainConfig{}.device;  // chosen again on this machine
   }
   line.apply(config);
-  if (config.source_path.empty())
-    input_error("command line: missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
+  if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();
   config.device = device_name(choose_device(config.device));
   return config;

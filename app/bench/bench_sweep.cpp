@@ -80,7 +80,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   line.apply(config);
-  if (config.skew.empty()) input_error("command line: --skew needs at least one value");
+  if (config.skew.empty()) input_error("--skew needs at least one value");
   resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);
   set_thread_count(config.threads);

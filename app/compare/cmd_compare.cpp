@@ -58,7 +58,7 @@ std::string output_folder(const CommandLine& line) {
   line.apply(given);
   if (!given.model_path.empty()) return given.model_path;
   if (given.source_path.empty()) {
-    input_error("command line: missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
   }
   return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
 }
@@ -84,24 +84,24 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   }
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
-    input_error("command line: missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
   }
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
 
   if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
-    input_error("command line: --resume cannot change --configs (", plan.configs, "); use another folder (-m)");
+    input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
   }
   if (options.resume && options.overwrite) {
-    input_error("command line: --resume and --overwrite exclude each other");
+    input_error("--resume and --overwrite exclude each other");
   }
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
-    input_error("command line: --resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
+    input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
                 "); add seeds with --seeds, or use another folder (-m)");
   }
   if (options.resume && line.was_given("noise") && options.noise != plan.has_repetition) {
-    input_error("command line: --resume cannot change --noise (the comparison was started ",
-                plan.has_repetition ? "with" : "without", " it); use another folder (-m)");
+    input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
+                " it); use another folder (-m)");
   }
   if (!options.resume) plan.configs = options.configs;
   if (!options.resume) plan.has_repetition = options.noise;
@@ -111,7 +111,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   for (std::size_t i = 0; i < plan.seeds.size(); ++i) {
     if (std::find(plan.seeds.begin(), plan.seeds.begin() + static_cast<std::ptrdiff_t>(i), plan.seeds[i]) !=
         plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
-      input_error("command line: --seeds: ", plan.seeds[i], " occurs twice");
+      input_error("--seeds: ", plan.seeds[i], " occurs twice");
     }
   }
   return plan;

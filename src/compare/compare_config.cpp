@@ -78,8 +78,7 @@ using OptionValues = std::map<std::string, std::string>;
 /// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate
 /// configurations.
 void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
-  if (part.empty())
-    input_error("command line: --configs ", entry, ": empty part; expected a kernel, original or option=value");
+  if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, original or option=value");
   if (part == kOriginal) {
     for (const auto& [name, value] : kOriginalOptions) values[name] = value;
     return;
@@ -91,11 +90,11 @@ void add_part(const std::string& entry, const std::string& part, OptionValues& v
   }
   const std::string key = part.substr(0, equals), name = canonical_name(key);
   if (name.empty()) {
-    input_error("command line: --configs ", entry, ": unknown training option ", key, "; ", unknown_option(key));
+    input_error("--configs ", entry, ": unknown training option ", key, "; ", unknown_option(key));
   }
   if (is_shared(name)) {
-    input_error("command line: --configs ", entry, ": ", name,
-                " must be the same for all configurations; set it for all with --", name);
+    input_error("--configs ", entry, ": ", name, " must be the same for all configurations; set it for all with --",
+                name);
   }
   std::string value = part.substr(equals + 1);
   if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
@@ -108,7 +107,7 @@ void check_name(const std::string& entry, const std::string& name, const std::st
     return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-.+=").find(c) != std::string::npos;
   };
   if (name.empty() || name[0] == '.' || !std::all_of(name.begin(), name.end(), is_allowed)) {
-    input_error("command line: --configs ", entry, ": \"", name,
+    input_error("--configs ", entry, ": \"", name,
                 "\" cannot be a folder name; name it with letters, digits, _ - . + = instead: NAME:", configuration);
   }
 }
@@ -143,14 +142,13 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
         // The name is either the whole entry ("naive") or the part before a colon.
         const std::string parts =
             entry.compare(0, next.name.size() + 1, next.name + ":") == 0 ? entry.substr(next.name.size() + 1) : entry;
-        input_error("command line: --configs: ", next.name, " occurs twice; rename one of them: NAME:", parts);
+        input_error("--configs: ", next.name, " occurs twice; rename one of them: NAME:", parts);
       }
     }
     configurations.push_back(next);
   }
   if (configurations.size() < 2) {
-    input_error("command line: --configs ", text,
-                ": a comparison needs at least two configurations; use b3dgs train for one");
+    input_error("--configs ", text, ": a comparison needs at least two configurations; use b3dgs train for one");
   }
   return configurations;
 }
@@ -160,8 +158,8 @@ Configuration repeat_baseline(const std::vector<Configuration>& configurations) 
   const std::string name = baseline.name + "_again";
   for (const Configuration& other : configurations) {
     if (other.name == name) {
-      input_error("command line: --configs: ", name, " is the name that --noise gives to the second training of ",
-                  baseline.name, "; choose another name");
+      input_error("--configs: ", name, " is the name that --noise gives to the second training of ", baseline.name,
+                  "; choose another name");
     }
   }
   return {name, baseline.config};

@@ -160,14 +160,15 @@ std::string format_noise(const std::optional<double>& share) {
 
 std::string describe(const BalancingGain& gain, const std::optional<double>& noise) {
   const auto share = [&](const Spread& saved, const std::string& of) {
-    return format_percent(saved.mean) + format_noise(noise) + " of " + of + "'s time";
+    return (saved.mean < 0 ? "lost " : "saved ") + format_percent(std::fabs(saved.mean)) + format_noise(noise) +
+           " of " + of + "'s time";
   };
-  const std::string balancing = "load balancing saved " + share(gain.balancing, gain.unbalanced);
+  const std::string balancing = "load balancing " + share(gain.balancing, gain.unbalanced);
   if (gain.unbalanced == gain.naive) {
     return balancing + " (no kernel without load balancing is faster than " + gain.naive + ")";
   }
-  return balancing + "; " + gain.unbalanced + " saved " + share(gain.to_unbalanced, gain.naive) + "; in total " +
-         share(gain.whole, gain.naive);
+  return balancing + "; " + gain.unbalanced + " " + share(gain.to_unbalanced, gain.naive) + "; in total " + gain.name +
+         " " + share(gain.whole, gain.naive);
 }
 
 std::string format_quality_difference(const std::string& measure, double difference, bool is_distance) {

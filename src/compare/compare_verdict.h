@@ -24,8 +24,8 @@ std::string format_whole_percent(double share);
 /// " +-0.4 %", or "" if the run-to-run variation was not measured.
 std::string format_noise(const std::optional<double>& share);
 
-/// "load balancing saved 31.8 % of shared-memory's time; shared-memory saved 53.3 % of naive's time; in total 68.2 % of
-/// naive's time", each with the run-to-run variation if that was measured.
+/// "load balancing saved 31.8 % of shared-memory's time; shared-memory saved 53.3 % of naive's time; in total adaptive
+/// saved 68.2 % of naive's time", each with the run-to-run variation if that was measured.
 std::string describe(const BalancingGain& gain, const std::optional<double>& noise);
 
 /// Run-to-run variation of the baseline: differences in time and quality between its two runs.

@@ -225,7 +225,7 @@ void print_comparison(const Comparison& comparison) {
   for (const Configuration& configuration : comparison.configurations) {
     columns = std::max(columns, configuration.name.size());
   }
-  const int width = static_cast<int>(columns), share_width = summary.noise() ? 15 : 13;
+  const int width = static_cast<int>(columns), share_width = summary.noise() ? 18 : 13;
   std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "time saved",
               share_width, "before switch", share_width, "after switch", "PSNR dB", "SSIM", "Gaussians");
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {

@@ -33,11 +33,9 @@ figure { margin: 18px 0 24px; } figcaption { margin-top: 6px; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 14px 0; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 5px 18px 5px 0; text-align: right; border-bottom: 1px solid var(--grid); vertical-align: top; }
-table.figures td, table.figures th { white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; white-space: normal !important; }
+th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; min-width: 9.5em; }
 th { color: var(--soft); font-weight: 500; }
 table.words th, table.words td { text-align: left; overflow-wrap: break-word; }
-table.words td:first-child { min-width: 9.5em; }
 tr.marked td { background: var(--mark); font-weight: 600; }
 details { margin-top: 28px; border-top: 1px solid var(--grid); padding-top: 14px; }
 summary { cursor: pointer; font-size: 18px; font-weight: 650; }

@@ -357,7 +357,7 @@ TEST_F(BenchProgram, TakesTheTileOptionOfTrain) {
   EXPECT_EQ(config["tile_height"], 8);
   const Outcome unknown = run_b3dgs({"bench", "--tile", "12x12"});
   EXPECT_EQ(unknown.exit_code, 2);
-  EXPECT_NE(unknown.err.find("tile must be one of"), std::string::npos) << unknown.err;
+  EXPECT_NE(unknown.err.find("invalid value for --tile (expected one of"), std::string::npos) << unknown.err;
 }
 
 TEST_F(BenchProgram, AnInterruptedSweepKeepsItsResults) {

@@ -142,7 +142,11 @@ TEST(Verdict, DifferencesWithinRunToRunVariationAreNotSavings) {
   EXPECT_NE(noisy.find("two runs of naive differ by 3.0 %"), std::string::npos);
   EXPECT_EQ(describe(summary(9.7).balancing[0], summary(9.7).noise()),
             "load balancing saved 2.0 % +-3.0 % of shared-memory's time; shared-memory saved 50.0 % +-3.0 % of naive's "
-            "time; in total 51.0 % +-3.0 % of naive's time");
+            "time; in total adaptive saved 51.0 % +-3.0 % of naive's time");
+  BalancingGain slower = summary(9.7).balancing[0];
+  slower.balancing.mean = -0.25;
+  EXPECT_EQ(describe(slower, std::nullopt).find("load balancing lost 25.0 % of shared-memory's time;"), 0u)
+      << describe(slower, std::nullopt);
 }
 
 TEST(Verdict, SaysIfSeedsDisagreeOrAreMissing) {

@@ -31,7 +31,7 @@ cudaDeviceProp device_properties() {
 
 void check_tile(const BenchRun& run) {
   if (run.tile_width != 16 || (run.tile_height != 8 && run.tile_height != 16)) {
-    input_error("command line: tiles of ", run.tile_width, " x ", run.tile_height,
+    input_error("tiles of ", run.tile_width, " x ", run.tile_height,
                 " px are not supported on a GPU (expected 16x16 or 16x8)");
   }
 }
