@@ -14,6 +14,7 @@
 #include "core/command_line.h"
 #include "core/print.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "scene/colmap/colmap.h"
 #include "scene/scene.h"
@@ -63,7 +64,7 @@ void print_bounds(const std::vector<float>& positions) {
 }
 
 void describe_splats(const std::string& path) {
-  const SplatCloud cloud = read_splat_ply(path);
+  const SplatCloud cloud = read_splats(path);
   std::printf("%s: Gaussians; median (1st to 99th percentile)\n", path.c_str());
   print_line("Gaussians", "%s", format_count(cloud.size()).c_str());
   print_line("SH degree", "%d", cloud.sh_degree);
@@ -177,8 +178,9 @@ int run_info(const std::vector<std::string>& words) {
     return 0;
   }
   const std::string start = read_start(path);
-  if (start.compare(0, 3, "ply") == 0) {
-    is_splat_ply(path) ? describe_splats(path) : describe_points(path);
+  const SplatFormat* format = find_splat_format(path);
+  if (start.compare(0, 3, "ply") == 0 || (format != nullptr && format != &splat_formats().front())) {
+    holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
   }
   if (start.compare(0, 8, "B3DGSCKP") != 0)

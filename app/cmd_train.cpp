@@ -14,7 +14,7 @@
 #include "core/command_line.h"
 #include "core/files/folder_lock.h"
 #include "core/print.h"
-#include "model/course.h"
+#include "model/training_id.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
@@ -141,9 +141,9 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
 /// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
   if (!plan.checkpoint.empty()) {
-    const auto course = read_checkpoint_header(plan.checkpoint).value("course", "");
-    if (!plan.options.overwrite) check_course(folder, plan.checkpoint, course);
-    const bool is_replaced = !has_room_for(folder, plan.checkpoint, course);
+    const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
+    if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
+    const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);
     std::error_code error;
     if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
       input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "train/device.h"
 #include "train/threads.h"
 
@@ -135,7 +136,7 @@ LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, Sta
     input_error("no cameras for the PLY: ", ply.string(), "; name a scene with -s, or render a model folder");
   }
   LoadedModel model;
-  model.splats = read_splat_ply(ply);
+  model.splats = read_splats(ply);
   apply_options(model, options);
   model.scene = open_cameras(model.config, status);
   return model;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "app/model.h"
-#include "report/run_record.h"
+#include "report/run_info.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "train/loss/metrics.h"
@@ -46,23 +46,23 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
 }  // namespace
 
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
-  RunRecord record = read_run_record(folder);
+  RunInfo record = read_run_info(folder);
   record.iteration = trainer.iteration();
   record.held_out = !scene.test.empty();
   record.previews = render_previews(trainer, record.held_out ? scene.test : scene.train, folder);
-  write_run_record(record, folder);
+  write_run_info(record, folder);
 }
 
 void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
-  RunRecord record = read_run_record(folder);
+  RunInfo record = read_run_info(folder);
   if (record.iteration != trainer.iteration() || record.previews.empty()) {
     record_previews(trainer, scene, folder);
-    record = read_run_record(folder);
+    record = read_run_info(folder);
   }
   record.machine = session.machine;
   record.reading_s += session.reading_s;
   record.output_s += session.result.output_s;
-  write_run_record(record, folder);
+  write_run_info(record, folder);
 }
 
 }  // namespace b3dgs

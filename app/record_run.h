@@ -1,4 +1,4 @@
-// Saves what the report of a training needs in addition to the log (report/run_record.h).
+// Writes what a report needs of a training beyond its log (report/run_info.h), while the training runs.
 #pragma once
 
 #include <nlohmann/json.hpp>

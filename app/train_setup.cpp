@@ -5,7 +5,7 @@
 #include <ctime>
 
 #include "core/files/remove_tree.h"
-#include "report/run_record.h"
+#include "report/run_info.h"
 
 namespace b3dgs {
 namespace {
@@ -55,7 +55,7 @@ void remove_model(const ModelFolder& folder) {
   for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
   for (const fs::path& file : {folder.log(), folder.root() / "report.html"}) fs::remove(file, error);
   for (const fs::path& file : folder.results()) fs::remove(file, error);
-  remove_run_record(folder);
+  remove_run_info(folder);
 }
 
 EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/pinhole_view.h"
+#include "model/raster_input.h"
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/math/sh.h"
 
@@ -23,22 +23,14 @@ SynthScene make_scene(const SynthConfig& config) {
 }
 
 Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
-  GaussianArrays gaussians;
-  gaussians.n_gaussians = truth.size();
-  gaussians.sh_degree_max = truth.sh_degree;
-  gaussians.means = truth.means.data();
-  gaussians.log_scales = truth.log_scales.data();
-  gaussians.quats = truth.quats.data();
-  gaussians.logit_opacities = truth.logit_opacities.data();
-  gaussians.sh0 = truth.sh0.data();
-  gaussians.shN = truth.shN.data();
   RenderSettings settings;
   settings.sh_degree = truth.sh_degree;
 
   const std::size_t n_pixels = static_cast<std::size_t>(camera.width) * camera.height;
   std::vector<float> color(3 * n_pixels), depth(n_pixels), alpha(n_pixels);
   cpu::Rasterizer rasterizer;
-  rasterizer.forward(gaussians, to_pinhole_view(camera), settings, {color.data(), depth.data(), alpha.data()});
+  rasterizer.forward(to_gaussian_arrays(truth), to_pinhole_view(camera), settings,
+                     {color.data(), depth.data(), alpha.data()});
 
   Image8 image(camera.width, camera.height, 3);
   std::transform(color.begin(), color.end(), image.pixels.begin(), [](float value) {
@@ -52,9 +44,6 @@ float sh0_from_color(double color) {
 }
 double color_from_sh0(float coefficient) {
   return 0.5 + kSh0 * coefficient;
-}
-float logit(double probability) {
-  return static_cast<float>(std::log(probability / (1 - probability)));
 }
 
 }  // namespace b3dgs

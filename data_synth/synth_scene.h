@@ -6,6 +6,7 @@
 
 #include "data_synth/synth_config.h"
 #include "model/formats/splat_cloud.h"
+#include "raster/math/opacity.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 #include "scene/point_cloud.h"
@@ -35,6 +36,5 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera);
 /// Conversion between a colour value in [0, 1] and a coefficient of SH degree 0.
 float sh0_from_color(double color);
 double color_from_sh0(float coefficient);
-float logit(double probability);
 
 }  // namespace b3dgs

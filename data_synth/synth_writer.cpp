@@ -9,7 +9,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 
@@ -82,7 +82,7 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   const fs::path folder = config.output;
   prepare_folder(folder);
   write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
-  write_splat_ply(folder / "truth.ply", scene.truth);
+  write_splats(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     write_image(folder / "images" / image_name(i, config), render_truth(scene.truth, scene.cameras[i]));
     if (on_image) on_image(i + 1, scene.cameras.size());

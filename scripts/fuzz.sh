@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Fuzzes the readers of files with libFuzzer (clang 14), under the address and undefined-behaviour sanitizers.
-# Usage: scripts/fuzz.sh [MINUTES_EACH] [TARGET...]    default: 5 minutes for every target of tests/fuzz
-# A target stops at its first finding, which is minimised and named. Once the reader is mended, the file belongs into
-# tests/corpus/TARGET/, which ctest reads with the ordinary compiler. build/fuzz/corpus/ keeps what was learned for the
+# Fuzzes the file readers with libFuzzer (clang 14) and the address and undefined-behaviour sanitizers.
+# Usage: scripts/fuzz.sh [MINUTES_EACH] [TARGET...]    default: 5 minutes for every target in tests/fuzz
+# A target stops at its first finding, which is minimised; its path is printed. After fixing the reader, add the file to
+# tests/corpus/TARGET/, which ctest reads in every build. Inputs that reach new code are kept in build/fuzz/corpus/ for the
 # next run. FUZZ_SECONDS overrides the minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -24,7 +24,7 @@ cmake --build --preset fuzz --target "${targets[@]/#/fuzz_}"
 out=build/fuzz
 build/cpu/tests/fuzz/write_seeds "$out/seeds"
 mkdir -p "$out/findings" "$out/logs"
-# Leaks are none of a reader's faults that these targets look for: an error is an exception, and vectors own the memory.
+# Leaks are not checked: readers own memory only through containers, and report errors as exceptions.
 export ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1
 limits=(-timeout=10 -rss_limit_mb=2048 -malloc_limit_mb=1024 -max_len=16384)
 
@@ -44,14 +44,14 @@ for target in "${targets[@]}"; do
   ((status == 0)) && continue
   n_findings=$((n_findings + 1))
   if [[ ! -s $finding ]]; then
-    echo "$target: ended with status $status; see $log" >&2
+    echo "$target: exited with status $status; see $log" >&2
     continue
   fi
   "$program" -minimize_crash=1 -runs=20000 "${limits[@]}" -exact_artifact_path="$finding.small" "$finding" \
     >"$log.minimise" 2>&1 || true
   [[ -s $finding.small ]] && mv "$finding.small" "$finding"
   grep -m 3 -E 'ERROR|runtime error|what\(\)|LogicError' "$log" >&2 || true
-  echo "$target: FINDING in $finding ($(stat -c %s "$finding") bytes), report in $log" >&2
+  echo "$target: FINDING: $finding ($(stat -c %s "$finding") bytes), log: $log" >&2
 done
 rmdir --ignore-fail-on-non-empty tests/corpus/* 2>/dev/null || true
 echo "all targets: $total executions, $n_findings findings"

@@ -110,11 +110,11 @@ sanitizer_filter() {
       ;;
     # Whole trainings take minutes under a tool.
     train_cuda_tests)
-      tests='EventMarks*:ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredHarmonics*'
+      tests='EventMarks*:ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredSh.*'
       # initcheck makes the host wait for the end of each copy; this test holds a copy up until the host has gone on.
       if [[ $tool == initcheck ]]; then tests+=':-ImageUploaderTest.NeverWritesASlotThatIsStillRead'; fi
       # Hundreds of steps; racecheck has the same kernels in GaussianStepOnGpu.
-      if [[ $tool == racecheck ]]; then tests+=':-DeferredHarmonics.AreTheSameBits*'; fi
+      if [[ $tool == racecheck ]]; then tests+=':-DeferredSh.UpdatesGiveTheSameBits*'; fi
       if ! $is_quick; then echo "$tests"; fi
       ;;
     *) if ! $is_quick; then echo '*Cuda*'; fi ;;

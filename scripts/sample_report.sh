@@ -1,24 +1,51 @@
 #!/usr/bin/env bash
-# Makes docs/sample_report.html: the first 3000 iterations of a synthetic street from 4 million points, with adaptive and
-# with fixed kernels on a GPU.
-# Usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [COMPARE_OPTIONS...]]    default: output/sample
-#   scripts/sample_report.sh build/cuda/app/b3dgs output/sample --seeds 0 1
+# Makes docs/sample_report.html and docs/images/report.png, a screenshot of it: the report of a short training on a
+# synthetic scene on the CPU, which takes less than a minute. The screenshot needs chromium and pngquant.
+# Usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]    default: output/sample
+#   scripts/sample_report.sh build/cpu/app/b3dgs output/sample --seed 1
 set -euo pipefail
 cd "$(dirname "$0")/.."
-b3dgs=${1:?the program is missing: scripts/sample_report.sh B3DGS [WORK_FOLDER [COMPARE_OPTIONS...]]}
+usage="usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]"
+b3dgs=${1:?missing argument: path of the b3dgs program; $usage}
 work=${2:-output/sample}
 shift $(($# < 2 ? $# : 2))
+max_page_bytes=120000 max_picture_bytes=150000
 
-if [[ ! -d $work/street ]]; then "$b3dgs" synth street "$work/street" --points 4000000; fi
-"$b3dgs" compare "$work/street" -m "$work/compare" --configs naive,adaptive,segmented,combined,shared-memory \
-  --device cuda --iterations 3000 --stats_interval 250 --test_iterations 500 1000 2000 3000 \
-  --overwrite "$@"
+# small FILE MAX_BYTES: fails if a file is too large to be committed.
+small() {
+  local bytes
+  bytes=$(stat -c %s "$1")
+  if ((bytes > $2)); then
+    echo "sample_report.sh: $1 has $bytes bytes (expected at most $2)" >&2
+    exit 1
+  fi
+}
 
-bytes=$(stat -c %s "$work/compare/report.html")
-if ((bytes > 500000)); then
-  echo "sample_report.sh: the report has $bytes bytes, too many to commit" >&2
-  exit 1
+scene=$work/orbit
+if [[ ! -d $scene ]]; then
+  "$b3dgs" synth orbit "$scene" --points 4000 --views 48 --width 240 --height 180 --quiet
 fi
-scripts/check_report.sh "$work/compare/report.html" || (($? == 77))
-cp "$work/compare/report.html" docs/sample_report.html
-echo "written: docs/sample_report.html, $bytes bytes"
+"$b3dgs" train "$scene" -m "$work/model" --eval --device cpu --iterations 600 --sh_increase_interval 150 \
+  --densify_from_iter 100 --densify_until_iter 500 --opacity_reset_interval 1000 --kernel_check_interval 150 \
+  --stats_interval 100 --kernel_times_interval 100 --test_iterations 100 200 300 400 500 600 --overwrite --quiet "$@"
+
+report=$work/model/report.html
+small "$report" "$max_page_bytes"
+scripts/check_report.sh "$report" || (($? == 77))
+cp "$report" docs/sample_report.html
+echo "written: docs/sample_report.html"
+
+browser=$(command -v chromium || command -v chromium-browser || true)
+if [[ -z $browser || -z $(command -v pngquant) ]]; then
+  echo "sample_report.sh: no screenshot, chromium or pngquant is not installed"
+  exit 0
+fi
+mkdir -p docs/images
+home=$(mktemp -d)
+trap 'rm -rf "$home"' EXIT
+HOME=$home "$browser" --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size=760,1340 \
+  --screenshot="$work/screenshot.png" "file://$(realpath "$report")" >/dev/null 2>&1
+pngquant --force --nofs --output "$work/report.png" 128 "$work/screenshot.png"
+small "$work/report.png" "$max_picture_bytes"
+cp "$work/report.png" docs/images/report.png
+echo "written: docs/images/report.png"

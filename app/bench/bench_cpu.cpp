@@ -1,4 +1,4 @@
-// CPU side of b3dgs bench: the forward schedules, and the passes of one view.
+// b3dgs bench on the CPU: forward kernels and the passes of one view.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -17,7 +17,7 @@
 namespace b3dgs {
 namespace {
 
-/// One run to warm up, then `repeat` timed ones.
+/// One warm-up run, then `repeat` timed ones.
 Timing time_runs(int repeat, const std::function<void()>& body) {
   using Clock = std::chrono::steady_clock;
   body();
@@ -30,7 +30,7 @@ Timing time_runs(int repeat, const std::function<void()>& body) {
   return summarize(std::move(ms));
 }
 
-/// Memory and arguments of one view, outside of the rasterizer so that each pass can be timed alone.
+/// Buffers and arguments for one view. They are public, so that each pass can be run alone.
 struct BenchFrame {
   std::vector<Splat> splats;
   std::vector<Vec2f> extents;
@@ -83,7 +83,7 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
     file.set("kernels", table.rows());
   }
 
-  // One thread against one thread: what vectors and staging bring by themselves.
+  // On one thread each: the gain from SIMD and staging alone, without parallelism.
   const int threads = thread_count();
   set_thread_count(1);
   const int few = std::min(run.repeat, 3);
@@ -93,8 +93,8 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
   table.add({"scalar loop, 1T", scalar, frame.color, {}});
   file.set("kernels", table.rows());
   const double speedup = scalar.median_ms / shared.median_ms;
-  std::printf("shared-memory on one thread: %.1f ms, %.2f x the scalar loop with libm exp\n", shared.median_ms,
-              speedup);
+  std::printf("shared-memory on one thread: %.1f ms, %.2f times as fast as the scalar loop with exp() of libm\n",
+              shared.median_ms, speedup);
   file.set("one_thread",
            {{"shared_memory_ms", shared.median_ms}, {"scalar_loop_ms", scalar.median_ms}, {"speedup", speedup}});
 }
@@ -102,26 +102,20 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
 void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame, BenchFile& file) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::vector<float> grad_color(frame.color.size(), 1.0f / static_cast<float>(frame.color.size()));
-  std::vector<SplatGrad> isect_grads(static_cast<std::size_t>(frame.bins.n_isects));
+  std::vector<SplatGrad> pair_grads(static_cast<std::size_t>(frame.bins.n_pairs));
   std::vector<float> means(3 * n), log_scales(3 * n), quats(4 * n), opacities(n), sh0(3 * n),
       shN(scene.cloud.shN.size()), means2d(2 * n);
   cpu::blend_forward(ForwardKernel::kSharedMemory, frame.forward);
   const BlendForwardArgs& f = frame.forward;
-  const BlendBackwardArgs backward{f.splats,
-                                   f.extents,
-                                   f.bins,
-                                   f.grid,
-                                   f.background,
-                                   f.out,
-                                   f.transmittance,
-                                   f.last_ids,
-                                   {grad_color.data(), nullptr, nullptr},
-                                   isect_grads.data()};
+  const BlendBackwardArgs backward{f.splats,         f.extents,    f.bins,
+                                   f.grid,           f.background, f.out,
+                                   f.transmittance,  f.last_ids,   {grad_color.data(), nullptr, nullptr},
+                                   pair_grads.data()};
   const GaussianGradArrays grads{means.data(), log_scales.data(), quats.data(),  opacities.data(),
                                  sh0.data(),   shN.data(),        means2d.data()};
   const ProjectBackwardArgs project_backward{
       frame.project.gaussians, frame.project.view,      frame.project.sh_degree, f.splats,
-      frame.n_splats,          frame.bins.slot_offsets, isect_grads.data(),      grads};
+      frame.n_splats,          frame.bins.slot_offsets, pair_grads.data(),       grads};
 
   PassTable table("pass");
   const auto add = [&](const char* name, const std::function<void()>& body) {
@@ -136,7 +130,7 @@ void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame
   table.print_sum("forward+backward");
 }
 
-nlohmann::ordered_json lists_of(const BenchFrame& frame) {
+nlohmann::ordered_json statistics_of_lists(const BenchFrame& frame) {
   std::vector<std::int64_t> lengths;
   for (std::int32_t tile = 0; tile < frame.forward.grid.n_tiles(); ++tile) {
     lengths.push_back(frame.bins.tile_offsets[tile + 1] - frame.bins.tile_offsets[tile]);
@@ -148,8 +142,8 @@ nlohmann::ordered_json lists_of(const BenchFrame& frame) {
 
 void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
   BenchFrame frame(run, scene);
-  const nlohmann::ordered_json lists = lists_of(frame);
-  std::printf("%lld seen; CPU, %d threads\n", static_cast<long long>(frame.n_splats), thread_count());
+  const nlohmann::ordered_json lists = statistics_of_lists(frame);
+  std::printf("%lld visible Gaussians; CPU, %d threads\n", static_cast<long long>(frame.n_splats), thread_count());
   print_list_statistics(lists);
   file.set("lists", lists);
   file.set("n_splats", frame.n_splats);
@@ -160,7 +154,7 @@ void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& 
 
 ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene) {
   const BenchFrame frame(run, scene);
-  ForwardTimes times{detail::concat("CPU, ", thread_count(), " threads"), lists_of(frame), {}};
+  ForwardTimes times{detail::concat("CPU, ", thread_count(), " threads"), statistics_of_lists(frame), {}};
   for (const ForwardKernelName& kernel : kForwardKernels) {
     times.rows.push_back({std::string(kernel.name), time_forward(run, frame, kernel.kernel)});
   }

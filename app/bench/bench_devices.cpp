@@ -8,7 +8,7 @@ namespace b3dgs {
 namespace {
 
 [[noreturn]] void refuse_cuda() {
-  input_error("--device cuda: this build has no CUDA kernels; build with nvcc on the PATH, or use --device cpu");
+  input_error("--device cuda: this build has no CUDA kernels; build with nvcc in PATH or use --device cpu");
 }
 
 }  // namespace
@@ -21,6 +21,9 @@ ForwardTimes time_forward_kernels_cuda(const BenchRun&, const BenchScene&) {
 }
 bool has_gpu() {
   return false;
+}
+std::optional<GpuSpecs> gpu_specs(int) {
+  return std::nullopt;
 }
 #endif
 

@@ -1,16 +1,18 @@
-// The benchmarks of one view, on the CPU or a GPU.
+// Benchmarks of the passes of one view, on the CPU or a GPU.
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
+#include "app/bench/step_floor.h"
 
 namespace b3dgs {
 
-/// The forward kernels' times, in the order of their table, and the lists that they worked through.
+/// Times of all forward kernels, in the order of kForwardKernels, and statistics of the tiles' lists.
 struct ForwardTimes {
   struct Row {
     std::string kernel;
@@ -21,20 +23,22 @@ struct ForwardTimes {
   std::vector<Row> rows;
 };
 
-/// "cuda" if this build has CUDA kernels and the machine a GPU, else "cpu": what --device auto takes.
+/// What --device auto selects: "cuda" if this build has CUDA kernels and the machine has a GPU, else "cpu".
 std::string default_bench_device();
 
-/// Prints the tables of kernels and passes on run.device, row by row, and adds their figures to `file`.
-/// @throws InputError if there is no such device, or this build cannot use it
+/// Times kernels and passes on run.device; prints each row of the tables when it is known and adds it to `file`.
+/// @throws InputError if run.device does not exist or this build does not support it
 void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 
-/// Prints nothing. @throws as bench_kernels
+/// Prints nothing. @throws InputError as bench_kernels() does
 ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene);
 
-// Each device's own.
+// Implementations for each device.
 void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 bool has_gpu();
+/// nullopt if this build has no CUDA kernels.
+std::optional<GpuSpecs> gpu_specs(int device_index);
 ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene);
 ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene);
 

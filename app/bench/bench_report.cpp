@@ -18,7 +18,7 @@ nlohmann::ordered_json to_row(const char* kind, const std::string& name, const T
   return row;
 }
 
-/// Relative, by parameter.
+/// Relative differences of the gradients, by parameter.
 nlohmann::ordered_json gradient_differences(const Measurement& measurement, const Measurement& first) {
   nlohmann::ordered_json differences = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < first.gradients.size(); ++i) {
@@ -48,15 +48,17 @@ nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths)
 }
 
 void print_list_statistics(const nlohmann::ordered_json& statistics) {
-  std::printf("list lengths: mean %.0f, median %lld, p90 %lld, p99 %lld, max %lld, Gini %.2f; %lld pairs\n",
-              statistics["mean"].get<double>(), statistics["median"].get<long long>(),
-              statistics["p90"].get<long long>(), statistics["p99"].get<long long>(),
-              statistics["max"].get<long long>(), statistics["gini"].get<double>(),
-              statistics["pairs"].get<long long>());
+  std::printf(
+      "Gaussians per tile: mean %.0f, median %lld, 90th percentile %lld, 99th percentile %lld, maximum %lld, Gini "
+      "coefficient %.2f; %lld (tile, splat) pairs\n",
+
+      statistics["mean"].get<double>(), statistics["median"].get<long long>(), statistics["p90"].get<long long>(),
+      statistics["p99"].get<long long>(), statistics["max"].get<long long>(), statistics["gini"].get<double>(),
+      statistics["pairs"].get<long long>());
 }
 
 double largest_difference(const std::vector<float>& a, const std::vector<float>& b) {
-  B3DGS_CHECK(a.size() == b.size(), "outputs of ", a.size(), " and ", b.size(), " values");
+  B3DGS_CHECK(a.size() == b.size(), "cannot compare arrays of ", a.size(), " and ", b.size(), " values");
   double largest = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {
     const double difference = std::fabs(double{a[i]} - double{b[i]});
@@ -78,8 +80,11 @@ void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {
 }
 
 ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColumns& columns) : columns_(columns) {
-  std::printf("\n%-16s %10s %23s %9s", title.c_str(), "median ms", "min .. max", "x first");
-  if (columns_.keeping) std::printf(" %10s", "keeping");
+  std::printf("\nspeedup%s: relative to the first row%s\n",
+              columns_.image || columns_.gradients ? " and largest differences of image and gradients" : "",
+              columns_.keeping ? "; training: median ms when the kernel also stores data for the backward pass" : "");
+  std::printf("%-16s %10s %23s %9s", title.c_str(), "median ms", "min .. max", "speedup");
+  if (columns_.keeping) std::printf(" %10s", "training");
   if (columns_.resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
   if (columns_.image) std::printf(" %11s", "image diff.");
   if (columns_.gradients) std::printf(" %11s", "grad. diff.");
@@ -95,12 +100,12 @@ void ComparisonTable::add(Measurement measurement) {
   std::printf("%-16s %10.3f %10.3f .. %9.3f %9.2f", measurement.name.c_str(), timing.median_ms, timing.min_ms,
               timing.max_ms, speedup);
   if (columns_.keeping) {
-    B3DGS_CHECK(measurement.keeping, measurement.name, " comes without its time in training");
+    B3DGS_CHECK(measurement.keeping, measurement.name, ": time in training is missing");
     std::printf(" %10.3f", measurement.keeping->median_ms);
     row["keeping"] = to_json(*measurement.keeping);
   }
   if (columns_.resources) {
-    B3DGS_CHECK(measurement.resources, measurement.name, " comes without its resources");
+    B3DGS_CHECK(measurement.resources, measurement.name, ": resources are missing");
     const cuda::KernelResources& r = *measurement.resources;
     std::printf(" %10d %12d %8.1f %%", r.registers, r.shared_bytes, 100 * r.occupancy());
     row["registers"] = r.registers;

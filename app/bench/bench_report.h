@@ -1,4 +1,4 @@
-// Figures of a benchmark: medians with their spread, differences, and the tables and JSON they go into.
+// Results of benchmarks: timings, differences between kernels, and the tables and JSON that show them.
 #pragma once
 
 #include <cstdint>
@@ -16,25 +16,25 @@ struct Timing {
   double median_ms = 0, min_ms = 0, max_ms = 0;
 };
 
-/// Median and range of single runs; `ms` is not empty.
+/// Median and range of the times of single runs; `ms` must not be empty.
 Timing summarize(std::vector<double> ms);
 
 nlohmann::ordered_json to_json(const Timing& timing);
 
-/// Lengths of the tiles' lists, which are what balancing has to even out: how many, their sum, and load_statistics().
-/// `lengths` is not empty.
+/// Number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists. `lengths` must not be
+/// empty.
 nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths);
 void print_list_statistics(const nlohmann::ordered_json& statistics);
 
-/// Largest |a - b|; infinite if one of the values is not a number.
+/// Largest |a - b|; infinite if a value is NaN.
 double largest_difference(const std::vector<float>& a, const std::vector<float>& b);
 
-/// Largest difference over the largest magnitude of `reference`, or over `size` if that is more; 0 if both hold nothing
-/// but zeros.
+/// Largest difference divided by the largest magnitude in `reference` or by `size`, whichever is larger; 0 if there is
+/// no difference.
 double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size = 0);
 
-/// What a benchmark has found so far: printed by whoever finds it, and in a file, renewed with every figure, if there
-/// is a path. Who ends a long benchmark keeps both.
+/// Results so far as a JSON file, which is rewritten with every result: a benchmark that is interrupted keeps them.
+/// Does nothing without a path.
 class BenchFile {
  public:
   explicit BenchFile(std::string path) : path_(std::move(path)) {}
@@ -50,20 +50,20 @@ class BenchFile {
 struct NamedArray {
   std::string name;
   std::vector<float> values;
-  double size = 0;  // at least, for differences relative to it
+  double size = 0;  // lower limit of the magnitude in relative_difference()
 };
 
-/// What one alternative for a pass did.
+/// Timing and results of one kernel.
 struct Measurement {
   std::string name;
   Timing timing;
-  std::vector<float> image;                          // compared as it is
-  std::vector<NamedArray> gradients;                 // one a parameter, each compared relative to its largest value
+  std::vector<float> image;                          // compared by absolute difference
+  std::vector<NamedArray> gradients;                 // one per parameter, compared by relative_difference()
   std::optional<cuda::KernelResources> resources{};  // of CUDA kernels
-  std::optional<Timing> keeping{};                   // of a forward kernel that keeps what its backward pass needs
+  std::optional<Timing> keeping{};                   // forward kernels: when also storing data for the backward pass
 };
 
-/// What is shown of the rows besides their times; what is not shown need not be measured.
+/// Columns besides the times. What is not shown need not be measured.
 struct ComparisonColumns {
   bool image = true;
   bool gradients = false;
@@ -71,10 +71,10 @@ struct ComparisonColumns {
   bool keeping = false;
 };
 
-/// Rows of alternatives for one pass, compared with the first of them.
+/// A table of kernels for one pass, each compared with the first.
 class ComparisonTable {
  public:
-  /// Prints the head of the table.
+  /// Prints the header.
   ComparisonTable(const std::string& title, const ComparisonColumns& columns);
 
   /// Prints the row.
@@ -88,7 +88,7 @@ class ComparisonTable {
   nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
 };
 
-/// Rows of passes that follow one another, with their sum.
+/// A table of consecutive passes with the sum of their times.
 class PassTable {
  public:
   explicit PassTable(const std::string& title);

@@ -1,5 +1,4 @@
-// The yardstick of the CPU benchmark: what a plain tiled renderer does. One thread, one pixel at a time, the natural
-// form of the exponent, libm's exp.
+// The baseline of the CPU benchmark: a plain tiled renderer with one thread, one pixel at a time and exp() of libm.
 #pragma once
 
 #include "raster/args.h"

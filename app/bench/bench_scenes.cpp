@@ -8,7 +8,9 @@
 #include "data_synth/synth_scene.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
+#include "model/raster_input.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -30,11 +32,11 @@ BenchScene make_street_bench(const BenchConfig& config) {
   return {"street", splats_from_points(street.points, 3), to_pinhole_view(street.cameras.front())};
 }
 
-/// How densely spread Gaussians lie at each distance from the image's centre, in half images. Within the core the
-/// density is constant. With this core the law of skew 1 is that of `street`'s points.
-class SpreadLaw {
+/// Density of Gaussians as a function of the distance from the image centre, in units of half the image size. Constant
+/// within a core, whose size is chosen so that skew 1 matches the points of `street`.
+class SpreadDensity {
  public:
-  explicit SpreadLaw(double skew)
+  explicit SpreadDensity(double skew)
       : skew_(skew),
         exponent_(2 - 2 * skew),
         is_logarithmic_(std::abs(exponent_) < 1e-9),
@@ -44,7 +46,7 @@ class SpreadLaw {
     mass_ = kCoreMass + beyond;
   }
 
-  /// The distance that has as much of this law within it as `distance` has of the even law.
+  /// Maps a distance of the even distribution to the distance that encloses the same share of this distribution.
   double skewed_distance(double distance) const {
     if (skew_ == 0) return distance;
     const double mass = distance * distance * mass_;
@@ -54,12 +56,13 @@ class SpreadLaw {
                            : std::pow(std::pow(kCore, exponent_) + exponent_ * rest, 1 / exponent_);
   }
 
-  /// Relative to the mean over the image.
-  double density(double distance) const { return std::pow(std::max(distance, kCore) / kCore, -2 * skew_) / mass_; }
+  /// Density at a distance, relative to the mean over the image.
+  double at(double distance) const { return std::pow(std::max(distance, kCore) / kCore, -2 * skew_) / mass_; }
 
  private:
   static constexpr double kCore = 0.05;
-  static constexpr double kCoreMass = kCore * kCore;  // of density 1, by d(distance^2): the whole image has 1
+  static constexpr double kCoreMass =
+      kCore * kCore;  // with density 1; the area is distance^2, so the whole image has mass 1
 
   double skew_;
   double exponent_;  // of the mass beyond the core
@@ -68,7 +71,7 @@ class SpreadLaw {
   double mass_;   // of the whole image, with density 1 in the core
 };
 
-/// Appends what a trained Gaussian has besides its place: any shape, opacity and colour.
+/// Appends the attributes of a trained Gaussian except its mean: random shape, opacity and colour.
 void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
   const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
   const double log_sigma = std::log(median_sigma) + 0.5 * random.normal();
@@ -79,7 +82,7 @@ void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
   for (int k = 0; k < n_rest; ++k) cloud.shN.push_back(static_cast<float>(0.1 * random.normal()));
 }
 
-/// As splats_from_points() makes it of a point of any colour.
+/// Appends the attributes that splats_from_points() gives to a point of random colour, except its mean.
 void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
   cloud.log_scales.insert(cloud.log_scales.end(), 3, static_cast<float>(std::log(sigma)));
@@ -89,7 +92,7 @@ void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   cloud.shN.insert(cloud.shN.end(), n_rest, 0.0f);
 }
 
-/// The folder's own Gaussians and cameras; each is read only if it is wanted.
+/// Gaussians and cameras of a folder; each is read only if no file was given instead.
 struct FolderContent {
   SplatCloud cloud;
   std::vector<NamedCamera> cameras;
@@ -119,8 +122,7 @@ const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::st
   const auto found =
       std::find_if(cameras.begin(), cameras.end(), [&](const NamedCamera& camera) { return camera.name == name; });
   if (found == cameras.end()) {
-    input_error("command line: view ", name, ": no camera has an image of that name; the first is ",
-                cameras.front().name);
+    input_error("--view ", name, ": no camera with this image name (the first is ", cameras.front().name, ")");
   }
   return found->camera;
 }
@@ -133,38 +135,40 @@ BenchScene read_bench_scene(const BenchConfig& config) {
   }
   BenchScene scene;
   scene.name = config.ply.empty() ? config.scene : config.ply;
-  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splat_ply(config.ply);
+  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
   if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
   scene.view = to_pinhole_view(choose_view(content.cameras, config.view));
-  if (scene.cloud.size() == 0) input_error(scene.name, ": has no points to start from; name a model with --ply");
+  if (scene.cloud.size() == 0)
+    input_error(scene.name, ": no points to initialize Gaussians from; give a model with --ply");
   return scene;
 }
 
 }  // namespace
 
-void take_defaults(BenchRun& run) {
+void resolve_auto(BenchRun& run) {
   if (run.device == "auto") run.device = default_bench_device();
-  const TileShape tile = default_tile(run.device);
+  TrainConfig training;
+  training.device = run.device;
+  training.tile = run.tile;
+  const TileShape tile = tile_shape(training);
   if (run.tile_width == 0) run.tile_width = tile.width;
   if (run.tile_height == 0) run.tile_height = tile.height;
+  run.tile = detail::concat(run.tile_width, "x", run.tile_height);
 }
 
 GaussianArrays BenchScene::arrays() const {
-  return {cloud.size(),       cloud.sh_degree,
-          cloud.means.data(), cloud.log_scales.data(),
-          cloud.quats.data(), cloud.logit_opacities.data(),
-          cloud.sh0.data(),   cloud.shN.data()};
+  return to_gaussian_arrays(cloud);
 }
 
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
   constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8;
   constexpr double kTrainedSigma = 1.7;  // px
-  // Mean distance to the 3 nearest of points that lie at random in a plane, one per unit of area: the k-th of them is
-  // at 1/2, 3/4 and 15/16 on average. Within 1 % of the geometric mean of what training takes, the root of the mean
-  // square.
+  // Mean distance to the 3 nearest neighbours of random points in a plane with density 1: their expected distances are
+  // 1/2, 3/4 and 15/16. Training takes the root mean square instead; the geometric mean of that differs by less than 1
+  // %.
   constexpr double kSigmaPerSpacing = (0.5 + 0.75 + 0.9375) / 3;
   const double pixels_per_point = static_cast<double>(run.width) * run.height / static_cast<double>(spread.points);
-  const SpreadLaw law(spread.skew);
+  const SpreadDensity density(spread.skew);
   Random random(run.seed);
   BenchScene scene{"balanced", {}, {}};
   SplatCloud& cloud = scene.cloud;
@@ -173,14 +177,14 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
     const double z = kNearest + kDepthRange * random.uniform();
     const double u = random.uniform() - 0.5, v = random.uniform() - 0.5;
     const double even_distance = 2 * std::max({std::abs(u), std::abs(v), 1e-12});
-    const double distance = law.skewed_distance(even_distance);
+    const double distance = density.skewed_distance(even_distance);
     const double scale = distance / even_distance;
     const double x = scale * u * run.width / kFocal * z, y = scale * v * run.height / kFocal * z;
     for (const double coordinate : {x, y, z}) cloud.means.push_back(static_cast<float>(coordinate));
     if (spread.state == SpreadState::kTrained) {
       append_trained(cloud, kTrainedSigma * z / kFocal, random);
     } else {
-      const double spacing = std::sqrt(pixels_per_point / law.density(distance));
+      const double spacing = std::sqrt(pixels_per_point / density.at(distance));
       append_untrained(cloud, kSigmaPerSpacing * spacing * z / kFocal, random);
     }
   }
@@ -195,11 +199,13 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
 }
 
 BenchScene make_bench_scene(const BenchConfig& config) {
-  const bool is_street = config.scene == "street", is_made_up = is_street || config.scene == "balanced";
-  if (is_made_up && config.ply.empty() != config.cameras.empty()) {
-    input_error("command line: --ply and --cameras go together, or with a COLMAP or model folder that has the other");
+  const bool is_street = config.scene == "street", is_synthetic = is_street || config.scene == "balanced";
+  if (is_synthetic && config.ply.empty() != config.cameras.empty()) {
+    input_error(
+        "--ply and --cameras must be given together, or with a COLMAP or model folder that provides the "
+        "other");
   }
-  if (!is_made_up || !config.ply.empty()) return read_bench_scene(config);
+  if (!is_synthetic || !config.ply.empty()) return read_bench_scene(config);
   return is_street ? make_street_bench(config)
                    : make_spread_scene({config.points, config.skew, SpreadConfig().sh_degree}, config);
 }

@@ -1,4 +1,4 @@
-// What the benchmark renders: Gaussians and a camera, made up or from files.
+// Scenes for benchmarks: Gaussians and a camera, synthetic or from files.
 #pragma once
 
 #include <string>
@@ -9,10 +9,11 @@
 
 namespace b3dgs {
 
-/// How every benchmark measures.
+/// Options of all benchmarks of one view.
 struct BenchRun {
-  int width = 960, height = 540;        // px
-  int tile_width = 0, tile_height = 0;  // px; 0: take_defaults()
+  int width = 960, height = 540;  // px
+  std::string tile = "auto";
+  int tile_width = 0, tile_height = 0;  // px; 0: as --tile says, see resolve_auto()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
@@ -25,8 +26,10 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
-  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px (0 = as in training on this device)");
-  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px (0 = as in training on this device)");
+  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},
+        "tile size, px, as in b3dgs train (auto: 16x8 on a GPU, 16x16 on a CPU)");
+  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px; overrides --tile (0 = as in --tile)");
+  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px; overrides --tile (0 = as in --tile)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
@@ -36,36 +39,36 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fi
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
-/// The fields that a benchmark's config inherits.
+/// Visits the options that a benchmark's config inherits from BenchRun.
 template <class Config, class Visitor>
 void visit_run_fields(Config& c, Visitor&& field) {
   visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
 
-/// Where the options leave device and tile open, sets the device of --device auto, and the tile of training there: the
-/// kernels are timed as training uses them. Every benchmark does so before it uses either.
-void take_defaults(BenchRun& run);
+/// Replaces --device auto by the device that it selects, and sets tile_width and tile_height where they are 0. Call
+/// this before using either.
+void resolve_auto(BenchRun& run);
 
-/// What training has made of Gaussians that are spread over the image.
+/// The state of training that synthetic Gaussians are in.
 enum class SpreadState {
-  /// Sizes, shapes and opacities of many kinds, the same everywhere. A tile is opaque after some 300 entries of its
-  /// list, and a kernel stops there: a crowded tile takes it no longer than others, so skew hardly shows on a GPU.
+  /// Sizes, shapes and opacities vary, independent of position. A tile is opaque after about 300 Gaussians, where
+  /// kernels stop, so crowded tiles take no longer than others and skew has little effect on a GPU.
   kTrained,
-  /// Round, of opacity 0.1, and the smaller the denser they lie, as training makes them from points of a surface. A
-  /// crowded tile takes thousands of them before it is opaque and keeps its block busy long after the others, as those
-  /// at the horizon of `street` do.
+  /// Spherical, with opacity 0.1 and a size that decreases with the density, as training initializes them from points
+  /// on a surface. A crowded tile needs thousands of Gaussians to become opaque, so its thread block runs long after
+  /// the others, as at the horizon of `street`.
   kFirstIteration,
 };
 
-/// Gaussians spread over the image by one law.
+/// Distribution of synthetic Gaussians over the image.
 struct SpreadConfig {
   std::int64_t points = 1500000;
-  /// Outside a small core, density falls with the distance from the image's centre (the larger of |x| and |y|, each in
-  /// half images) to the power of -2 skew. 0: even; 1: as a road's points crowd at the horizon, where each doubling of
-  /// the distance holds as many.
+  /// Outside a small core, the density is proportional to distance^(-2 skew), where distance is max(|x|, |y|) from the
+  /// image centre in units of half the image size. 0: even; 1: as points of a road near the horizon, where each
+  /// doubling of the distance adds the same number.
   double skew = 0;
   int sh_degree = 3;
-  SpreadState state = SpreadState::kTrained;  // that of the scene `balanced`
+  SpreadState state = SpreadState::kTrained;  // as in the scene `balanced`
 };
 
 struct BenchConfig : BenchRun {
@@ -99,12 +102,12 @@ struct BenchScene {
   GaussianArrays arrays() const;
 };
 
-/// @throws InputError if a folder or file cannot be used.
+/// @throws InputError if a folder or file is missing or invalid
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// Trained Gaussians are the scene `balanced`: log-normal sizes of about 1.7 px, mixed opacities and shapes. Skew
-/// changes where they are, and nothing else about them. Those of a first iteration have the size that their neighbours
-/// would give them on the screen: 0.729 / sqrt(density there, 1/px^2), in px.
+/// Synthetic Gaussians in front of one camera. kTrained is the scene `balanced`: log-normal sizes of about 1.7 px,
+/// varied opacities and shapes; skew changes only the positions. kFirstIteration: sizes follow from the distance to the
+/// nearest neighbours on the screen, 0.729 / sqrt(density in 1/px^2) px.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

@@ -1,5 +1,4 @@
-// b3dgs bench step: the whole training step on a scene, stage by stage. The steps are the trainer's own: nothing is
-// repeated or left out for the measurement.
+// b3dgs bench step: times the stages of whole training steps on a scene, with the unmodified Trainer.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -7,6 +6,7 @@
 #include <numeric>
 #include <optional>
 
+#include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
 #include "app/bench/step_floor.h"
 #include "app/commands.h"
@@ -44,7 +44,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchStepOptions>> 
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
-/// Times of the steps behind the warm-up.
+/// Times of the steps after the warm-up.
 class StepTimes {
  public:
   explicit StepTimes(int n_warmup) : n_warmup_(n_warmup) {}
@@ -69,23 +69,24 @@ class StepTimes {
 /// The table of stages, and the same as JSON.
 class StageTable {
  public:
+  /// The column of lower bounds is left out without `has_floor`.
   StageTable(double total_ms, bool has_floor) : total_ms_(total_ms), has_floor_(has_floor) {
     std::printf("\n%-16s %10s %23s %7s%s\n", "stage", "median ms", "min .. max", "share",
-                has_floor ? "   floor ms" : "");
+                has_floor ? " lower bound, ms" : "");
   }
 
-  /// `ms` of single steps; nothing is shown if there are none.
-  void add(const char* name, const std::vector<double>& ms, std::optional<double> floor_ms) {
+  /// `ms`: one value per step; adds no row if it is empty. `name` is the stage in JSON, `text` in the printed table.
+  void add(const char* name, const char* text, const std::vector<double>& ms, std::optional<double> floor_ms) {
     if (ms.empty()) return;
     const Timing timing = summarize(ms);
     const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms_;
-    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%", name, timing.median_ms, timing.min_ms, timing.max_ms,
+    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%", text, timing.median_ms, timing.min_ms, timing.max_ms,
                 100 * share);
     Json row = {{"stage", name}};
     row.update(to_json(timing));
     row["share"] = share;
     if (has_floor_ && floor_ms) {
-      std::printf(" %10.3f", *floor_ms);
+      std::printf(" %15.3f", *floor_ms);
       row["floor_ms"] = *floor_ms;
     }
     std::printf("\n");
@@ -99,25 +100,25 @@ class StageTable {
   Json rows_ = Json::array();
 };
 
-Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, bool has_floor) {
+Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, const std::optional<GpuRates>& rates) {
   std::vector<double> wall_ms, host_ms;
   for (const StageTimes& step : steps) {
     wall_ms.push_back(step.wall_ms);
     host_ms.push_back(step.host_ms());
   }
   double floor_sum = 0;
-  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0), has_floor);
+  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0), rates.has_value());
   for (std::size_t i = 0; i < kStageCount; ++i) {
     std::vector<double> ms;
     for (const StageTimes& step : steps) {
       if (step.ms[i]) ms.push_back(*step.ms[i]);
     }
-    const std::optional<double> floor_ms = step_floor_ms(static_cast<Stage>(i), size);
+    const std::optional<double> floor_ms = rates ? step_floor_ms(static_cast<Stage>(i), size, *rates) : std::nullopt;
     floor_sum += floor_ms.value_or(0);
-    table.add(kStageNames[i], ms, floor_ms);
+    table.add(kStageNames[i], kStageNames[i], ms, floor_ms);
   }
-  table.add("host", host_ms, std::nullopt);
-  table.add("step", wall_ms, floor_sum);
+  table.add("host", "remaining CPU", host_ms, std::nullopt);
+  table.add("step", "step", wall_ms, floor_sum);
   return table.rows();
 }
 
@@ -125,12 +126,12 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   TrainConfig config;
   if (!options.checkpoint.empty()) {
     const Json header = read_checkpoint_header(options.checkpoint);
-    if (!header.contains("config")) input_error(options.checkpoint, ": holds no config; it is no checkpoint");
+    if (!header.contains("config")) input_error(options.checkpoint, ": not a checkpoint (it has no config)");
     config_from_json(config, header["config"], options.checkpoint);
-    config.device = TrainConfig{}.device;  // belongs to the machine, not to the training
+    config.device = TrainConfig{}.device;  // chosen again on this machine
   }
   line.apply(config);
-  if (config.source_path.empty()) input_error("command line: which scene? b3dgs bench step SCENE");
+  if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();
   config.device = device_name(choose_device(config.device));
   return config;
@@ -140,7 +141,7 @@ Json show_rounds(const std::vector<StageTimes>& rounds) {
   std::vector<double> ms;
   for (const StageTimes& round : rounds) ms.push_back(round.wall_ms);
   const Timing timing = summarize(ms);
-  std::printf("%-16s %10.3f %10.3f .. %9.3f  of %zu rounds\n", "density control", timing.median_ms, timing.min_ms,
+  std::printf("%-16s %10.3f %10.3f .. %9.3f  %zu rounds\n", "density control", timing.median_ms, timing.min_ms,
               timing.max_ms, ms.size());
   Json json = {{"count", ms.size()}};
   json.update(to_json(timing));
@@ -153,7 +154,8 @@ double mean_pixels(const Scene& scene) {
   return sum / static_cast<double>(scene.train.size());
 }
 
-/// Mean wall-clock time of a step, the device's part of the last one included. A signal ends it early.
+/// Runs up to n steps, fewer after a stop signal, and waits for the device. Returns the mean wall-clock time per step,
+/// ms.
 double run_steps(Trainer& trainer, int n) {
   const auto start = std::chrono::steady_clock::now();
   int done = 0;
@@ -166,23 +168,26 @@ double run_steps(Trainer& trainer, int n) {
          std::max(1, done);
 }
 
-/// Prints all figures and returns them.
+/// Prints all results and returns them as JSON.
 Json report_steps(const StepTimes& times, const TrainConfig& config, const StepSize& size, double wall_ms) {
   const torch::Device device = choose_device(config.device);
-  const bool has_floor = device.is_cuda();
+  const std::optional<GpuSpecs> gpu =
+      device.is_cuda() ? gpu_specs(device.has_index() ? device.index() : 0) : std::nullopt;
+  const std::optional<GpuRates> rates = gpu ? reachable_rates(*gpu) : std::nullopt;
   const TileShape tile = tile_shape(config);
   std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
               config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels, tile.width,
               tile.height, config.kernel.c_str(), size.sh_degree, times.steps().size(),
               describe_device(device).c_str());
   Json report;
-  report["stages"] = show_stages(times.steps(), size, has_floor);
-  std::printf("%-16s %10.3f  a step, density control and the gaps between steps included\n", "wall clock", wall_ms);
+  report["stages"] = show_stages(times.steps(), size, rates);
+  std::printf("%-16s %10.3f  per step, including density control and time between steps\n", "wall clock", wall_ms);
   report["wall_ms"] = wall_ms;
   if (!times.rounds().empty()) report["density_rounds"] = show_rounds(times.rounds());
-  if (has_floor) {
-    std::printf("floor: %s\n", kStepFloorAssumptions);
-    report["floor"] = kStepFloorAssumptions;
+  if (rates) {
+    const std::string assumptions = step_floor_assumptions(*gpu, *rates);
+    std::printf("lower bounds: %s\n", assumptions.c_str());
+    report["floor"] = assumptions;
   }
   report["steps"] = times.steps().size();
   report["n_gaussians"] = size.n_gaussians;
@@ -223,8 +228,8 @@ int run_bench_step(const std::vector<std::string>& words) {
   catch_stop_signals();
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
-  if (times.steps().empty()) return 128 + stop_signal();  // nothing has been timed
-  // As they are at the end: the floor is that of the largest step.
+  if (times.steps().empty()) return 128 + stop_signal();  // interrupted before the first timed step
+  // Sizes at the end, so the lower bounds are those of the largest step.
   const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
   const Json report = report_steps(times, config, size, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");

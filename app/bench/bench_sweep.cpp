@@ -1,4 +1,4 @@
-// b3dgs bench sweep: which forward kernel wins where, from even load to a road's, from few Gaussians to many.
+// b3dgs bench sweep: times the forward kernels over numbers of Gaussians and degrees of uneven load.
 #include <algorithm>
 #include <cstdio>
 #include <vector>
@@ -37,9 +37,12 @@ const ForwardTimes::Row& fastest_of(const ForwardTimes& times) {
 }
 
 void print_head() {
+  std::printf(
+      "mean, max, Gini: Gaussians per tile and their Gini coefficient (0 = even); kernels: median ms; speedup: of the "
+      "fastest kernel relative to naive\n");
   std::printf("%10s %5s | %7s %8s %5s |", "points", "skew", "mean", "max", "Gini");
   for (const ForwardKernelName& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
-  std::printf(" | %-14s %s\n", "fastest", "x naive");
+  std::printf(" | %-14s %s\n", "fastest", "speedup");
 }
 
 void print_cell(int points, double skew, const ForwardTimes& times) {
@@ -77,8 +80,8 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   line.apply(config);
-  if (config.skew.empty()) input_error("command line: skew needs at least one value; the grid is empty");
-  take_defaults(config);
+  if (config.skew.empty()) input_error("--skew needs at least one value");
+  resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);
   set_thread_count(config.threads);
 
@@ -87,7 +90,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   nlohmann::ordered_json cells = nlohmann::ordered_json::array();
   for (const int points : config.points) {
     for (const double skew : config.skew) {
-      // Colours are of no matter to blending; without harmonics the scenes are made ten times faster.
+      // Colours do not affect the time of blending; SH degree 0 makes creating the scenes ten times faster.
       const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0, SpreadState::kFirstIteration}, config);
       const ForwardTimes times = time_forward_kernels(config, scene);
       if (cells.empty()) {

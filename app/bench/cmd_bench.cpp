@@ -1,4 +1,4 @@
-// b3dgs bench: times the blending kernels and the passes of one view, on the scene and the machine at hand.
+// b3dgs bench: times the blending kernels and the passes of one view.
 #include <cstdio>
 
 #include "app/bench/bench_devices.h"
@@ -19,7 +19,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
-  take_defaults(config);
+  resolve_auto(config);
   set_thread_count(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
@@ -36,7 +36,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
 }  // namespace
 
 int run_bench(const std::vector<std::string>& words) {
-  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // through a pipe, too, each row shows when it is known
+  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // shows each row immediately, even through a pipe
   const std::string what = words.empty() ? "" : words.front();
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());

@@ -1,26 +1,45 @@
-// What the stages of a training step cannot go below on one H200: derived from the bytes and instructions that they
-// need, never measured.
+// Lower bounds on the time of the stages of a training step on a GPU: computed from the bytes and instructions that a
+// stage needs and from the rates of the GPU, never measured.
 #pragma once
 
 #include <cstdint>
 #include <optional>
+#include <string>
 
 #include "raster/stages.h"
 
 namespace b3dgs {
 
-struct StepSize {
-  std::int64_t n_gaussians = 0;
-  int sh_degree = 3;    // of the colours that are rendered
-  double n_pixels = 0;  // of a view
+/// Properties of a GPU as the CUDA driver reports them.
+struct GpuSpecs {
+  std::string name;
+  int n_multiprocessors = 0;
+  double clock_khz = 0;         // of the multiprocessors, the highest
+  double memory_clock_khz = 0;  // of the memory, which transfers twice per cycle
+  int memory_bus_bits = 0;
 };
 
-/// What the derivation takes for granted, for whoever reads the figures.
-inline constexpr const char* kStepFloorAssumptions =
-    "derived for one H200, not measured: 4.3 TB/s, 1.045e12 warp instructions/s, no gaps; 40 % of the Gaussians seen, "
-    "2.25 tiles each; blending work per pixel as in an evenly filled image";
+/// The highest rates that a program can reach on a GPU.
+struct GpuRates {
+  double bytes_per_ms = 0;              // memory bandwidth
+  double warp_instructions_per_ms = 0;  // all multiprocessors together
+};
 
-/// Milliseconds; nothing for stages without a floor.
-std::optional<double> step_floor_ms(Stage stage, const StepSize& size);
+/// Assumes that programs reach at most 7/8 of the peak memory bandwidth and that a multiprocessor issues up to four
+/// warp instructions per clock cycle, as all GPUs since Volta do. nullopt if the driver does not report a clock.
+std::optional<GpuRates> reachable_rates(const GpuSpecs& gpu);
+
+struct StepSize {
+  std::int64_t n_gaussians = 0;
+  int sh_degree = 3;    // of the rendered colours
+  double n_pixels = 0;  // per view
+};
+
+/// Lower bound in ms; nullopt for stages that have none: kProjectBackward (counted in kOptimizer, as one kernel does
+/// both), kUpload and kDensify. A bound is the sum of memory time and instruction time.
+std::optional<double> step_floor_ms(Stage stage, const StepSize& size, const GpuRates& rates);
+
+/// The assumptions behind the bounds, in a sentence for readers of the figures.
+std::string step_floor_assumptions(const GpuSpecs& gpu, const GpuRates& rates);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// b3dgs compare: trains one scene with several configurations, turn by turn, and says what each takes and gives.
+// b3dgs compare: trains one scene with several configurations in turns and compares their time and quality.
 #include <algorithm>
 #include <iostream>
 
@@ -22,7 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompareOptions {
-  std::string configs = "naive,shared-memory,adaptive";  // all unbalanced kernels, or balancing cannot be told apart
+  // With all kernels without load balancing, so that the gain of load balancing is known.
+  std::string configs = "naive,shared-memory,adaptive";
   std::vector<std::int64_t> seeds;
   bool noise = false;
   int chunk = 100;
@@ -45,7 +46,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> vi
   field(Option{"quiet"}, c.quiet, Any{}, "print results and warnings only");
 }
 
-/// Views are held out unless --no_eval says otherwise: a comparison of times is worth little without quality.
+/// Holds out test views unless --no_eval is given, because times should be compared at equal quality.
 TrainConfig default_config() {
   TrainConfig config;
   config.eval = true;
@@ -56,7 +57,9 @@ std::string output_folder(const CommandLine& line) {
   TrainConfig given;
   line.apply(given);
   if (!given.model_path.empty()) return given.model_path;
-  if (given.source_path.empty()) input_error("command line: which scene? b3dgs compare SCENE");
+  if (given.source_path.empty()) {
+    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  }
   return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
 }
 
@@ -66,7 +69,7 @@ std::string listed(const std::vector<std::int64_t>& seeds) {
   return text;
 }
 
-/// The plan of --resume, or one of the command line.
+/// The stored plan for --resume, else a plan from the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   const std::string root = output_folder(line);
   ComparisonPlan plan;
@@ -75,28 +78,30 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   const std::int64_t planned_seed = plan.base.seed;
   if (!options.config.empty()) apply_config_file(plan.base, options.config);
   line.apply(plan.base);
-  // A comparison shows the candidates' times over the whole training, unless the command line says otherwise.
+  // By default, a comparison times all candidate kernels over the whole training.
   if (!options.resume && !line.was_given("kernel_times_interval") && plan.base.kernel_times_interval == 0) {
     plan.base.kernel_times_interval = plan.base.stats_interval;
   }
   plan.base.model_path = root;
-  if (plan.base.source_path.empty()) input_error("command line: which scene? b3dgs compare SCENE");
+  if (plan.base.source_path.empty()) {
+    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  }
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
 
   if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
-    input_error("command line: --resume continues --configs ", plan.configs, "; compare others in another folder (-m)");
+    input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
   }
   if (options.resume && options.overwrite) {
-    input_error("command line: --resume goes on with the comparison that --overwrite would replace; give one of them");
+    input_error("--resume and --overwrite exclude each other");
   }
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
-    input_error("command line: --resume continues the seeds ", listed(plan.seeds), ", and --seed would change none; ",
-                "add seeds with --seeds, or compare in another folder (-m)");
+    input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
+                "); add seeds with --seeds, or use another folder (-m)");
   }
   if (options.resume && line.was_given("noise") && options.noise != plan.has_repetition) {
-    input_error("command line: --resume continues ", plan.has_repetition ? "with" : "without",
-                " --noise; compare otherwise in another folder (-m)");
+    input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
+                " it); use another folder (-m)");
   }
   if (!options.resume) plan.configs = options.configs;
   if (!options.resume) plan.has_repetition = options.noise;
@@ -106,26 +111,26 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   for (std::size_t i = 0; i < plan.seeds.size(); ++i) {
     if (std::find(plan.seeds.begin(), plan.seeds.begin() + static_cast<std::ptrdiff_t>(i), plan.seeds[i]) !=
         plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
-      input_error("command line: --seeds: ", plan.seeds[i], " occurs twice");
+      input_error("--seeds: ", plan.seeds[i], " occurs twice");
     }
   }
   return plan;
 }
 
-/// A comparison is hours of work: it is not replaced by accident. Nor are models of other trainings taken for its own.
+/// Prevents replacing a comparison by accident, or using models of other trainings as part of it.
 void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options) {
   if (options.resume || options.overwrite) return;
   if (holds_comparison(plan.root())) {
     input_error(plan.root().string(),
-                ": already holds a comparison; continue it with --resume, replace it with --overwrite, or name another "
+                ": already holds a comparison; resume it with --resume, replace it with --overwrite, or choose another "
                 "folder with -m");
   }
   for (const Configuration& configuration : plan.configurations()) {
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
       if (!folder.holds_model()) continue;
-      input_error(folder.root().string(), ": already holds a model, and ", plan.root().string(),
-                  " no comparison that it is of; replace it with --overwrite, or name another folder with -m");
+      input_error(folder.root().string(), ": already holds a model that belongs to no comparison; replace it with ",
+                  "--overwrite, or choose another folder with -m");
     }
   }
 }
@@ -145,28 +150,29 @@ bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   return true;
 }
 
-/// Trains what is left to train, after taking away the runs of `replaced`. False if a signal stopped it.
+/// Deletes the runs of `replaced` and trains all runs that are not finished. Returns false if a signal stopped it.
 bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced, const torch::Device& device,
                const CompareOptions& options, StatusLine& status) {
   const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
   if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
   SceneOptions scene_options = b3dgs::scene_options(plan.base);
-  scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;  // one evaluates at a time
+  // One per configuration and one for evaluations, of which only one runs at a time.
+  scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
-  hold_images(scene.train, show_loading(status));  // every configuration of every seed takes them from there
+  hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
   const double reading_s = steady_seconds() - start_s;
   plan.reading_s += reading_s;
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
-  // Only now: a scene that cannot be read must not cost the models that are there.
+  // Only after the scene has been read, so that an unreadable scene does not delete existing models.
   for (const ComparisonPlan& old : replaced) remove_runs(old);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   const double loading_ms = warm_up(plan, scene);
-  if (plan.loading_ms == 0) plan.loading_ms = loading_ms;  // of one fresh process, however often it was resumed
+  if (plan.loading_ms == 0) plan.loading_ms = loading_ms;  // counted once, however often the comparison is resumed
   write_plan(plan);
   catch_stop_signals();
   for (const std::int64_t seed : plan.seeds) {
@@ -194,13 +200,13 @@ int run_compare(const std::vector<std::string>& words) {
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
-  plan.configurations();  // their errors before anything is written
+  plan.configurations();  // reports errors before anything is written
   const EmptyFolderGuard guard(plan.root());
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
   std::vector<ComparisonPlan> replaced;
-  if (options.overwrite) replaced.push_back(plan);  // its folders may hold models that no comparison names
+  if (options.overwrite) replaced.push_back(plan);  // its folders may hold models of no comparison
   if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
@@ -210,7 +216,7 @@ int run_compare(const std::vector<std::string>& words) {
   print_comparison(comparison);
   std::cout << "written: " << (plan.root() / "report.html").string() << ", compare.json" << std::endl;
   if (is_complete) return 0;
-  std::cout << "stopped by a signal; continue with b3dgs compare --resume -m " << plan.root().string() << "\n";
+  std::cout << "stopped by a signal; resume with: b3dgs compare --resume -m " << plan.root().string() << "\n";
   return 128 + stop_signal();
 }
 

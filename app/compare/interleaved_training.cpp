@@ -48,7 +48,8 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
           std::distance(plan.seeds.begin(), std::find(plan.seeds.begin(), plan.seeds.end(), seed)))),
       label_("seed " + std::to_string(seed)) {
   const std::vector<Configuration> configurations = plan.configurations();
-  // What each would take by itself is half of what is free, the second one less than the first: all get the same here.
+  // By default a trainer takes half of the free memory for images, so later trainers would get less than the first.
+  // Here the budget is divided equally.
   const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
                              static_cast<std::int64_t>(configurations.size());
   for (const Configuration& configuration : configurations) {
@@ -88,7 +89,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
 bool InterleavedTraining::take_turns() {
   int start = iterations_;
   for (const auto& turn : turns_) start = std::min(start, turn->trainer->iteration());
-  int n_turns = start / chunk_;  // a resumed comparison keeps the order
+  int n_turns = start / chunk_;  // a resumed comparison keeps the order of turns
   for (int until = start - start % chunk_; until < iterations_; ++n_turns) {
     until = std::min(until + chunk_, iterations_);
     const std::size_t first = first_in_turn(seed_index_, n_turns, turns_.size());
@@ -103,8 +104,8 @@ bool InterleavedTraining::take_turns() {
 
 void InterleavedTraining::write_checkpoints() {
   for (const auto& turn : turns_) {
-    const bool has_begun = turn->result.iteration > 0;
-    if (has_begun && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
+    const bool has_started = turn->result.iteration > 0;
+    if (has_started && turn->result.checkpoint != turn->folder.checkpoint(turn->trainer->iteration())) {
       turn->trainer->write_checkpoint();
     }
   }
@@ -153,11 +154,11 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   const TemporaryFolder folder(plan.root() / ".warm_up");
   const auto train = [&](const Configuration& configuration) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
-    if (n > 0) config.init_ply.clear();  // the part is smaller; without points the PLY is all there is
+    if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
     config.iterations = 5;
     config.densify_from_iter = 0;
     config.densification_interval = 2;
-    config.kernel_check_interval = 2;  // `paper` has no earlier check
+    config.kernel_check_interval = 2;  // the kernel choice `paper` has no check before that
     Trainer(config, part, ModelFolder(folder.path()), {}).run();
     double loading_ms = 0;
     for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {
@@ -165,8 +166,8 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     }
     return loading_ms;
   };
-  // All that every training needs is loaded first. Then come those that choose: what fixed kernels load as well is
-  // counted as theirs, which is rather too much than too little.
+  // First load what every configuration needs, then what configurations with a choice of kernels need. Kernels that
+  // fixed configurations need as well are counted too, so the result is rather too large than too small.
   Configuration common{"", plan.base};
   common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
   common.config.backward_kernel = kUnmeasuredBackwardKernel;

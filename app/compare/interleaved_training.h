@@ -1,4 +1,4 @@
-// Trainers that take turns, so that whatever slows the machine down slows all of them.
+// Trains several configurations in turns, so that changes in the speed of the machine affect all of them alike.
 #pragma once
 
 #include <cstddef>
@@ -15,13 +15,14 @@
 
 namespace b3dgs {
 
-/// All configurations of one seed, in one process: the device holds their models and views at the same time.
+/// Trains all configurations of one seed in one process. All models are in memory at the same time.
 class InterleavedTraining {
  public:
-  /// Each continues from its newest checkpoint, if it has one. `scene`, `status` must outlive this.
+  /// Each configuration resumes from its newest checkpoint, if it has one. `scene` and `status` must outlive this.
   InterleavedTraining(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene, StatusLine& status);
 
-  /// Trains all to the end or to the stop signal, which leaves a checkpoint of each. True if it ran to the end.
+  /// Trains all configurations to the end, or until a stop signal, after which each has a checkpoint. Returns true if
+  /// training is complete.
   bool run(double reading_s, const nlohmann::ordered_json& machine);
 
  private:
@@ -45,17 +46,16 @@ class InterleavedTraining {
   const int iterations_, chunk_;
   const std::size_t seed_index_;
   std::string label_;                         // "seed 0"
-  std::vector<std::unique_ptr<Turn>> turns_;  // trainers report to their own turn: its place must not change
+  std::vector<std::unique_ptr<Turn>> turns_;  // pointers, since the trainers' hooks refer to their Turn
 };
 
-/// Which of so many configurations has a turn's first place. It moves on by one each turn, and from one seed to the
-/// next: no configuration is always the one that a process starts with.
+/// Index of the configuration that comes first in a turn. It advances with each turn and each seed, so that no
+/// configuration always trains first.
 std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations);
 
-/// A few steps of each configuration on a part of the scene, thrown away: whoever comes first in a process would
-/// otherwise pay for the loading of kernels and libraries. Returns what loading the code that only a choice between
-/// kernels needs took, ms: the first configuration that chooses pays it for all. 0 where none chooses or nothing is
-/// loaded.
+/// Runs a few steps of each configuration on a part of the scene and discards them; otherwise the configuration that
+/// trains first would bear the loading of kernels and libraries. Returns the time of loading kernels that only
+/// configurations with a choice of kernels need, ms; 0 if there are none.
 double warm_up(const ComparisonPlan& plan, const Scene& scene);
 
 }  // namespace b3dgs

@@ -16,15 +16,15 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Clocks and caches make two equal kernels differ by about this much.
+/// Clock frequencies and caches make times of the same kernel differ by about this much.
 constexpr double kMinMargin = 0.01;
-/// So many of them. With a handful of views the error itself is uncertain: three of them let noise of 3 % take a kernel
-/// that is 5 % slower in under one check of a hundred.
+/// The margin in standard errors. With a handful of views the error estimate itself is uncertain: with three, noise of
+/// 3 % selects a kernel that is 5 % slower in less than one of 100 checks.
 constexpr double kStandardErrors = 3;
-/// Tracking goes over at once where the lead is larger by this than the margin, else after two checks in a row.
+/// Tracking switches at once if the lead exceeds the margin by this, else after two checks in a row.
 constexpr double kClearLead = 0.1;
-/// Tracking: a settled choice is checked at most this many times more rarely. Density control rebuilds a scene within
-/// a few thousand iterations; looking more rarely would miss that.
+/// Tracking: the interval between checks grows to at most this multiple while nothing changes. Density control rebuilds
+/// a scene within a few thousand iterations; rarer checks would miss that.
 constexpr int kMaxBackOff = 4;
 
 double median(std::vector<double> values) {
@@ -34,7 +34,7 @@ double median(std::vector<double> values) {
   return values.size() % 2 == 1 ? values[middle] : 0.5 * (values[middle - 1] + values[middle]);
 }
 
-/// Standard deviation as the median absolute deviation gives it, for normal noise: an interrupted run does not count.
+/// Standard deviation estimated by the median absolute deviation, for normal noise: robust to single interrupted runs.
 double robust_deviation(const std::vector<double>& values) {
   const double center = median(values);
   std::vector<double> distances;
@@ -42,7 +42,7 @@ double robust_deviation(const std::vector<double>& values) {
   return 1.4826 * median(distances);
 }
 
-/// Of the median of n values; 1.2533 is the median's error over the mean's for normal noise.
+/// Standard error of the median; for normal noise it is 1.2533 times that of the mean.
 double standard_error_of_median(const std::vector<double>& values) {
   return 1.2533 * robust_deviation(values) / std::sqrt(static_cast<double>(values.size()));
 }
@@ -93,10 +93,10 @@ KernelDecision decision_from_json(const Json& json, const std::string& place) {
   json.at("before").get_to(decision.before);
   json.at("after").get_to(decision.after);
   json.at("reason").get_to(decision.reason);
-  if (json.contains("refused")) json.at("refused").get_to(decision.refused);
+  if (json.contains("refused")) json.at("refused").get_to(decision.disabled);
   json.at("cost_ms").get_to(decision.cost_ms);
   if (decision.cost_ms < 0) input_error(place, ": cost_ms must be at least 0, found ", decision.cost_ms);
-  // These two are not in the first checkpoints.
+  // Missing in checkpoints of early versions.
   decision.step_ms = json.value("step_ms", 0.0);
   if (json.contains("next_check")) decision.next_check = json_integer<int>(json["next_check"], "next_check", place, 0);
   return decision;
@@ -116,9 +116,9 @@ KernelTimes summarize(const std::vector<KernelMeasurement>& measurements) {
   return times;
 }
 
-/// How much faster one kernel is than another, as natural logarithms of ratios: symmetric, unlike the ratios.
+/// How much faster one kernel is than another, in natural logarithms of time ratios, which are symmetric.
 struct KernelSelector::Lead {
-  double median = 0;  // > 0: the other one is faster
+  double median = 0;  // > 0 = the other kernel is faster
   double margin = 0;
   std::size_t n_pairs = 0;
   bool is_certain() const { return median > margin; }
@@ -128,18 +128,18 @@ struct KernelSelector::Lead {
 KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
   const std::vector<std::string>& names = options_.candidates;
   B3DGS_CHECK(!names.empty() && std::set<std::string>(names.begin(), names.end()).size() == names.size(),
-              "the candidates must be at least one and differ, found ", Json(names).dump());
-  B3DGS_CHECK(options_.cost_share > 0, "share of the training time for checks is ", options_.cost_share);
-  B3DGS_CHECK(options_.interval >= 1, "check interval is ", options_.interval);
+              "expected at least one candidate, and no duplicates, found ", Json(names).dump());
+  B3DGS_CHECK(options_.cost_share > 0, "cost_share must be above 0, found ", options_.cost_share);
+  B3DGS_CHECK(options_.interval >= 1, "interval must be at least 1, found ", options_.interval);
   kernel_ = names.front();
 }
 
 bool KernelSelector::is_candidate(const std::string& kernel) const {
   const std::vector<std::string>& names = options_.candidates;
-  return std::find(names.begin(), names.end(), kernel) != names.end() && refused_.count(kernel) == 0;
+  return std::find(names.begin(), names.end(), kernel) != names.end() && disabled_.count(kernel) == 0;
 }
 
-std::string KernelSelector::first_trusted() const {
+std::string KernelSelector::first_enabled() const {
   for (const std::string& name : options_.candidates) {
     if (is_candidate(name)) return name;
   }
@@ -174,7 +174,7 @@ double KernelSelector::budget_ms(double step_ms) const {
   return options_.cost_share * options_.interval * step_ms;
 }
 
-/// Of the interval, where the next check comes if its cost does not matter.
+/// The multiple of the interval at which the next check comes if its cost is ignored.
 int KernelSelector::next_multiple() const {
   const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
   const std::int64_t next = (std::int64_t{last_check_} / options_.interval + back_off) * options_.interval;
@@ -191,7 +191,7 @@ bool KernelSelector::is_due(const CheckMoment& now) const {
   return now.iteration >= next_multiple() && is_affordable(cost_with_next_ms(), now.iteration - 1, now.step_ms);
 }
 
-/// When the next check comes if steps go on taking that long; 0 if none does.
+/// Iteration of the next check if steps keep taking `step_ms`; 0 = none.
 int KernelSelector::earliest_check(double step_ms) const {
   if (is_finished()) return 0;
   if (step_ms <= 0 || options_.policy == KernelPolicy::kPublished) return next_multiple();
@@ -232,9 +232,9 @@ const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::
   decision.cost_ms = cost_ms;
   decision.step_ms = now.step_ms;
   static_cast<KernelTimes&>(decision) = summarize(measurements);
-  refuse_faulty(measurements, decision);
-  if (refused_.count(kernel_) > 0) {
-    leave_refused(measurements, decision);
+  disable_faulty(measurements, decision);
+  if (disabled_.count(kernel_) > 0) {
+    replace_disabled(measurements, decision);
   } else {
     choose(measurements, decision);
   }
@@ -245,21 +245,21 @@ const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::
   return history_.back();
 }
 
-void KernelSelector::refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
+void KernelSelector::disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   for (const KernelMeasurement& measurement : measurements) {
     if (measurement.fault.empty()) continue;
-    refused_[measurement.kernel] = measurement.fault;
-    decision.refused.push_back(measurement.kernel);
+    disabled_[measurement.kernel] = measurement.fault;
+    decision.disabled.push_back(measurement.kernel);
     decision.reason +=
-        detail::concat(decision.reason.empty() ? "" : "; ", measurement.kernel, " is refused: ", measurement.fault);
+        detail::concat(decision.reason.empty() ? "" : "; ", measurement.kernel, " is disabled: ", measurement.fault);
     if (challenger_ == measurement.kernel) challenger_.clear();
   }
 }
 
-/// The kernel in use has been refused: the fastest of those that agree with the reference, else the reference itself.
-void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
+/// Replaces a disabled kernel by the fastest candidate that agrees with the reference, else by the reference itself.
+void KernelSelector::replace_disabled(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   double least_ms = std::numeric_limits<double>::infinity();
-  kernel_ = first_trusted();
+  kernel_ = first_enabled();
   for (const KernelMeasurement& measurement : measurements) {
     const auto ms = decision.times_ms.find(measurement.kernel);
     if (!is_candidate(measurement.kernel) || ms == decision.times_ms.end() || ms->second >= least_ms) continue;
@@ -271,13 +271,13 @@ void KernelSelector::leave_refused(const std::vector<KernelMeasurement>& measure
 
 void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  std::string fastest;  // of those that lead by more than their margin, if there are any, else of all
+  std::string fastest;  // among those that lead by more than their margin, or among all if there are none
   Lead best;
   for (const KernelMeasurement& other : measurements) {
     if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
     const Lead lead = lead_over_current(other, *current);
     if (!lead.has_enough_pairs()) continue;
-    // A lead within its margin may be noise, however large: it must not hide a smaller one that is certain.
+    // A lead within its margin may be noise, however large: it must not hide a smaller lead that is certain.
     const auto rank = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
     if (!fastest.empty() && rank(lead) <= rank(best)) continue;
     fastest = other.kernel;
@@ -285,14 +285,14 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
   }
   if (!decision.reason.empty()) decision.reason += "; ";
   if (fastest.empty()) {
-    decision.reason += detail::concat("no two candidates have valid times of ", kMinViews, " views");
+    decision.reason += detail::concat("no two candidates have valid times on ", kMinViews, " or more views");
     return;
   }
-  decision.reason += settle_challenge(fastest, best);
+  decision.reason += decide_challenge(fastest, best);
 }
 
-/// Takes the challenger, or not; says why.
-std::string KernelSelector::settle_challenge(const std::string& challenger, const Lead& lead) {
+/// Switches to the challenger or not; returns the reason.
+std::string KernelSelector::decide_challenge(const std::string& challenger, const Lead& lead) {
   const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
                                              lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
                                              percent(std::expm1(lead.margin)), ")");
@@ -306,7 +306,7 @@ std::string KernelSelector::settle_challenge(const std::string& challenger, cons
                      challenger_ != challenger;
   if (waits) {
     challenger_ = challenger;
-    return figures + "; once more and it is used";
+    return figures + "; switches if the next check confirms it";
   }
   kernel_ = challenger;
   challenger_.clear();
@@ -320,7 +320,7 @@ nlohmann::ordered_json KernelSelector::to_json() const {
           {"candidates", options_.candidates},
           {"interval", options_.interval},
           {"kernel", kernel_},
-          {"refused", refused_},
+          {"refused", disabled_},
           {"last_check", last_check_},
           {"challenger", challenger_},
           {"back_off", back_off_},
@@ -331,15 +331,15 @@ void KernelSelector::restore(const nlohmann::ordered_json& json, const std::stri
   try {
     restore_checked(json, place);
   } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": the record of kernel checks is not what this program writes: ", error.what());
+    input_error(place, ": invalid history of kernel checks: ", error.what());
   }
 }
 
 void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const std::string& place) {
   KernelSelector read(options_);
   for (const Json& decision : json.at("history")) read.history_.push_back(decision_from_json(decision, place));
-  if (options_.candidates.size() > 1) json.at("refused").get_to(read.refused_);
-  read.kernel_ = read.first_trusted();
+  if (options_.candidates.size() > 1) json.at("refused").get_to(read.disabled_);
+  read.kernel_ = read.first_enabled();
   const auto kernel = json.at("kernel").get<std::string>();
   const bool same_candidates = json.at("candidates").get<std::vector<std::string>>() == options_.candidates;
   if (same_candidates && (read.is_candidate(kernel) || kernel == options_.reference)) {
@@ -358,13 +358,13 @@ std::string describe_change(const KernelDecision& decision, bool is_final) {
     std::snprintf(time, sizeof time, " %.3g ms", ms);
     text += (text.empty() ? "" : ", ") + kernel + time;
   }
-  if (!decision.refused.empty()) {
+  if (!decision.disabled.empty()) {
     text = decision.reason + (text.empty() ? "" : " (" + text + ")");
   } else if (decision.before == decision.after) {
     return "";
   }
-  return detail::concat("iteration ", decision.iteration, ": ", text, ": ", decision.after,
-                        is_final ? " from here on" : " for now");
+  return detail::concat("iteration ", decision.iteration, ": ", text, ": using ", decision.after,
+                        is_final ? ", permanently" : ", until the next check");
 }
 
 nlohmann::ordered_json to_json(const KernelTimes& times) {
@@ -380,7 +380,7 @@ nlohmann::ordered_json to_json(const KernelDecision& decision) {
   json["cost_ms"] = decision.cost_ms;
   if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
   if (decision.next_check > 0) json["next_check"] = decision.next_check;
-  if (!decision.refused.empty()) json["refused"] = decision.refused;
+  if (!decision.disabled.empty()) json["refused"] = decision.disabled;
   return json;
 }
 

@@ -1,10 +1,10 @@
-// Which of several kernels for one pass to use next: a state machine that is told iterations and times. It knows no
-// clock, no device and no kernel but by name.
+// Decides which of several kernels a pass uses: a state machine over iterations and times. It knows neither clock nor
+// device, and kernels only by name.
 //
-// A check compares the candidates view by view: for each view the ratio of two kernels' times, and of these ratios the
-// median. Views differ far more from each other than two runs of one view do, so pairs say more than averages. A kernel
-// counts as faster only where the median leads by more than the margin: a hundredth, or three standard errors of the
-// median if those are more.
+// A timing check compares the candidates view by view: it takes the median over the views of the ratio of two kernels'
+// times. Views differ far more from each other than two runs on the same view, so pairs are more precise than averages.
+// A kernel counts as faster only if its median lead exceeds the margin: 1 %, or three standard errors of the median if
+// that is more.
 #pragma once
 
 #include <map>
@@ -15,38 +15,38 @@
 namespace b3dgs {
 
 enum class KernelPolicy {
-  kPaper,     // the first candidate until a check finds it slower; then the fastest other one, for good
-  kTracking,  // keeps checking and may go back, with hysteresis; checks thin out while nothing changes
-  // As the paper says it, for comparisons with it: as kPaper, but with no check before the first step, at every
-  // multiple of the interval whatever it costs, on all views, and without a margin.
+  kPaper,     // the first candidate until a check finds it slower; then switches to the fastest one, permanently
+  kTracking,  // keeps checking and may switch back, with hysteresis; checks become rarer while nothing changes
+  // Exactly as in the paper, for comparison: like kPaper, but without a check before the first step, at every multiple
+  // of the interval whatever it costs, on all views, and without a margin.
   kPublished,
 };
 
 struct KernelSelectorOptions {
   KernelPolicy policy = KernelPolicy::kPaper;
-  std::vector<std::string> candidates;  // the first is the one to start with; a single one is fixed
-  std::string reference;                // what to use if every candidate is refused
-  int interval = 1000;                  // iterations between two checks, or more if they cost too much
-  double cost_share = 0.005;            // of the training time, that checks may take
+  std::vector<std::string> candidates;  // training starts with the first; a single one is fixed
+  std::string reference;                // used if every candidate is disabled
+  int interval = 1000;                  // iterations between two checks; more if they cost too much
+  double cost_share = 0.005;            // share of the training time that checks may take
 };
 
-/// Where a training stands before a step.
+/// The situation before a step.
 struct CheckMoment {
   int iteration = 0;     // of that step
-  int n_steps_left = 0;  // with that step
-  double step_ms = 0;    // what a step takes; 0: not known yet
-  // Opacities were reset so recently that what a kernel takes now says little about the steps to come.
+  int n_steps_left = 0;  // including that step
+  double step_ms = 0;    // duration of a step; 0 = not known yet
+  // Opacities were reset so recently that times measured now say little about later steps.
   bool is_after_reset = false;
 };
 
-/// One candidate as a check found it.
+/// Times of one candidate in a check.
 struct KernelMeasurement {
   std::string kernel;
-  std::vector<double> ms;  // by view, the same views in the same order for all candidates
-  std::string fault;       // why what it computes cannot be trusted; empty if it can
+  std::vector<double> ms;  // per view; the same views in the same order for all candidates
+  std::string fault;       // how its result differs from that of the reference; empty if they agree
 };
 
-/// What measurements come to, by kernel. Times that are missing, zero or not finite do not count.
+/// Summary of measurements, by kernel. Times that are missing, zero or not finite are ignored.
 struct KernelTimes {
   std::map<std::string, double> times_ms;   // median over the views
   std::map<std::string, double> spread_ms;  // robust standard deviation over the views
@@ -54,20 +54,20 @@ struct KernelTimes {
 };
 KernelTimes summarize(const std::vector<KernelMeasurement>& measurements);
 
-/// A check and what came of it.
+/// A check and its outcome.
 struct KernelDecision : KernelTimes {
   int iteration = 0;
   std::string before, after;  // kernel in use
   std::string reason;
-  std::vector<std::string> refused;  // by this check
-  double cost_ms = 0;                // of the check itself
-  double step_ms = 0;                // what a step took; 0: not known
-  int next_check = 0;                // not before this iteration, as far as is known by now; 0: none comes
+  std::vector<std::string> disabled;  // by this check (JSON key "refused")
+  double cost_ms = 0;                 // of the check itself
+  double step_ms = 0;                 // duration of a step; 0 = not known
+  int next_check = 0;                 // earliest iteration of the next check, as estimated now; 0 = no more checks
 };
 
 class KernelSelector {
  public:
-  /// The names of `options` are different from each other.
+  /// The candidates must have different names.
   explicit KernelSelector(KernelSelectorOptions options);
 
   /// The kernel in use.
@@ -75,68 +75,68 @@ class KernelSelector {
 
   const std::string& reference() const { return options_.reference; }
 
-  /// What a check has to measure, the kernel in use first.
+  /// The kernels that a check has to time; the kernel in use first.
   std::vector<std::string> candidates() const;
 
-  /// Whether to measure now. The first check comes before the very first step. The others come at multiples of the
-  /// interval, or as soon after them as all checks so far and this one, if it costs what the last one did, are within
-  /// their share of the training time so far; none whose cost is more than that share of the time that is left; and
-  /// none just after an opacity reset. KernelPolicy::kPublished heeds the multiples alone.
+  /// Whether a check is due. The first check comes before the very first step. Later checks come at multiples of the
+  /// interval, or as soon afterwards as all checks so far plus this one (estimated by the last one) cost at most their
+  /// share of the training time so far. There is no check that would cost more than that share of the remaining time,
+  /// and none just after an opacity reset. KernelPolicy::kPublished only follows the multiples of the interval.
   bool is_due(const CheckMoment& now) const;
 
-  /// What a check may cost to be repeated after one interval; unlimited where no step's time is known or its cost does
-  /// not matter.
+  /// The most that a check may cost if it is to be repeated after one interval, ms; infinite if the duration of a step
+  /// is not known or costs are ignored.
   double budget_ms(double step_ms) const;
 
-  /// No more checks: one candidate is left, or a policy that switches once has done so.
+  /// No more checks: one candidate is left, or a policy that switches only once has done so.
   bool is_finished() const;
 
-  /// Whether the times so far leave no doubt: every candidate is ahead of the kernel in use, or behind it, by twice the
-  /// margin. More views would cost time and change nothing.
+  /// Whether the times are conclusive: every candidate is faster or slower than the kernel in use by more than twice
+  /// the margin, so that more views would not change the decision.
   bool is_clear(const std::vector<KernelMeasurement>& measurements) const;
 
-  /// Decides, and keeps the record. Times that are missing, zero or not finite do not count; with fewer than
-  /// kMinViews pairs everything stays as it is.
+  /// Decides, and appends to the history. Times that are missing, zero or not finite are ignored; with fewer than
+  /// kMinViews pairs nothing changes.
   const KernelDecision& decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
                                double cost_ms);
 
   const std::vector<KernelDecision>& history() const { return history_; }
 
-  /// The whole state, and back. Options that have changed in between count: with another policy or interval the choice
-  /// goes on from the kernel in use; with other candidates it starts anew, and only history and refusals stay. A single
-  /// candidate is used whatever was found before.
-  /// @throws InputError that begins with `place` if it is not what to_json() gives
+  /// Saves and restores the state. The current options apply: with another policy or interval, selection continues from
+  /// the kernel in use; with other candidates it starts over, keeping only history and disabled kernels. A single
+  /// candidate is used even if it was disabled.
+  /// @throws InputError that starts with `place` if `json` was not written by to_json()
   nlohmann::ordered_json to_json() const;
   void restore(const nlohmann::ordered_json& json, const std::string& place);
 
-  static constexpr int kMinViews = 3;  // fewer say nothing about their spread
+  static constexpr int kMinViews = 3;  // the spread cannot be estimated from fewer
 
  private:
   struct Lead;
   /// @throws nlohmann::json::exception too
   void restore_checked(const nlohmann::ordered_json& json, const std::string& place);
   Lead lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
-  void refuse_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
+  void disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  void leave_refused(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  std::string settle_challenge(const std::string& challenger, const Lead& lead);
+  void replace_disabled(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
+  std::string decide_challenge(const std::string& challenger, const Lead& lead);
   bool is_affordable(double cost_ms, int n_steps, double step_ms) const;
-  double cost_with_next_ms() const;  // of all checks and one more like the last
+  double cost_with_next_ms() const;  // of all checks so far and one more like the last
   int next_multiple() const;
   int earliest_check(double step_ms) const;
-  bool is_candidate(const std::string& kernel) const;  // and not refused
-  std::string first_trusted() const;
+  bool is_candidate(const std::string& kernel) const;  // and not disabled
+  std::string first_enabled() const;
 
   KernelSelectorOptions options_;
   std::string kernel_;
-  std::map<std::string, std::string> refused_;  // kernel: why
-  int last_check_ = 0;                          // iteration; 0: none yet
-  std::string challenger_;                      // tracking: was faster in the last check, not yet gone over to
-  int back_off_ = 1;                            // tracking: intervals to the next check
+  std::map<std::string, std::string> disabled_;  // kernel: why
+  int last_check_ = 0;                           // iteration; 0 = none yet
+  std::string challenger_;                       // tracking: was faster in the last check; a second time is needed
+  int back_off_ = 1;                             // tracking: intervals to the next check
   std::vector<KernelDecision> history_;
 };
 
-/// One line for the user where a check changes something, else "".
+/// One line for the user if a check changes something, else "".
 std::string describe_change(const KernelDecision& decision, bool is_final);
 
 nlohmann::ordered_json to_json(const KernelTimes& times);

@@ -1,4 +1,4 @@
-// Times of pieces of work on a device. An interface, so that whoever measures knows no device and tests can invent
+// Times pieces of work on a device. An interface, so that callers do not depend on the device and tests can supply
 // times.
 #pragma once
 
@@ -13,15 +13,15 @@ class KernelTimer {
  public:
   virtual ~KernelTimer() = default;
 
-  /// Runs `work` and takes its time on the device. Need not wait for it: on a GPU pieces queue up one behind the other,
-  /// so that their times hold no latency of a launch.
+  /// Runs `work` and times it on the device. Need not wait for it: on a GPU pieces queue up, so that their times do not
+  /// include launch latency.
   virtual void measure(const std::function<void()>& work) = 0;
 
-  /// Waits for the device. Times (ms) of the pieces measured since the last finish(), in their order.
+  /// Waits for the device. Returns the times (ms) of the pieces measured since the last finish(), in order.
   virtual std::vector<double> finish() = 0;
 };
 
-/// For work that is done when its function returns.
+/// For work that is complete when its function returns.
 class SteadyTimer final : public KernelTimer {
  public:
   void measure(const std::function<void()>& work) override {

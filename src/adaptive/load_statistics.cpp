@@ -11,12 +11,12 @@ namespace {
 /// A value and how often it occurs.
 using Tally = std::pair<std::int64_t, std::int64_t>;
 
-/// Tallies of the values that occur, ascending. Counts of pixels come by the million and rarely exceed some thousands:
-/// where a table of all values is not much larger than the input, counting takes a fiftieth of the time of sorting.
+/// Tallies of the values that occur, ascending. Per-pixel counts come in millions and rarely exceed a few thousand: if
+/// a table of all possible values is not much larger than the input, counting takes a fiftieth of the time of sorting.
 template <class Count>
 std::vector<Tally> tally(const Count* values, std::int64_t n) {
   const auto [least, most] = std::minmax_element(values, values + n);
-  B3DGS_CHECK(*least >= 0, "a count is ", *least);
+  B3DGS_CHECK(*least >= 0, "load statistics: negative count ", *least);
   std::vector<Tally> tallies;
   if (std::int64_t{*most} <= 4 * n + 65536) {
     std::vector<std::int64_t> table(static_cast<std::size_t>(*most) + 1);
@@ -55,8 +55,8 @@ LoadStatistics load_statistics(const Count* values, std::int64_t n) {
 
   const std::pair<double, std::int64_t*> quantiles[] = {
       {0.5, &statistics.median}, {0.9, &statistics.p90}, {0.99, &statistics.p99}};
-  std::int64_t before = 0;       // values smaller than this one
-  double total = 0, ranked = 0;  // sum of the values, and of rank (from 1) times value
+  std::int64_t before = 0;       // number of values smaller than the current one
+  double total = 0, ranked = 0;  // sum of the values; sum of rank (from 1) times value
   for (const auto& [value, count] : tallies) {
     for (const auto& [share, place] : quantiles) {
       const auto rank = static_cast<std::int64_t>(share * static_cast<double>(n - 1));

@@ -1,4 +1,4 @@
-// How unevenly work is spread: a distribution of counts in a few numbers and a histogram.
+// Summary of a distribution of counts, such as Gaussians per tile: how evenly work is distributed.
 #pragma once
 
 #include <cstdint>
@@ -7,22 +7,22 @@
 
 namespace b3dgs {
 
-/// Of non-negative counts; all zero, without bins, if there were none. A quantile q is the value at place
-/// floor(q (n - 1)) of the sorted ones.
+/// Statistics of n non-negative counts; all zero and without bins if n is 0. Quantile q is the value at index
+/// floor(q (n - 1)) of the sorted counts.
 struct LoadStatistics {
   std::int64_t n = 0;
   std::int64_t min = 0, median = 0, p90 = 0, p99 = 0, max = 0;
   double mean = 0;
-  double gini = 0;                      // 0: all are equal, towards 1: one has it all
-  std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: values in [2^(k-1), 2^k); up to that of the maximum
+  double gini = 0;  // Gini coefficient, 0: all counts are equal; close to 1: one has nearly everything
+  std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: counts in [2^(k-1), 2^k); ends with the bin of max
 };
 
-/// `values` are at least 0. Count is int32_t or int64_t.
+/// `values`: n counts, not negative. Count is int32_t or int64_t.
 template <class Count>
 LoadStatistics load_statistics(const Count* values, std::int64_t n);
 
-/// Calls field(name, member) for each figure, by its name in train.jsonl and compare.json. A Load has the members of
-/// LoadStatistics but for n, whatever their types: that is how a reader takes what to_json() wrote.
+/// Calls field(name, member) for each member of `load` except n, with its name in train.jsonl and compare.json. Load
+/// has the members of LoadStatistics, possibly with other types; readers of the log use this too.
 template <class Load, class Field>
 void visit_load_figures(Load& load, Field&& field) {
   field("min", load.min);
@@ -35,7 +35,7 @@ void visit_load_figures(Load& load, Field&& field) {
   field("log2_bins", load.log2_bins);
 }
 
-/// An object with those names as keys.
+/// An object with the names of visit_load_figures() as keys.
 nlohmann::ordered_json to_json(const LoadStatistics& statistics);
 
 }  // namespace b3dgs

@@ -7,7 +7,7 @@
 namespace b3dgs {
 namespace {
 
-/// The first configuration with that fixed kernel which differs from `ours` in nothing but forward kernels, or null.
+/// The first configuration with this fixed kernel that differs from `ours` only in the forward kernel, or null.
 const ConfigurationHistory* find_kernel(const std::vector<ConfigurationHistory>& configurations,
                                         const TrainConfig& ours, std::string_view kernel) {
   const auto found = std::find_if(configurations.begin(), configurations.end(), [&](const ConfigurationHistory& own) {
@@ -46,8 +46,8 @@ std::vector<std::string> missing_unbalanced_kernels(const std::vector<Configurat
   return missing;
 }
 
-std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHistory>& configurations,
-                                              std::size_t index, const std::vector<int>& done_by_seed) {
+std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations, std::size_t index,
+                                            const std::vector<int>& done_by_seed) {
   const ConfigurationHistory& ours = configurations[index];
   if (!may_balance(ours.config) || !missing_unbalanced_kernels(configurations, ours.config).empty()) {
     return std::nullopt;
@@ -55,8 +55,8 @@ std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHis
   const std::vector<double> ours_s = seconds_of(ours, done_by_seed);
   if (ours_s.empty()) return std::nullopt;
   std::vector<double> naive_s, unbalanced_s;
-  BalancingSteps steps;
-  steps.name = ours.name;
+  BalancingGain gain;
+  gain.name = ours.name;
   for (const ForwardKernelName& row : kForwardKernels) {
     if (row.is_balanced) continue;
     const ConfigurationHistory& own = *find_kernel(configurations, ours.config, row.name);
@@ -64,19 +64,19 @@ std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHis
     if (*std::min_element(own_s.begin(), own_s.end()) <= 0) return std::nullopt;
     if (row.kernel == ForwardKernel::kNaive) {
       naive_s = own_s;
-      steps.naive = own.name;
+      gain.naive = own.name;
     }
     if (!unbalanced_s.empty() && spread_of(own_s)->mean >= spread_of(unbalanced_s)->mean) continue;
     unbalanced_s = own_s;
-    steps.unbalanced = own.name;
+    gain.unbalanced = own.name;
   }
-  steps.ours_s = *spread_of(ours_s);
-  steps.naive_s = *spread_of(naive_s);
-  steps.unbalanced_s = *spread_of(unbalanced_s);
-  steps.to_unbalanced = saved_by_seed(naive_s, unbalanced_s);
-  steps.balancing = saved_by_seed(unbalanced_s, ours_s);
-  steps.whole = saved_by_seed(naive_s, ours_s);
-  return steps;
+  gain.ours_s = *spread_of(ours_s);
+  gain.naive_s = *spread_of(naive_s);
+  gain.unbalanced_s = *spread_of(unbalanced_s);
+  gain.to_unbalanced = saved_by_seed(naive_s, unbalanced_s);
+  gain.balancing = saved_by_seed(unbalanced_s, ours_s);
+  gain.whole = saved_by_seed(naive_s, ours_s);
+  return gain;
 }
 
 bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours) {

@@ -1,5 +1,5 @@
-// What balancing brings by itself: where a balanced forward kernel stands among others that differ from it in nothing
-// but forward kernels.
+// The time that load balancing alone saves: a configuration with load-balanced forward kernels against configurations
+// that differ from it only in the forward kernel.
 #pragma once
 
 #include <cstddef>
@@ -7,34 +7,34 @@
 #include <string>
 #include <vector>
 
-#include "report/compare_times.h"
+#include "report/time_saved.h"
 
 namespace b3dgs {
 
-/// The three steps from naive over the best unbalanced kernel to a balanced one (or a choice that may use one).
-struct BalancingSteps {
-  std::string name, naive, unbalanced;   // configurations; `unbalanced` is the fastest whose kernel is not balanced
+/// Splits the time saved by a load-balanced configuration (a balanced kernel, or a choice that includes one) in two:
+/// from naive to the fastest kernel without load balancing, and from there to the balanced configuration.
+struct BalancingGain {
+  std::string name, naive, unbalanced;   // configurations; `unbalanced` has the fastest kernel without balancing
   Spread ours_s, naive_s, unbalanced_s;  // seconds
-  Spread to_unbalanced;                  // saved from naive to unbalanced, share of naive's time
-  Spread balancing;                      // from unbalanced to ours, share of unbalanced's time: what balancing brings
-  Spread whole;                          // from naive to ours, share of naive's time
+  Spread to_unbalanced;                  // saved by `unbalanced`, share of naive's time
+  Spread balancing;                      // saved by load balancing, share of `unbalanced`'s time
+  Spread whole;                          // saved in total, share of naive's time
 };
 
-/// Of configurations[index], over the iterations that all have done by seed. Nothing if it has no balanced kernel, or
-/// if one of the unbalanced kernels was not trained with the same options.
-std::optional<BalancingSteps> balancing_steps(const std::vector<ConfigurationHistory>& configurations,
-                                              std::size_t index, const std::vector<int>& done_by_seed);
+/// For configurations[index], over the first done_by_seed[i] iterations of seed i. nullopt if the configuration has no
+/// balanced kernel, or if a kernel without load balancing was not trained with the same other options.
+std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations, std::size_t index,
+                                            const std::vector<int>& done_by_seed);
 
-/// Kernels that are not balanced and that no configuration has which differs from `ours` in nothing but forward
-/// kernels.
+/// Kernels without load balancing for which no configuration differs from `ours` only in the forward kernel.
 std::vector<std::string> missing_unbalanced_kernels(const std::vector<ConfigurationHistory>& configurations,
                                                     const TrainConfig& ours);
 
-/// Whether the forward kernel is balanced, or chosen from some of which one is.
+/// Whether the forward kernel is load-balanced, or chosen from candidates that include a load-balanced one.
 bool may_balance(const TrainConfig& config);
 
-/// Whether what `ours` saves of `baseline`'s time can stand beside the paper's figures: naive against the choice
-/// between combined and shared-memory, both with the backward pass of the original.
+/// Whether the two are the comparison in the Balanced3DGS paper (arXiv:2412.17378): naive against the choice between
+/// combined and shared-memory, both with the backward pass of the original 3DGS trainer (per-pixel).
 bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours);
 
 }  // namespace b3dgs

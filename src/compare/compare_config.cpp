@@ -12,11 +12,11 @@
 namespace b3dgs {
 namespace {
 
-/// What has to be the same for all, or the times would not compare.
+/// Options that must be the same for all configurations, or their times would not be comparable.
 constexpr const char* kShared[] = {"source_path", "model_path", "images",     "resolution", "eval",
                                    "seed",        "device",     "iterations", "threads",    "white_background"};
 
-/// What sets the original trainer apart and has an option here. Its loss, its Adam and its projection have none.
+/// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";
 constexpr std::pair<const char*, const char*> kOriginalOptions[] = {
     {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
@@ -38,7 +38,7 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-/// The option's own name for one of its names; "" for an unknown one.
+/// The primary name of an option given by any of its names; "" if unknown.
 std::string canonical_name(const std::string& key) {
   const TrainConfig config;
   std::string name;
@@ -59,7 +59,7 @@ std::string unknown_option(const std::string& key) {
     if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
   });
   const std::string nearest = nearest_name(key, names);
-  return nearest.empty() ? "b3dgs train --help lists them" : "did you mean " + nearest + "?";
+  return nearest.empty() ? "see b3dgs train --help" : "did you mean " + nearest + "?";
 }
 
 bool is_list(const std::string& name) {
@@ -75,10 +75,10 @@ bool is_list(const std::string& name) {
 
 using OptionValues = std::map<std::string, std::string>;
 
-/// Reads "tile=16x8", "combined" or "original" into `values`. Commas separate configurations, so lists have slashes.
+/// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate
+/// configurations.
 void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
-  if (part.empty())
-    input_error("command line: --configs ", entry, ": an empty part; expected a kernel, original or option=value");
+  if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, original or option=value");
   if (part == kOriginal) {
     for (const auto& [name, value] : kOriginalOptions) values[name] = value;
     return;
@@ -90,11 +90,11 @@ void add_part(const std::string& entry, const std::string& part, OptionValues& v
   }
   const std::string key = part.substr(0, equals), name = canonical_name(key);
   if (name.empty()) {
-    input_error("command line: --configs ", entry, ": no training option is called ", key, "; ", unknown_option(key));
+    input_error("--configs ", entry, ": unknown training option ", key, "; ", unknown_option(key));
   }
   if (is_shared(name)) {
-    input_error("command line: --configs ", entry, ": ", name,
-                " has to be the same for all configurations; give it as --", name);
+    input_error("--configs ", entry, ": ", name, " must be the same for all configurations; set it for all with --",
+                name);
   }
   std::string value = part.substr(equals + 1);
   if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
@@ -107,13 +107,13 @@ void check_name(const std::string& entry, const std::string& name, const std::st
     return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-.+=").find(c) != std::string::npos;
   };
   if (name.empty() || name[0] == '.' || !std::all_of(name.begin(), name.end(), is_allowed)) {
-    input_error("command line: --configs ", entry, ": \"", name,
-                "\" cannot name a folder; give it a name of letters, digits, _ - . + = instead: NAME:", configuration);
+    input_error("--configs ", entry, ": \"", name,
+                "\" cannot be a folder name; name it with letters, digits, _ - . + = instead: NAME:", configuration);
   }
 }
 
 Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
-  // A colon before the first part's end ends a name; later ones belong to values.
+  // Only a colon before the first + or = separates a name; later ones belong to values.
   const std::size_t colon = entry.find(':');
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
   const std::string name = is_named ? entry.substr(0, colon) : entry;
@@ -139,16 +139,16 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
     const Configuration next = parse_entry(entry, base);
     for (const Configuration& other : configurations) {
       if (other.name == next.name) {
-        // The name may be that of an entry as a whole: "naive", or of one that has it before a colon.
+        // The name is either the whole entry ("naive") or the part before a colon.
         const std::string parts =
             entry.compare(0, next.name.size() + 1, next.name + ":") == 0 ? entry.substr(next.name.size() + 1) : entry;
-        input_error("command line: --configs: ", next.name, " occurs twice; give one another name: NAME:", parts);
+        input_error("--configs: ", next.name, " occurs twice; rename one of them: NAME:", parts);
       }
     }
     configurations.push_back(next);
   }
   if (configurations.size() < 2) {
-    input_error("command line: --configs ", text, ": a comparison takes at least two; b3dgs train trains a single one");
+    input_error("--configs ", text, ": a comparison needs at least two configurations; use b3dgs train for one");
   }
   return configurations;
 }
@@ -158,8 +158,8 @@ Configuration repeat_baseline(const std::vector<Configuration>& configurations) 
   const std::string name = baseline.name + "_again";
   for (const Configuration& other : configurations) {
     if (other.name == name) {
-      input_error("command line: --configs: ", name, " is the name that --noise gives to ", baseline.name,
-                  " trained once more; name yours differently");
+      input_error("--configs: ", name, " is the name that --noise gives to the second training of ", baseline.name,
+                  "; choose another name");
     }
   }
   return {name, baseline.config};

@@ -1,4 +1,4 @@
-// Which configurations a comparison trains.
+// Parses the configurations of a comparison (--configs).
 #pragma once
 
 #include <string>
@@ -9,31 +9,32 @@
 namespace b3dgs {
 
 struct Configuration {
-  std::string name;  // also that of its folder
+  std::string name;  // also the name of its folder
   TrainConfig config;
 };
 
-/// Reads `--configs`: entries between commas, each "[NAME:]PART+PART+...", where a part is "option=value" for any
-/// training option, or a bare word, which is a --kernel or `original`: the nearest that this program comes to the
-/// original trainer. What stands later wins. An entry without a name is its own name:
+/// Reads `--configs`: entries separated by commas, each "[NAME:]PART+PART+...". A part is "option=value" for any
+/// training option, the name of a kernel, or `original`: the options closest to the original 3DGS trainer. Later parts
+/// override earlier ones. An entry without a name is named by its text:
 ///
 ///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square,original,b:original+kernel=paper
-/// Values of an option that takes several are separated by slashes: paper:kernel_candidates=combined/shared-memory.
+/// Lists are separated by slashes: paper:kernel_candidates=combined/shared-memory.
 ///
-/// `base` has the options that all share. @throws InputError for fewer than two configurations, a name that occurs
-/// twice or cannot name a folder, an unknown option or value, and an option that would change scene, views or length
+/// `base` has the options that all configurations share. @throws InputError for fewer than two configurations, a name
+/// that occurs twice or cannot be a folder name, an unknown option or value, and options that must be the same for all
+/// (scene, views, seed, iterations, ...)
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
 
-/// The first configuration once more under another name, to see by how much a configuration differs from itself.
+/// The first configuration under another name; training it again measures the run-to-run variation.
 /// @throws InputError if that name is taken
 Configuration repeat_baseline(const std::vector<Configuration>& configurations);
 
-/// Whether a training of it measures kernels to choose from.
+/// Whether training with this config times kernels to choose between them.
 bool measures_kernels(const TrainConfig& config);
 
-/// Options of two configurations that have different values.
+/// Names of the options in which two configurations differ.
 struct DifferingOptions {
-  std::vector<std::string> forward_kernel;  // names of those that say no more than which forward kernel runs when
+  std::vector<std::string> forward_kernel;  // those that only decide which forward kernel runs when
   std::vector<std::string> others;
   bool empty() const { return forward_kernel.empty() && others.empty(); }
 };

@@ -14,17 +14,17 @@
 namespace b3dgs {
 namespace {
 
-/// The baseline is grey, the others have colours.
+/// A grey for the baseline, colours for the others.
 int color_of(std::size_t configuration) {
   return configuration == 0 ? 9 : static_cast<int>((configuration - 1) % 8);
 }
 
-/// The runs of the first seed, which the curves show.
-std::vector<ReportedRun> first_runs(const Comparison& comparison) {
-  std::vector<ReportedRun> runs;
+/// The runs of the first seed, which the charts show.
+std::vector<LabeledRun> first_runs(const Comparison& comparison) {
+  std::vector<LabeledRun> runs;
   for (std::size_t i = 0; i < comparison.runs.size(); ++i) {
     const ComparedRun& run = comparison.runs[i].front();
-    runs.push_back({comparison.configurations[i].name, run.history, run.record, color_of(i)});
+    runs.push_back({comparison.configurations[i].name, run.history, run.info, color_of(i)});
   }
   return runs;
 }
@@ -37,7 +37,7 @@ const TrainHistory& history_of_ours(const Comparison& comparison) {
   return comparison.runs.back().front().history;
 }
 
-/// A section of one run, under its name: of the configuration's first seed that has what it shows. Empty if none has.
+/// `section` of the configuration's first seed for which `has` is true, under a heading; empty if there is none.
 std::string of_configuration(const Comparison& comparison, std::size_t index, bool (*has)(const TrainHistory&),
                              std::string (*section)(const TrainHistory&)) {
   for (const ComparedRun& run : comparison.runs[index]) {
@@ -48,7 +48,7 @@ std::string of_configuration(const Comparison& comparison, std::size_t index, bo
   return "";
 }
 
-/// The section of ours, or else of the first configuration that has what it shows.
+/// `section` of the configuration that the verdict is about, else of the first configuration for which `has` is true.
 std::string of_one(const Comparison& comparison, bool (*has)(const TrainHistory&),
                    std::string (*section)(const TrainHistory&)) {
   std::string first;
@@ -57,10 +57,10 @@ std::string of_one(const Comparison& comparison, bool (*has)(const TrainHistory&
     if (comparison.configurations[i].name == comparison.summary.ours && !body.empty()) return body;
     if (first.empty()) first = body;
   }
-  return first.empty() ? section(TrainHistory{}) : first;  // which says that nothing is there
+  return first.empty() ? section(TrainHistory{}) : first;  // says that there is no data
 }
 
-/// All that decided; where no kernel was chosen, the candidates' times of one.
+/// The kernels of all configurations with timing checks; without any, the kernels' times of one configuration.
 std::string kernels(const Comparison& comparison) {
   const auto has_checks = [](const TrainHistory& history) { return !history.checks.empty(); };
   const auto has_times = [](const TrainHistory& history) { return !history.candidate_times.empty(); };
@@ -77,31 +77,19 @@ std::string sentence(std::string text) {
   return text + ".";
 }
 
-std::string what_was_measured(const Comparison& comparison) {
+std::string what_was_compared(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
-  const int n_seeds = static_cast<int>(plan.seeds.size()), n_begun = comparison.summary.seeds_begun();
-  const std::string scene = scene_name(plan.base.source_path);
+  const int n_seeds = static_cast<int>(plan.seeds.size()), n_started = comparison.summary.seeds_started();
   return html::paragraph(detail::concat(
-             "Scene ", scene, ", ", format_count(comparison.summary.done), " iterations of each configuration, ",
-             n_begun < n_seeds ? detail::concat(n_begun, " of ") : "", n_seeds, n_seeds == 1 ? " seed" : " seeds",
-             ", the same views in the same order. The configurations took turns of ", plan.chunk,
-             " iterations in a rotating order, so that drift of the machine hits all alike.")) +
-         html::paragraph(
-             detail::concat("Times are end to end: rendering and its gradients, loss, optimizer, "
-                            "densification, uploads and kernel checks. Not in them are reading the scene (",
-                            format_seconds(plan.reading_s, 0), ", once for all) and evaluation, saving and ",
-                            "checkpoints (", format_seconds(comparison.output_s(), 0), " in all)."),
-             "soft") +
-         (plan.loading_ms > 0 ? html::paragraph(sentence(describe_loading(comparison)), "soft") : "") +
-         html::paragraph(comparison.summary.repetition.empty()
-                             ? "How much the machine makes one and the same training differ was not measured (--noise)."
-                             : sentence(describe_repetition(comparison.summary)) +
-                                   " The figures after ± say so of the same iterations, the largest of all seeds.",
-                         "soft");
+      "Scene ", scene_name(plan.base.source_path), ", ", format_count(comparison.summary.done),
+      " iterations of each configuration, ", n_started < n_seeds ? detail::concat(n_started, " of ") : "", n_seeds,
+      n_seeds == 1 ? " seed" : " seeds",
+      ". All configurations trained on the same views in the same order, in turns of ", plan.chunk,
+      " iterations, so that changes in the speed of the machine affect all of them alike."));
 }
 
-/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)", with the machine's spread "18.3 % ± 0.4 %"; of fewer than
-/// `n_seeds`, that is said.
+/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)", with the run-to-run variation "18.3 % ± 0.4 %"; says so if it
+/// is of fewer than `n_seeds`.
 std::string share_cell(const std::optional<Spread>& share, const std::optional<double>& noise, int n_seeds) {
   if (!share) return "-";
   const std::string range =
@@ -110,104 +98,126 @@ std::string share_cell(const std::optional<Spread>& share, const std::optional<d
          in_seeds(share->n, n_seeds);
 }
 
-std::string inflection_cell(const std::optional<Spread>& inflection, int n_seeds) {
-  if (!inflection) return "none";
-  std::string text = format_count(std::llround(inflection->min));
-  if (inflection->range() > 0) text += " to " + format_count(std::llround(inflection->max));
-  return text + in_seeds(inflection->n, n_seeds);
+std::string switch_cell(const std::optional<Spread>& iteration, int n_seeds) {
+  if (!iteration) return "none";
+  std::string text = format_count(std::llround(iteration->min));
+  if (iteration->range() > 0) text += " to " + format_count(std::llround(iteration->max));
+  return text + in_seeds(iteration->n, n_seeds);
 }
 
-/// Name, before and after its inflection, overall, inflection.
-html::Row saved_row(const std::string& name, const ComparedConfiguration& compared) {
+/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
+std::string seconds_cell(const ComparedConfiguration& compared, double TimeSaved::*seconds) {
+  std::vector<double> values;
+  for (const TimeSaved& saved : compared.by_seed) values.push_back(saved.*seconds);
+  const std::optional<Spread> spread = spread_of(values);
+  if (!spread) return "-";
+  const std::string text = format_seconds(spread->mean, spread->min);
+  return spread->n == 1 ? text : text + print_to_string(" (%.1f to %.1f)", spread->min, spread->max);
+}
+
+/// Time saved in total, before and after the switch, and the iteration of the switch.
+html::Row saved_cells(const ComparedConfiguration& compared) {
   const int n_seeds = static_cast<int>(compared.by_seed.size());
-  return {name, share_cell(compared.before, compared.noise.before, n_seeds),
-          share_cell(compared.after, compared.noise.after, n_seeds),
-          share_cell(compared.overall, compared.noise.overall, n_seeds), inflection_cell(compared.inflection, n_seeds)};
+  return {share_cell(compared.overall, compared.noise.overall, n_seeds),
+          share_cell(compared.before, compared.noise.before, n_seeds),
+          share_cell(compared.after, compared.noise.after, n_seeds), switch_cell(compared.switch_iteration, n_seeds)};
+}
+html::Row saved_head() {
+  return {"time saved: total", "before the switch", "after the switch", "switch at iteration"};
 }
 
-/// What balancing brings by itself.
-std::string balancing_part(const Comparison& comparison) {
-  const ComparisonSummary& summary = comparison.summary;
+html::Row joined(html::Row row, const html::Row& more) {
+  row.insert(row.end(), more.begin(), more.end());
+  return row;
+}
+
+/// The time that load balancing alone saves.
+std::string balancing_table(const ComparisonSummary& summary) {
   if (summary.balancing.empty()) {
     if (summary.missing_kernels.empty()) return "";
     std::string names;
     for (const std::string& name : summary.missing_kernels) names += (names.empty() ? "" : ", ") + name;
     return html::paragraph(
-        "What balancing brings by itself cannot be told here: these kernels, which are not balanced "
-        "either, were not trained with the options of " +
+        "How much load balancing alone saves is unknown: these kernels without load balancing were not trained with "
+        "the options of " +
         summary.ours + ": " + names + ".");
   }
   std::vector<html::Row> rows;
   int marked = -1;
-  for (const BalancingSteps& steps : summary.balancing) {
-    if (steps.name == summary.ours) marked = static_cast<int>(rows.size());
+  for (const BalancingGain& gain : summary.balancing) {
+    if (gain.name == summary.ours) marked = static_cast<int>(rows.size());
     const auto cell = [&](const Spread& saved) { return share_cell(saved, summary.noise(), saved.n); };
-    rows.push_back({steps.name, steps.naive, cell(steps.to_unbalanced), steps.unbalanced, cell(steps.balancing),
-                    cell(steps.whole)});
+    rows.push_back(
+        {gain.name, gain.naive, cell(gain.to_unbalanced), gain.unbalanced, cell(gain.balancing), cell(gain.whole)});
   }
-  return html::table({"balanced", "from", "saved up to the best unbalanced", "which is", "saved from there: balancing",
-                      "saved in all"},
+  return html::table({"configuration", "compared with", "saved without load balancing", "by", "saved by load balancing",
+                      "saved in total"},
                      rows, html::Columns::kFigures, marked) +
          html::paragraph(
-             "Each row is of configurations that differ in nothing but forward kernels. What balancing brings is the "
-             "share of the best unbalanced kernel's time; the two others are shares of naive's.",
+             "The configurations of a row differ only in the forward kernel. Load balancing is compared with the "
+             "fastest "
+             "kernel without it, as a share of that kernel's time; the other two columns are shares of naive's time.",
              "soft");
 }
 
-/// Every configuration as a whole against the baseline.
-std::string configurations_part(const ComparisonSummary& summary) {
-  std::vector<html::Row> rows;
+/// Training time of every configuration and the share that it saved of the baseline's.
+std::string time_table(const ComparisonSummary& summary) {
+  const bool has_switch =
+      std::any_of(summary.compared.begin(), summary.compared.end(),
+                  [](const ComparedConfiguration& compared) { return compared.switch_iteration.has_value(); });
+  const auto shown = [&](html::Row cells) {
+    if (!has_switch) cells.resize(1);
+    return cells;
+  };
+  html::Row first{summary.baseline + " (baseline)", seconds_cell(summary.compared.front(), &TimeSaved::baseline_s)};
+  std::vector<html::Row> rows{joined(joined(first, shown(html::Row(saved_head().size(), "-"))), {"-"})};
   int marked = -1;
   for (const ComparedConfiguration& compared : summary.compared) {
     if (compared.name == summary.ours) marked = static_cast<int>(rows.size());
-    rows.push_back(saved_row(compared.name, compared));
     std::string options = compared.has_own_kernel ? "forward kernel" : "";
     for (const std::string& name : compared.differs_in) options += (options.empty() ? "" : ", ") + name;
-    rows.back().push_back(options.empty() ? "nothing" : options);
+    rows.push_back(
+        joined(joined({compared.name, seconds_cell(compared, &TimeSaved::ours_s)}, shown(saved_cells(compared))),
+               {options.empty() ? "nothing" : options}));
   }
-  const ComparedConfiguration* ours = summary.find(summary.ours);
-  std::string note =
-      "Before and after are of the seeds that have both. The inflection point is the first check after which another "
-      "forward kernel was in use.";
-  if (ours != nullptr && !ours->inflection) {
-    note = ours->name + " has no inflection point here, so that there is no before and after it. " + note;
+  std::string note = "Time saved is a share of " + summary.baseline + "'s training time.";
+  if (has_switch) {
+    note +=
+        " The switch is the first timing check after which another forward kernel was used; before and after it are "
+        "means over the seeds that have both.";
   }
-  return html::table({"share of " + summary.baseline + "'s time saved by", "before inflection", "after it", "overall",
-                      "inflection, iteration", "differs in"},
-                     rows, html::Columns::kFigures, marked) +
+  return html::table(joined(joined({"configuration", "training time"}, shown(saved_head())), {"differs in"}), rows,
+                     html::Columns::kFigures, marked) +
          html::paragraph(note, "soft");
 }
 
-/// The paper's figures beside what is measured as they are.
-std::string paper_part(const ComparisonSummary& summary) {
-  const std::string measured =
-      "The paper compares naive with the choice between combined and shared-memory, both with the original's backward "
-      "pass and optimizer, on an A100 with its own scene, 960 x 540 px: 19.6 % saved before the inflection at about "
-      "iteration 2,000, 7.9 % after it, 8.5 % overall.";
-  if (summary.beside_paper.empty()) {
-    return html::paragraph(measured +
-                               " Nothing here compares with that; --configs original,paper:original+kernel=paper "
-                               "comes nearest.",
+/// Published results beside those of configurations that repeat the published comparison.
+std::string paper_section(const ComparisonSummary& summary) {
+  const std::string published =
+      "The Balanced3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the kernels combined "
+      "(load-balanced) and shared-memory, both with the backward pass and optimizer of the original 3DGS trainer, on "
+      "an "
+      "A100 with its own scene at 960 x 540 px. It reports 8.5 % of training time saved in total: 19.6 % before the "
+      "switch from combined to shared-memory at about iteration 2,000, and 7.9 % after it.";
+  if (summary.paper_comparisons.empty()) {
+    return html::paragraph(published +
+                               " No configurations here repeat that comparison; --configs "
+                               "original,paper:original+kernel=paper comes closest.",
                            "soft");
   }
   std::vector<html::Row> rows;
-  for (const PaperComparison& own : summary.beside_paper) {
-    rows.push_back(saved_row(own.compared.name + " against " + own.baseline, own.compared));
+  for (const PaperComparison& own : summary.paper_comparisons) {
+    rows.push_back(joined({own.compared.name + " against " + own.baseline}, saved_cells(own.compared)));
   }
-  rows.push_back({"the paper", "19.6 %", "7.9 %", "8.5 %", "about 2,000"});
-  return html::table({"as the paper compares", "before inflection", "after it", "overall", "inflection, iteration"},
-                     rows) +
-         html::paragraph(measured +
-                             " Loss, optimizer and projection are this program's own on both sides here, and faster "
-                             "than the original's, so the forward pass is a larger share of a step.",
+  rows.push_back({"published", "8.5 %", "19.6 %", "7.9 %", "about 2,000"});
+  return html::table(joined({"comparison"}, saved_head()), rows) +
+         html::paragraph(published +
+                             " Here, both sides use this program's loss, optimizer and projection, which are faster "
+                             "than the original ones, so the forward pass is a larger share of a step.",
                          "soft");
 }
 
-std::string saved_section(const Comparison& comparison) {
-  return balancing_part(comparison) + configurations_part(comparison.summary) + paper_part(comparison.summary);
-}
-
-ChartSeries elapsed_curve(const ReportedRun& run) {
+ChartSeries elapsed_curve(const LabeledRun& run) {
   ChartSeries series{run.name, {{0, 0}}, run.color};
   for (const LogPoint& point : run.history.points) {
     series.points.push_back({static_cast<double>(point.iteration), point.elapsed_s});
@@ -215,7 +225,7 @@ ChartSeries elapsed_curve(const ReportedRun& run) {
   return series;
 }
 
-ChartSeries difference_curve(const ReportedRun& baseline, const ReportedRun& run) {
+ChartSeries difference_curve(const LabeledRun& baseline, const LabeledRun& run) {
   ChartSeries series{run.name, {{0, 0}}, run.color};
   const int until = std::min(baseline.history.last_iteration(), run.history.last_iteration());
   for (const LogPoint& point : run.history.points) {
@@ -226,24 +236,45 @@ ChartSeries difference_curve(const ReportedRun& baseline, const ReportedRun& run
   return series;
 }
 
-std::string time_section(const Comparison& comparison) {
-  const std::vector<ReportedRun> runs = first_runs(comparison);
-  LineChart total{"Training time over the iterations", "iteration", "seconds of training"};
-  LineChart difference{"Seconds saved over the iterations", "iteration",
-                       "seconds saved against " + comparison.summary.baseline};
-  for (const ReportedRun& run : runs) total.series.push_back(elapsed_curve(run));
+std::string time_charts(const Comparison& comparison) {
+  const std::vector<LabeledRun> runs = first_runs(comparison);
+  const std::string& baseline = comparison.summary.baseline;
+  LineChart total{"Training time over the iterations", "iteration", "training time, s"};
+  LineChart difference{"Time saved over the iterations", "iteration", "s saved compared with " + baseline};
+  for (const LabeledRun& run : runs) total.series.push_back(elapsed_curve(run));
   for (std::size_t i = 1; i < runs.size(); ++i) difference.series.push_back(difference_curve(runs[0], runs[i]));
   const bool has_several_seeds = comparison.plan.seeds.size() > 1;
-  if (const std::optional<int> inflection = inflection_point(history_of_ours(comparison))) {
-    const std::string of_seed = has_several_seeds ? detail::concat(" of seed ", comparison.plan.seeds[0]) : "";
-    total.events = difference.events = {
-        {static_cast<double>(*inflection), "inflection" + of_seed + ", " + format_count(*inflection)}};
+  const auto first_seed = detail::concat("seed ", comparison.plan.seeds[0]);
+  if (const std::optional<int> iteration = first_kernel_switch(history_of_ours(comparison))) {
+    total.events =
+        difference.events = {{static_cast<double>(*iteration), "kernel switch at " + format_count(*iteration) +
+                                                                   (has_several_seeds ? " (" + first_seed + ")" : "")}};
   }
   difference.height = 220;
-  const std::string seed = has_several_seeds ? detail::concat(" Curves of seed ", comparison.plan.seeds[0], ".") : "";
-  return html::figure(draw(total), "End-to-end training time. The paper's figure 8." + seed) +
-         html::figure(draw(difference), "Its difference to " + comparison.summary.baseline +
-                                            ": a rising curve saves time at that point of the training." + seed);
+  const std::string note = has_several_seeds ? " Shown for " + first_seed + "." : "";
+  return html::figure(draw(total), "Training time of each configuration." + note) +
+         html::figure(draw(difference), "Time saved compared with " + baseline +
+                                            ": while a curve rises, its configuration is faster." + note);
+}
+
+std::string time_section(const Comparison& comparison) {
+  const ComparisonPlan& plan = comparison.plan;
+  const ComparisonSummary& summary = comparison.summary;
+  return time_table(summary) + balancing_table(summary) +
+         html::paragraph(summary.repetition.empty()
+                             ? "The run-to-run variation of times was not measured (--noise does that)."
+                             : sentence(describe_repetition(summary)) +
+                                   " Values after ± are the run-to-run variation over the same iterations, the largest "
+                                   "of all seeds.",
+                         "soft") +
+         time_charts(comparison) +
+         html::paragraph(detail::concat("Times include rendering, gradients, loss, optimizer, density control, uploads "
+                                        "and timing checks of kernels. Reading the scene (",
+                                        format_seconds(plan.reading_s, 0),
+                                        ", once for all configurations) and evaluation, saving and checkpoints (",
+                                        format_seconds(comparison.output_s(), 0), " in total) are not included."),
+                         "soft") +
+         (plan.loading_ms > 0 ? html::paragraph(sentence(describe_loading(comparison)), "soft") : "");
 }
 
 std::string quality_cell(const Spread& spread, const std::string& measure) {
@@ -261,69 +292,65 @@ std::string quality_section(const Comparison& comparison) {
   for (const ComparedConfiguration& compared : summary.compared) {
     std::vector<html::Row> rows;
     for (const QualityDifference& own : compared.quality) {
-      rows.push_back({own.measure + in_seeds(own.baseline.n, summary.seeds_begun()), format_count(own.iteration),
+      rows.push_back({own.measure + in_seeds(own.baseline.n, summary.seeds_started()), format_count(own.iteration),
                       quality_cell(own.baseline, own.measure), quality_cell(own.ours, own.measure),
                       format_quality_difference(own.measure, own.difference()) +
                           (own.noise ? " ± " + format_quality_difference(own.measure, *own.noise, true) : ""),
                       own.is_equal()          ? "equal"
-                      : own.is_within_noise() ? "within the machine's spread"
+                      : own.is_within_noise() ? "within run-to-run variation"
                                               : "differs"});
     }
     if (!rows.empty()) {
-      body += html::table({"quality", "at iteration", summary.baseline, compared.name, "difference", ""}, rows);
+      body += html::table({"measure", "at iteration", summary.baseline, compared.name, "difference", ""}, rows);
     }
   }
-  if (body.empty()) return html::paragraph("Quality was not measured yet.", "soft");
+  if (body.empty()) return html::paragraph("Quality has not been measured yet.", "soft");
   body += html::paragraph(quality_criterion(summary), "soft");
   const std::vector<ChartSeries> psnr = curves(first_runs(comparison), &LogPoint::test_psnr);
-  if (psnr.empty()) return body + html::paragraph("No views were held out (--eval): there is no PSNR.", "soft");
-  if (psnr[0].points.size() < 3) return body;
-  LineChart chart{"PSNR over the iterations", "iteration", "PSNR, dB"};
-  chart.from_zero = false;
-  chart.series = psnr;
-  chart.height = 220;
-  return body + html::figure(draw(chart), "PSNR, mean over the test views.");
-}
-
-/// "kernel combined, tile 16x8": what sets a configuration apart.
-std::string own_options(const TrainConfig& base, const TrainConfig& own) {
-  const nlohmann::ordered_json before = config_to_json(base), after = config_to_json(own);
-  std::string text = "kernel " + own.kernel;
-  for (const auto& [name, value] : after.items()) {
-    if (name == "kernel" || value == before.at(name)) continue;
-    text += ", " + name + " " + (value.is_string() ? value.get<std::string>() : value.dump());
+  if (psnr.empty()) {
+    return body + html::paragraph("No test views were held out (--no_eval), so there is no PSNR.", "soft");
   }
-  return text;
+  if (psnr[0].points.size() < 2) return body;  // the tables have this one value
+  return body + curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr);
 }
 
-std::string settings_section(const Comparison& comparison) {
+std::string settings(const Comparison& comparison) {
+  const ComparisonPlan& plan = comparison.plan;
   nlohmann::ordered_json machine = nlohmann::ordered_json::object();
-  std::vector<html::Row> rows;
-  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    const ComparedRun& run = comparison.runs[i].front();
-    if (!run.record.machine.empty()) machine = run.record.machine;
-    rows.push_back({"configuration " + comparison.configurations[i].name,
-                    own_options(comparison.plan.base, comparison.configurations[i].config)});
+  std::vector<html::Row> rows{{"source scene", plan.base.source_path}};
+  const ModelFolder first = plan.folder(comparison.configurations.front(), plan.seeds.front());
+  if (const std::string photographs = photographs_text(first); !photographs.empty()) {
+    rows.push_back({"resolution", photographs});
   }
   std::string seeds;
-  for (const std::int64_t seed : comparison.plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
+  for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
-  return machine_section(machine, rows);
+  const std::string shared = changed_options(TrainConfig{}, plan.base);
+  rows.push_back({"options of all", shared.empty() ? "all defaults" : shared + "; defaults otherwise"});
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    const Configuration& configuration = comparison.configurations[i];
+    const ComparedRun& run = comparison.runs[i].front();
+    if (!run.info.machine.empty()) machine = run.info.machine;
+    const std::string own = changed_options(plan.base, configuration.config);
+    rows.push_back({"options of " + configuration.name, own.empty() ? "no others" : own});
+  }
+  return settings_section(rows, machine);
 }
 
 }  // namespace
 
 std::string comparison_report(const Comparison& comparison) {
-  const std::vector<ReportedRun> runs = first_runs(comparison);
+  const std::vector<LabeledRun> runs = first_runs(comparison);
   const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
   const std::string body =
-      what_was_measured(comparison) + html::section("Time saved", saved_section(comparison)) +
-      html::section("Training time", time_section(comparison)) + html::section("Kernels", kernels(comparison)) +
-      // The same scene is as uneven for all of them, whatever kernel has to bear it.
-      html::section("Load", of_one(comparison, has_loads, load_section)) +
-      html::section("Time by stage", stage_section(runs)) + html::section("Quality", quality_section(comparison)) +
-      html::section("Renders", preview_section(runs)) +
-      html::section("Machine and settings", settings_section(comparison));
+      what_was_compared(comparison) + html::section("Photographs and renders", preview_section(runs)) +
+      html::section("Quality", quality_section(comparison)) + html::section("Training time", time_section(comparison)) +
+      html::section("Scene, options and machine", settings(comparison)) +
+      html::folded_section("Time by stage of the training step", stage_section(runs)) +
+      html::folded_section("Kernels: which were used, and why", kernels(comparison)) +
+      // The load depends on the scene, hardly on the kernel: one configuration represents all.
+      html::folded_section("Load: Gaussians per tile and per pixel", of_one(comparison, has_loads, load_section)) +
+      html::folded_section("Published results", paper_section(comparison.summary));
   return html::page("Comparison on " + scene_name(comparison.plan.base.source_path), verdict(comparison.summary), body);
 }
 

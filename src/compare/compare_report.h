@@ -7,7 +7,7 @@
 
 namespace b3dgs {
 
-/// The page; its first line is the verdict.
+/// The page; its headline is the verdict.
 std::string comparison_report(const Comparison& comparison);
 
 }  // namespace b3dgs

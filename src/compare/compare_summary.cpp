@@ -18,8 +18,8 @@ using Json = nlohmann::ordered_json;
 
 struct Measure {
   const char* name;
-  double one_seed_tolerance;  // where the runs say nothing of their own spread
-  bool is_relative;           // to the baseline
+  double one_seed_tolerance;  // used if there is only one seed
+  bool is_relative;           // tolerance as a share of the baseline's value
   std::optional<double> (*value)(const LogPoint& point);
 };
 
@@ -32,7 +32,7 @@ constexpr Measure kMeasures[] = {
      }},
 };
 
-/// Values of one run by iteration.
+/// Values of a measure by iteration.
 std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
   std::map<int, double> values;
   for (const LogPoint& point : history.points) {
@@ -41,9 +41,9 @@ std::map<int, double> measured(const TrainHistory& history, const Measure& measu
   return values;
 }
 
-/// The latest iteration at which a seed was measured in all configurations, and all seeds that were.
+/// The last iteration at which all configurations were measured for some seed, and the seeds for which they were.
 struct CommonMeasurement {
-  int iteration = 0;  // 0: there is none
+  int iteration = 0;  // 0 if there is none
   std::vector<std::size_t> seeds;
 };
 
@@ -65,7 +65,7 @@ CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& co
   return common;
 }
 
-/// By seed.
+/// One value per seed of `common`.
 std::vector<double> values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration,
                               const Measure& measure) {
   std::vector<double> values;
@@ -81,8 +81,8 @@ double largest_distance(const std::vector<double>& a, const std::vector<double>&
   return largest;
 }
 
-/// Of configurations[index] and the baseline. Times are cut at what all have done, and so is quality: figures of
-/// different iterations do not compare. `repetition` of the baseline may be null.
+/// Compares configurations[index] with the baseline at an iteration that all configurations have reached. `repetition`,
+/// the second training of the baseline, may be null.
 std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
                                                std::size_t index, const ConfigurationHistory* repetition,
                                                std::size_t n_seeds) {
@@ -108,10 +108,10 @@ std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHi
   return differences;
 }
 
-KernelPartSummary summarize_part(const std::vector<SavedTime>& by_seed, KernelPart SavedTime::*part) {
+KernelPartSummary summarize_part(const std::vector<TimeSaved>& by_seed, KernelPart TimeSaved::*part) {
   KernelPartSummary summary;
   std::vector<double> iterations, saved;
-  for (const SavedTime& seed : by_seed) {
+  for (const TimeSaved& seed : by_seed) {
     const KernelPart& own = seed.*part;
     summary.kernels.insert(own.kernels.begin(), own.kernels.end());
     if (own.iterations == 0 || own.baseline_s <= 0) continue;
@@ -123,11 +123,12 @@ KernelPartSummary summarize_part(const std::vector<SavedTime>& by_seed, KernelPa
   return summary;
 }
 
-/// Whether the check before the first step went over from a balanced kernel because of its time.
+/// Whether the check before the first step switched away from a balanced kernel because it was slower.
 bool was_balanced_slower_from_start(const TrainHistory& history) {
   return std::any_of(history.checks.begin(), history.checks.end(), [](const KernelCheckEvent& check) {
-    const bool is_refused = std::find(check.refused.begin(), check.refused.end(), check.before) != check.refused.end();
-    return check.iteration == 1 && check.pass == kForwardPass && check.has_changed() && !is_refused &&
+    const bool is_disabled =
+        std::find(check.disabled.begin(), check.disabled.end(), check.before) != check.disabled.end();
+    return check.iteration == 1 && check.pass == kForwardPass && check.has_changed() && !is_disabled &&
            is_balanced_kernel(check.before) && !is_balanced_kernel(check.after);
   });
 }
@@ -136,7 +137,7 @@ void keep_larger(const std::optional<double>& value, std::optional<double>& larg
   if (value && (!largest || *value > *largest)) largest = value;
 }
 
-/// Two configurations that are one and the same; null without such.
+/// Two configurations with the same options, or null pointers.
 struct RepeatedConfiguration {
   const ConfigurationHistory *first = nullptr, *second = nullptr;
   std::optional<RepeatedRun> run(std::size_t seed) const {
@@ -145,7 +146,7 @@ struct RepeatedConfiguration {
   }
 };
 
-/// Over the seeds that have begun.
+/// Over the seeds that have started.
 ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
                                     const RepeatedConfiguration& repeated, const std::vector<int>& done_by_seed) {
   ComparedConfiguration compared;
@@ -153,11 +154,11 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   const DifferingOptions differing = differing_options(baseline.config, ours.config);
   compared.differs_in = differing.others;
   compared.has_own_kernel = !differing.forward_kernel.empty();
-  std::vector<double> overall, before, after, inflection;
+  std::vector<double> overall, before, after, switch_iterations;
   compared.was_slower_from_start = true;
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
     if (done_by_seed[seed] == 0) continue;
-    const std::optional<SavedTime> saved = saved_time(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
+    const std::optional<TimeSaved> saved = time_saved(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
     compared.was_slower_from_start =
@@ -166,7 +167,7 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
     keep_larger(saved->noise.overall, compared.noise.overall);
     keep_larger(saved->noise.before, compared.noise.before);
     keep_larger(saved->noise.after, compared.noise.after);
-    if (saved->inflection) inflection.push_back(*saved->inflection);
+    if (saved->switch_iteration) switch_iterations.push_back(*saved->switch_iteration);
     if (!saved->before || !saved->after) continue;
     before.push_back(*saved->before);
     after.push_back(*saved->after);
@@ -174,15 +175,15 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   compared.overall = spread_of(overall);
   compared.before = spread_of(before);
   compared.after = spread_of(after);
-  compared.inflection = spread_of(inflection);
-  compared.balanced = summarize_part(compared.by_seed, &SavedTime::balanced);
-  compared.others = summarize_part(compared.by_seed, &SavedTime::others);
+  compared.switch_iteration = spread_of(switch_iterations);
+  compared.balanced = summarize_part(compared.by_seed, &TimeSaved::balanced);
+  compared.others = summarize_part(compared.by_seed, &TimeSaved::others);
   return compared;
 }
 
-/// Iterations that all configurations have done, by seed.
-std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int wanted) {
-  std::vector<int> done(configurations[0].by_seed.size(), wanted);
+/// Iterations that all configurations have completed, by seed.
+std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int requested) {
+  std::vector<int> done(configurations[0].by_seed.size(), requested);
   for (const ConfigurationHistory& configuration : configurations) {
     B3DGS_CHECK(configuration.by_seed.size() == done.size(), configuration.name, " has ", configuration.by_seed.size(),
                 " seeds, ", configurations[0].name, " has ", done.size());
@@ -193,8 +194,8 @@ std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& conf
   return done;
 }
 
-/// What the comparison is for: the first adaptive one after the baseline, else the first that may balance, else the
-/// second.
+/// The configuration that the verdict is about: the first adaptive one after the baseline, else the first that may use
+/// a load-balanced kernel, else the second.
 const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>& configurations) {
   const auto is_adaptive = [](const ConfigurationHistory& own) { return own.config.kernel == kAdaptive; };
   const auto balances = [](const ConfigurationHistory& own) { return may_balance(own.config); };
@@ -218,17 +219,17 @@ Json to_json(const std::optional<double>& value) {
   return value ? Json(*value) : Json(nullptr);
 }
 
-Json to_json(const MachineSpread& noise) {
+Json to_json(const RunToRunVariation& noise) {
   return {{"overall", to_json(noise.overall)}, {"before", to_json(noise.before)}, {"after", to_json(noise.after)}};
 }
 
-Json to_json(const BalancingSteps& steps, const std::optional<double>& noise) {
-  return {{"name", steps.name},
-          {"naive", steps.naive},
-          {"unbalanced", steps.unbalanced},
-          {"saved_naive_to_unbalanced", to_json(std::optional(steps.to_unbalanced))},
-          {"saved_by_balancing", to_json(std::optional(steps.balancing))},
-          {"saved_whole", to_json(std::optional(steps.whole))},
+Json to_json(const BalancingGain& gain, const std::optional<double>& noise) {
+  return {{"name", gain.name},
+          {"naive", gain.naive},
+          {"unbalanced", gain.unbalanced},
+          {"saved_naive_to_unbalanced", to_json(std::optional(gain.to_unbalanced))},
+          {"saved_by_balancing", to_json(std::optional(gain.balancing))},
+          {"saved_whole", to_json(std::optional(gain.whole))},
           {"machine_spread", to_json(noise)}};
 }
 
@@ -239,7 +240,7 @@ Json times_json(const ComparedConfiguration& own) {
           {"saved_before_inflection", to_json(own.before)},
           {"saved_after_inflection", to_json(own.after)},
           {"machine_spread", to_json(own.noise)},
-          {"inflection", to_json(own.inflection)}};
+          {"inflection", to_json(own.switch_iteration)}};
 }
 
 }  // namespace
@@ -252,7 +253,7 @@ bool QualityDifference::is_within_noise() const {
   return noise && std::fabs(difference()) <= *noise;
 }
 
-int ComparisonSummary::seeds_begun() const {
+int ComparisonSummary::seeds_started() const {
   return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
 }
 
@@ -261,7 +262,7 @@ const ComparedConfiguration* ComparisonSummary::find(const std::string& name) co
   return it == compared.end() ? nullptr : &*it;
 }
 
-const BalancingSteps* ComparisonSummary::find_balancing(const std::string& name) const {
+const BalancingGain* ComparisonSummary::find_balancing(const std::string& name) const {
   const auto it = std::find_if(balancing.begin(), balancing.end(), [&](const auto& own) { return own.name == name; });
   return it == balancing.end() ? nullptr : &*it;
 }
@@ -294,15 +295,15 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
     summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
   }
   for (std::size_t i = 0; i < configurations.size(); ++i) {
-    if (const auto steps = balancing_steps(configurations, i, summary.done_by_seed)) {
-      summary.balancing.push_back(*steps);
+    if (const auto gain = balancing_gain(configurations, i, summary.done_by_seed)) {
+      summary.balancing.push_back(*gain);
     }
   }
   if (may_balance(ours.config)) summary.missing_kernels = missing_unbalanced_kernels(configurations, ours.config);
   for (const ConfigurationHistory& own : configurations) {
     for (const ConfigurationHistory& other : configurations) {
       if (!is_paper_pair(own.config, other.config)) continue;
-      summary.beside_paper.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
+      summary.paper_comparisons.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
     }
   }
   return summary;
@@ -317,7 +318,7 @@ std::string quality_criterion(const ComparisonSummary& summary) {
   }
   std::string text;
   if (some_have_ranges) {
-    text = "Called equal where the means differ by no more than the wider of the two ranges over seeds.";
+    text = "\"Equal\" means: the means differ by at most the wider of the two ranges over seeds.";
   }
   if (some_have_none) {
     std::string limits;
@@ -326,8 +327,10 @@ std::string quality_criterion(const ComparisonSummary& summary) {
                 (measure.is_relative ? format_whole_percent(measure.one_seed_tolerance)
                                      : print_to_string("%g", measure.one_seed_tolerance));
     }
-    text += (text.empty() ? "" : " ") +
-            ("One seed says nothing of the spread between runs (--seeds would): called equal up to " + limits + ".");
+    text += (text.empty() ? "" : " ") + ("With one seed, the spread between runs is unknown (--seeds measures it); "
+                                         "\"equal\" then means a difference of "
+                                         "at most " +
+                                         limits + ".");
   }
   return text;
 }
@@ -336,7 +339,7 @@ Json to_json(const ComparisonSummary& summary) {
   Json compared = Json::array();
   for (const ComparedConfiguration& own : summary.compared) {
     Json quality = Json::array(), by_seed = Json::array();
-    for (const SavedTime& saved : own.by_seed) {
+    for (const TimeSaved& saved : own.by_seed) {
       by_seed.push_back({{"until", saved.until}, {"baseline_s", saved.baseline_s}, {"ours_s", saved.ours_s}});
     }
     for (const QualityDifference& difference : own.quality) {
@@ -355,11 +358,11 @@ Json to_json(const ComparisonSummary& summary) {
                             {"by_seed", by_seed},
                             {"quality", quality}});
   }
-  Json balancing = Json::array(), beside_paper = Json::array();
-  for (const BalancingSteps& steps : summary.balancing) balancing.push_back(to_json(steps, summary.noise()));
-  for (const PaperComparison& own : summary.beside_paper) {
-    beside_paper.push_back(times_json(own.compared));
-    beside_paper.back()["baseline"] = own.baseline;
+  Json balancing = Json::array(), paper_comparisons = Json::array();
+  for (const BalancingGain& gain : summary.balancing) balancing.push_back(to_json(gain, summary.noise()));
+  for (const PaperComparison& own : summary.paper_comparisons) {
+    paper_comparisons.push_back(times_json(own.compared));
+    paper_comparisons.back()["baseline"] = own.baseline;
   }
   return {{"verdict", verdict(summary)},
           {"baseline", summary.baseline},
@@ -370,7 +373,7 @@ Json to_json(const ComparisonSummary& summary) {
           {"done", summary.done},
           {"done_by_seed", summary.done_by_seed},
           {"balancing", balancing},
-          {"beside_paper", beside_paper},
+          {"beside_paper", paper_comparisons},
           {"compared", compared}};
 }
 

@@ -1,4 +1,4 @@
-// What a comparison found, from the histories of its runs: numbers and sentences, no files.
+// Results of a comparison, computed from the logs of its runs. No file access.
 #pragma once
 
 #include <cstdint>
@@ -10,72 +10,72 @@
 #include <nlohmann/json.hpp>
 
 #include "compare/compare_balancing.h"
-#include "report/compare_times.h"
+#include "report/time_saved.h"
 
 namespace b3dgs {
 
-/// One figure of quality, of baseline and ours: of the same seeds at the same iteration.
+/// A measure of quality of the baseline and of another configuration, for the same seeds and the same iteration.
 struct QualityDifference {
   std::string measure;  // "PSNR, dB"
-  int iteration = 0;    // the latest at which all configurations were measured in some seed
+  int iteration = 0;    // the last one at which all configurations were measured for at least one seed
   Spread baseline, ours;
-  double tolerance = 0;         // the two are called equal up to this difference of their means
-  std::optional<double> noise;  // the largest difference of the baseline from itself, over seeds
-  /// The tolerance is the wider of the two ranges over seeds, not a figure for want of several seeds.
+  double tolerance = 0;         // means that differ by at most this much are called equal
+  std::optional<double> noise;  // largest difference between two runs of the baseline, over seeds
+  /// Several seeds were measured: `tolerance` is the wider of the two ranges over seeds. Otherwise it is a fixed value.
   bool has_ranges() const { return baseline.n > 1; }
   double difference() const { return ours.mean - baseline.mean; }
   bool is_equal() const;
   bool is_within_noise() const;
 };
 
-/// A KernelPart over seeds; spreads are of the seeds in which there was one, `saved` against the baseline.
+/// A KernelPart over all seeds that have one; `saved` is the share of the baseline's time.
 struct KernelPartSummary {
   std::set<std::string> kernels;
   std::optional<Spread> iterations, saved;
 };
 
-/// One configuration against a baseline.
+/// One configuration compared with the baseline.
 struct ComparedConfiguration {
   std::string name;
-  std::vector<std::string> differs_in;  // options other than those of the forward kernel
-  bool has_own_kernel = false;          // differs from the baseline in options of the forward kernel too
-  std::vector<SavedTime> by_seed;       // of those that have begun
-  std::optional<Spread> overall, inflection;
-  std::optional<Spread> before, after;  // over the seeds that have both, or they would tell of different seeds
-  MachineSpread noise;                  // the largest over seeds; missing without a repetition of the baseline
+  std::vector<std::string> differs_in;  // options, except those of the forward kernel
+  bool has_own_kernel = false;          // also differs in options of the forward kernel
+  std::vector<TimeSaved> by_seed;       // of the seeds that have started
+  std::optional<Spread> overall, switch_iteration;
+  std::optional<Spread> before, after;  // the kernel switch; over the seeds that have both
+  RunToRunVariation noise;              // largest over seeds; empty if the baseline was not trained twice
   KernelPartSummary balanced, others;
-  bool was_slower_from_start = false;  // the first check found the balanced kernel slower, in all seeds
+  bool was_slower_from_start = false;  // in all seeds, the first check found the balanced kernel slower
   std::vector<QualityDifference> quality;
 };
 
-/// What may stand beside the paper's figures.
+/// A pair of configurations that repeats the comparison in the paper (is_paper_pair).
 struct PaperComparison {
   std::string baseline;
   ComparedConfiguration compared;
 };
 
 struct ComparisonSummary {
-  std::string baseline, ours;     // names; "ours" is what the verdict is about: an adaptive or else a balanced one
-  std::string repetition;         // the configuration that is the baseline once more; "" if there is none
-  int iterations = 0;             // wanted
-  int done = 0;                   // by all runs of the seeds that have begun
-  std::vector<int> done_by_seed;  // by all configurations; 0: not all have begun, and nothing of the seed counts
+  std::string baseline, ours;     // names; `ours` is the configuration that the verdict is about
+  std::string repetition;         // the second training of the baseline; "" if there is none
+  int iterations = 0;             // requested
+  int done = 0;                   // completed by all runs of the seeds that have started
+  std::vector<int> done_by_seed;  // completed by all configurations; 0: the seed is ignored, not all have started
   std::vector<ComparedConfiguration> compared;
-  std::vector<BalancingSteps> balancing;     // of the configurations of which they can be told
-  std::vector<std::string> missing_kernels;  // unbalanced ones without which those of ours cannot be told
-  std::vector<PaperComparison> beside_paper;
+  std::vector<BalancingGain> balancing;      // of the configurations for which it is known
+  std::vector<std::string> missing_kernels;  // not trained, so the gain of `ours` is unknown
+  std::vector<PaperComparison> paper_comparisons;
 
-  int seeds_begun() const;
+  int seeds_started() const;
   const ComparedConfiguration* find(const std::string& name) const;
-  const BalancingSteps* find_balancing(const std::string& name) const;
-  /// Share of its time by which the baseline differs from itself. Nothing if it was not trained twice.
+  const BalancingGain* find_balancing(const std::string& name) const;
+  /// Relative difference between the times of two runs of the baseline; nullopt if it was not trained twice.
   std::optional<double> noise() const;
 };
 
-/// The first configuration is the baseline; there are at least two.
+/// `configurations`: at least two; the first is the baseline. `iterations`: how many were requested.
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
 
-/// How differences of quality are judged, in a sentence or two.
+/// Explains when quality is called equal, in one or two sentences.
 std::string quality_criterion(const ComparisonSummary& summary);
 
 nlohmann::ordered_json to_json(const ComparisonSummary& summary);

@@ -1,4 +1,4 @@
-// A comparison in sentences: the report's first line, and the words that tables share with it.
+// The result of a comparison in sentences, and formatting that tables share with them.
 #pragma once
 
 #include <optional>
@@ -8,11 +8,12 @@
 
 namespace b3dgs {
 
-/// Less than this share saved or lost is called no difference.
+/// Differences in time below this share are not called savings or losses.
 inline constexpr double kNoDifference = 0.01;
 
-/// Did it pay? Balancing is credited with the step from the best unbalanced kernel alone, and only among configurations
-/// that differ in nothing but forward kernels; else it is the configuration that did it, and its options are named.
+/// The headline of the report. Time is attributed to load balancing only relative to the fastest kernel without load
+/// balancing, and only between configurations that differ in nothing but the forward kernel; otherwise the
+/// configuration is named with the options in which it differs.
 std::string verdict(const ComparisonSummary& summary);
 
 /// "18.3 %"
@@ -20,20 +21,20 @@ std::string format_percent(double share);
 /// "18 %"
 std::string format_whole_percent(double share);
 
-/// " +-0.4 %", or "" if the machine's spread was not measured.
+/// " +-0.4 %", or "" if the run-to-run variation was not measured.
 std::string format_noise(const std::optional<double>& share);
 
-/// "naive to shared-memory 53.3 %, shared-memory to adaptive (balancing) 31.8 %, naive to adaptive 68.2 %", each with
-/// the machine's spread if that was measured.
-std::string describe(const BalancingSteps& steps, const std::optional<double>& noise);
+/// "load balancing saved 31.8 % of shared-memory's time; shared-memory saved 53.3 % of naive's time; in total adaptive
+/// saved 68.2 % of naive's time", each with the run-to-run variation if that was measured.
+std::string describe(const BalancingGain& gain, const std::optional<double>& noise);
 
-/// What a configuration that was trained twice says of the machine: of its time and of each figure of quality.
+/// Run-to-run variation of the baseline: differences in time and quality between its two runs.
 std::string describe_repetition(const ComparisonSummary& summary);
 
-/// "+0.05" of a measure of quality, with as many digits as it has everywhere; without a sign if `is_distance`.
+/// "+0.05": a difference in the digits usual for `measure`; without a sign if `is_distance`.
 std::string format_quality_difference(const std::string& measure, double difference, bool is_distance = false);
 
-/// " in 1 of 3 seeds", or "" if it is all of them.
+/// " in 1 of 3 seeds", or "" if n == of.
 std::string in_seeds(int n, int of);
 
 }  // namespace b3dgs

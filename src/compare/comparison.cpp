@@ -47,7 +47,7 @@ Json to_json(const NamedTimes& times) {
   return json;
 }
 
-/// A column for each figure: short, and what plotting programs take.
+/// One array per quantity, which is compact and easy to plot.
 Json curves_of(const TrainHistory& history) {
   Json curves = {{"iteration", Json::array()}, {"elapsed_s", Json::array()}, {"ms", Json::array()},
                  {"loss", Json::array()},      {"count", Json::array()},     {"test_psnr", Json::array()},
@@ -77,7 +77,7 @@ Json checks_of(const TrainHistory& history) {
                       {"before", check.before},
                       {"after", check.after},
                       {"reason", check.reason},
-                      {"refused", check.refused},
+                      {"refused", check.disabled},
                       {"cost_ms", to_json(check.cost_ms)},
                       {"warm_up_ms", to_json(check.warm_up_ms)}});
   }
@@ -109,13 +109,13 @@ Json to_json(const Comparison& comparison) {
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     const Configuration& configuration = comparison.configurations[i];
     for (const ComparedRun& run : comparison.runs[i]) {
-      if (!run.record.machine.empty()) json["machine"] = run.record.machine;
+      if (!run.info.machine.empty()) json["machine"] = run.info.machine;
       const fs::path folder = comparison.plan.folder(configuration, run.seed).root();
       json["runs"].push_back({{"configuration", configuration.name},
                               {"seed", run.seed},
                               {"folder", folder.lexically_relative(comparison.plan.root()).string()},
                               {"differs", config_differences(comparison.plan.base, configuration.config)},
-                              {"output_s", run.record.output_s},
+                              {"output_s", run.info.output_s},
                               {"stages_ms", to_json(mean_stages(run.history))},
                               {"curves", curves_of(run.history)},
                               {"kernel_checks", checks_of(run.history)},
@@ -125,7 +125,7 @@ Json to_json(const Comparison& comparison) {
   return json;
 }
 
-/// Mean over seeds of a quality, or an empty cell.
+/// Mean of a measure of quality over seeds, or "-".
 std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
                          const char* format) {
   const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
@@ -151,7 +151,7 @@ ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int6
 double Comparison::output_s() const {
   double sum = 0;
   for (const std::vector<ComparedRun>& of_configuration : runs) {
-    for (const ComparedRun& run : of_configuration) sum += run.record.output_s;
+    for (const ComparedRun& run : of_configuration) sum += run.info.output_s;
   }
   return sum;
 }
@@ -161,8 +161,8 @@ std::string describe_loading(const Comparison& comparison) {
   for (const Configuration& own : comparison.configurations) {
     if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
   }
-  return detail::concat("in the times of ", names, ": ", format_figure(comparison.plan.loading_ms),
-                        " ms for loading the candidates' code, which a fresh process pays before its first check");
+  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
+                        " ms for loading the candidate kernels, which each process does once");
 }
 
 void write_plan(const ComparisonPlan& plan) {
@@ -175,7 +175,7 @@ bool holds_comparison(const fs::path& root) {
 
 ComparisonPlan read_plan(const fs::path& root) {
   const fs::path path = plan_path(root);
-  if (!holds_comparison(root)) input_error(root.string(), ": holds no comparison (no compare.json) to go on with");
+  if (!holds_comparison(root)) input_error(root.string(), ": no comparison to resume (compare.json not found)");
   const Json json = read_json_file(path.string());
   ComparisonPlan plan;
   try {
@@ -184,14 +184,14 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
-    plan.has_repetition = own.value("noise", false);  // these two are not in the first comparisons
+    plan.has_repetition = own.value("noise", false);  // missing in files of early versions
     plan.loading_ms = own.value("loading_ms", 0.0);
     config_from_json(plan.base, own.at("config"), path.string());
   } catch (const nlohmann::json::exception& error) {
-    input_error(path.string(), ": is no comparison of b3dgs compare: ", error.what());
+    input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }
-  plan.base.model_path = root.string();     // where it lies now
-  plan.base.device = TrainConfig{}.device;  // belongs to the machine, not to the comparison
+  plan.base.model_path = root.string();     // the folder may have been moved
+  plan.base.device = TrainConfig{}.device;  // chosen again on this machine
   return plan;
 }
 
@@ -203,7 +203,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
     comparison.runs.emplace_back();
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
-      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_record(folder)});
+      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_info(folder)});
       if (measures_kernels(configuration.config)) {
         for (LogPoint& point : comparison.runs.back().back().history.points) point.elapsed_s += 1e-3 * plan.loading_ms;
       }
@@ -225,40 +225,44 @@ void print_comparison(const Comparison& comparison) {
   for (const Configuration& configuration : comparison.configurations) {
     columns = std::max(columns, configuration.name.size());
   }
-  const int width = static_cast<int>(columns), share_width = summary.noise() ? 15 : 11;
-  std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "saved",
-              share_width, "before infl", share_width, "after infl", "PSNR dB", "SSIM", "Gaussians");
+  const int width = static_cast<int>(columns), share_width = summary.noise() ? 18 : 13;
+  std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "time saved",
+              share_width, "before switch", share_width, "after switch", "PSNR dB", "SSIM", "Gaussians");
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     double elapsed_s = 0;
-    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // the mean over those that have begun
-      elapsed_s +=
-          elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) / std::max(1, summary.seeds_begun());
+    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // mean over the seeds that have started
+      elapsed_s += elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) /
+                   std::max(1, summary.seeds_started());
     }
     const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
-                           std::optional<double> MachineSpread::*noise) {
+                           std::optional<double> RunToRunVariation::*noise) {
       if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
       return format_percent((summary.compared[i - 1].*field)->mean) +
              format_noise(summary.compared[i - 1].noise.*noise);
     };
     std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
-                share_width, share(&ComparedConfiguration::overall, &MachineSpread::overall).c_str(), share_width,
-                share(&ComparedConfiguration::before, &MachineSpread::before).c_str(), share_width,
-                share(&ComparedConfiguration::after, &MachineSpread::after).c_str(),
+                share_width, share(&ComparedConfiguration::overall, &RunToRunVariation::overall).c_str(), share_width,
+                share(&ComparedConfiguration::before, &RunToRunVariation::before).c_str(), share_width,
+                share(&ComparedConfiguration::after, &RunToRunVariation::after).c_str(),
                 quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(), quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
+  std::printf(
+      "time saved: share of %s's training time, in total and before and after the first switch to another forward "
+      "kernel\n",
+      summary.baseline.c_str());
   for (const ComparedConfiguration& compared : summary.compared) {
     const int n_seeds = static_cast<int>(compared.by_seed.size());
     if (!compared.before || compared.before->n == n_seeds) continue;
-    std::printf("%s: before and after its inflection%s\n", compared.name.c_str(),
+    std::printf("%s: times before and after the switch are known%s\n", compared.name.c_str(),
                 in_seeds(compared.before->n, n_seeds).c_str());
   }
-  for (const BalancingSteps& steps : summary.balancing) {
-    std::printf("%s: %s\n", steps.name.c_str(), describe(steps, summary.noise()).c_str());
+  for (const BalancingGain& gain : summary.balancing) {
+    std::printf("%s: %s\n", gain.name.c_str(), describe(gain, summary.noise()).c_str());
   }
   if (!summary.repetition.empty()) std::printf("%s\n", describe_repetition(summary).c_str());
   if (comparison.plan.loading_ms > 0) std::printf("%s\n", describe_loading(comparison).c_str());
-  std::printf("not in these times: reading the scene %s, evaluation, saving and checkpoints %s\n",
+  std::printf("times do not include reading the scene (%s) or evaluation, saving and checkpoints (%s)\n",
               format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
   std::printf("%s\n", verdict(summary).c_str());
 }

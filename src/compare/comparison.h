@@ -1,5 +1,5 @@
-// A comparison on disk: OUTPUT/compare.json, OUTPUT/report.html, and a model folder for each run,
-// OUTPUT/CONFIGURATION/seed_N. All figures come from the runs' own files.
+// A comparison on disk: OUTPUT/compare.json, OUTPUT/report.html, and the model folders OUTPUT/CONFIGURATION/seed_N. All
+// results are computed from the files of the runs.
 #pragma once
 
 #include <cstdint>
@@ -9,20 +9,20 @@
 
 #include "compare/compare_config.h"
 #include "compare/compare_summary.h"
-#include "report/run_record.h"
+#include "report/run_info.h"
 
 namespace b3dgs {
 
-/// What to compare: enough to go on with it.
+/// What to compare; stored in compare.json, so that the comparison can be resumed.
 struct ComparisonPlan {
   TrainConfig base;  // model_path is the comparison's folder
   std::string configs;
   std::vector<std::int64_t> seeds;
   bool has_repetition = false;  // trains the baseline twice (--noise)
-  int chunk = 0;                // iterations of a turn
-  double reading_s = 0;         // of the scene, all sessions so far
-  // What loading the candidates' code takes in a fresh process, as measured before the first turn. Every configuration
-  // that chooses its kernel has it in its times: `train` pays it too, while here all trainings share one process.
+  int chunk = 0;                // iterations per turn
+  double reading_s = 0;         // reading the scene, sum over all sessions
+  // Time for loading the candidate kernels in a new process, ms, measured before the first turn. It is added to the
+  // times of all configurations that choose their kernel: `train` spends it in each process, but here all share one.
   double loading_ms = 0;
 
   std::filesystem::path root() const { return base.model_path; }
@@ -30,18 +30,18 @@ struct ComparisonPlan {
   ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };
 
-/// The plan alone; the figures follow with write_comparison(). @throws IoError
+/// Writes compare.json with the plan only; write_comparison() adds the results. @throws IoError
 void write_plan(const ComparisonPlan& plan);
 
-/// @throws InputError if the folder holds no comparison or its file is damaged
+/// @throws InputError if compare.json is missing or damaged
 ComparisonPlan read_plan(const std::filesystem::path& root);
 
 bool holds_comparison(const std::filesystem::path& root);
 
 struct ComparedRun {
   std::int64_t seed = 0;
-  TrainHistory history;  // with the plan's loading_ms in its times, if the configuration chooses
-  RunRecord record;
+  TrainHistory history;  // times include loading_ms if the configuration chooses its kernel
+  RunInfo info;
 };
 
 struct Comparison {
@@ -50,10 +50,10 @@ struct Comparison {
   std::vector<std::vector<ComparedRun>> runs;  // [configuration][seed]
   ComparisonSummary summary;
 
-  double output_s() const;  // evaluation, saving and checkpoints of all runs
+  double output_s() const;  // evaluation, saving and checkpoints, all runs
 };
 
-/// Reads what the runs have written so far.
+/// Reads the results of all runs so far.
 Comparison load_comparison(const ComparisonPlan& plan);
 
 /// Writes compare.json and report.html. @throws IoError
@@ -61,7 +61,7 @@ void write_comparison(const Comparison& comparison);
 
 void print_comparison(const Comparison& comparison);
 
-/// A line about the plan's loading_ms.
+/// Explains loading_ms in a sentence.
 std::string describe_loading(const Comparison& comparison);
 
 }  // namespace b3dgs

@@ -38,18 +38,11 @@ struct Sym2 {
   Real xx, xy, yy;
 };
 
-/// Symmetric 3 x 3.
-template <class Real>
-struct Sym3 {
-  Real xx, xy, xz, yy, yz, zz;
-};
-
 using Vec2f = Vec2<float>;
 using Vec3f = Vec3<float>;
 using Vec4f = Vec4<float>;
 using Mat3f = Mat3<float>;
 using Sym2f = Sym2<float>;
-using Sym3f = Sym3<float>;
 
 template <class Real>
 B3DGS_HD Vec3<Real> operator+(Vec3<Real> a, Vec3<Real> b) {
@@ -82,13 +75,6 @@ template <class Real>
 B3DGS_HD Vec3<Real> transpose_times(const Mat3<Real>& a, Vec3<Real> v) {
   return {a.m[0] * v.x + a.m[3] * v.y + a.m[6] * v.z, a.m[1] * v.x + a.m[4] * v.y + a.m[7] * v.z,
           a.m[2] * v.x + a.m[5] * v.y + a.m[8] * v.z};
-}
-
-/// Symmetric matrix times vector.
-template <class Real>
-B3DGS_HD Vec3<Real> operator*(const Sym3<Real>& s, Vec3<Real> v) {
-  return {s.xx * v.x + s.xy * v.y + s.xz * v.z, s.xy * v.x + s.yy * v.y + s.yz * v.z,
-          s.xz * v.x + s.yz * v.y + s.zz * v.z};
 }
 
 }  // namespace b3dgs

@@ -29,7 +29,7 @@ Json camera_to_json(std::size_t id, const View& view) {
           {"cy", camera.cy}};
 }
 
-/// @throws nlohmann::json::exception for missing keys and wrong types, InputError for sizes that are none
+/// @throws nlohmann::json::exception for missing keys and wrong types; InputError for sizes out of range
 NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   NamedCamera named;
   named.name = entry.at("img_name").get<std::string>();
@@ -52,19 +52,19 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   return named;
 }
 
-/// What is wrong with a camera, or "".
+/// What is wrong with a camera; "" if nothing is.
 std::string fault_of(const Camera& camera) {
-  if (!(camera.fx > 0) || !(camera.fy > 0)) return "its focal length is not positive";
+  if (!(camera.fx > 0) || !(camera.fy > 0)) return "expected focal lengths above 0";
   for (const double value : {camera.fx, camera.fy, 1 / camera.fx, 1 / camera.fy, camera.cx, camera.cy}) {
-    if (!(std::abs(value) <= kMaxNumber)) return "its focal lengths or its principal point are those of no camera";
+    if (!(std::abs(value) <= kMaxNumber)) return "impossible focal length or principal point";
   }
   for (const double value : camera.cam_from_world.translation) {
-    if (!(std::abs(value) <= kMaxNumber)) return "its position is beyond any scene";
+    if (!(std::abs(value) <= kMaxNumber)) return "impossible position, expected coordinates of at most 1e+12";
   }
   const std::array<double, 9>& r = camera.cam_from_world.rotation;
   for (std::size_t row = 0; row < 9; row += 3) {
     const double squared = r[row] * r[row] + r[row + 1] * r[row + 1] + r[row + 2] * r[row + 2];
-    if (!(std::abs(squared - 1) < 1e-3)) return "its rotation is no rotation";
+    if (!(std::abs(squared - 1) < 1e-3)) return "expected an orthonormal rotation matrix";
   }
   return "";
 }
@@ -81,10 +81,10 @@ nlohmann::ordered_json cameras_to_json(const Scene& scene) {
 
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
   std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened; expected the cameras.json of a model folder");
+  if (!file) input_error(path.string(), ": cannot be opened (expected the cameras.json of a model folder)");
   const Json json = parse_json(file);
   if (!json.is_array() || json.empty()) {
-    input_error(path.string(), ": expected a JSON list of cameras, as training writes it");
+    input_error(path.string(), ": expected a JSON list of cameras, as b3dgs train writes it");
   }
   std::vector<NamedCamera> cameras;
   for (const Json& entry : json) {

@@ -1,4 +1,4 @@
-// cameras.json of a model folder: the original's list of cameras, which viewers read too.
+// cameras.json of a model folder: the list of cameras of the original 3DGS, which viewers read too.
 #pragma once
 
 #include <filesystem>
@@ -11,15 +11,16 @@
 namespace b3dgs {
 
 struct NamedCamera {
-  std::string name;  // of its image
+  std::string name;  // of the image
   Camera camera;
 };
 
-/// The original's keys, test views first, and the principal point (cx, cy, px), which the original takes to be the
-/// image's centre.
+/// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
+/// the image. Test views come first.
 nlohmann::ordered_json cameras_to_json(const Scene& scene);
 
-/// Cameras in the order of the file, ours or the original's. @throws InputError if the file is missing or wrong
+/// Cameras in the order of the file, with or without a principal point. @throws InputError if the file is missing or
+/// damaged
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path);
 
 }  // namespace b3dgs

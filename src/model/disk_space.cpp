@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kFloatBytes = 4;
 
-/// Of a Gaussian's parameters.
+/// Floats per Gaussian.
 std::int64_t parameter_floats(int sh_degree) {
   return 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
 }
@@ -47,10 +47,11 @@ std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_
   const std::int64_t wanted =
       ply_bytes(n_gaussians, sh_degree) + (n_checkpoints + 1) * checkpoint_bytes(n_gaussians, sh_degree);
   if (free_bytes < 0 || free_bytes >= wanted) return "";
-  return detail::concat(folder.string(), ": ", in_megabytes(free_bytes), " are free on this disk; the PLY and ",
-                        n_checkpoints + 1, " checkpoints of the ", n_gaussians,
-                        " Gaussians that training starts with take ", in_megabytes(wanted),
-                        ", and more as their number grows; make room, or lower --keep_checkpoints or --max_gaussians");
+  return detail::concat(folder.string(), ": ", in_megabytes(free_bytes), " free on this disk, expected ",
+                        in_megabytes(wanted), " or more: the size of a PLY and ", n_checkpoints + 1,
+                        " checkpoints of the ", n_gaussians,
+                        " Gaussians that training starts with, before densification; free some space, or ",
+                        "lower --keep_checkpoints or --max_gaussians");
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// Whether a training's files will fit on its disk.
+// Predicts whether the files of a training will fit on the disk.
 #pragma once
 
 #include <cstdint>
@@ -7,15 +7,15 @@
 
 namespace b3dgs {
 
-/// Bytes that are free for this user where `folder` is; -1 where the system does not say.
+/// Bytes that this user can write to the file system of `folder`; -1 if unknown.
 std::int64_t free_disk_bytes(const std::filesystem::path& folder);
 
-/// Bytes of a PLY, and of a checkpoint, of so many Gaussians.
+/// Size of a PLY and of a checkpoint in bytes, without their headers.
 std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree);
 std::int64_t checkpoint_bytes(std::int64_t n_gaussians, int sh_degree);
 
-/// One line if the final PLY and `n_checkpoints` checkpoints (and the one that is written before an old one is removed)
-/// of the number of Gaussians that a training starts with do not fit into free_bytes; else "".
+/// A warning of one line if `free_bytes` are too few for a PLY and `n_checkpoints` + 1 checkpoints of the Gaussians
+/// that a training starts with (a new checkpoint is written before the oldest is removed); else "".
 std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, std::int64_t n_gaussians,
                          int sh_degree, int n_checkpoints);
 

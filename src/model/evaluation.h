@@ -1,4 +1,4 @@
-// How well a model renders views whose photographs are known.
+// How closely the renders of a model match the photographs.
 #pragma once
 
 #include <string>

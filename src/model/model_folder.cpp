@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// N of "iteration_N" + suffix, -1 for other names.
+/// N for "iteration_N" + suffix; -1 for other names.
 int iteration_of(const std::string& name, const std::string& suffix) {
   const std::string prefix = "iteration_";
   if (name.size() <= prefix.size() + suffix.size() || name.compare(0, prefix.size(), prefix) != 0) return -1;
@@ -29,7 +29,7 @@ int iteration_of(const std::string& name, const std::string& suffix) {
   return result.ec == std::errc() && result.ptr == end ? iteration : -1;
 }
 
-/// Iterations named by the entries of a folder, ascending; none if it does not exist.
+/// Iterations that the files in a folder are named after, ascending; empty if the folder does not exist.
 std::vector<int> list_iterations(const fs::path& folder, const std::string& suffix) {
   std::vector<int> iterations;
   std::error_code error;
@@ -46,7 +46,7 @@ void write_json(const fs::path& path, const Json& json, int indent) {
   write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-/// A results file as it is, or an empty one: it can be measured again, so a damaged one is no reason to stop.
+/// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
 Json read_results(const fs::path& path) {
   std::ifstream file(path);
   Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
@@ -68,7 +68,7 @@ std::string python_string(const std::string& text) {
   return literal + "'";
 }
 
-/// What the original's scripts and the SIBR viewer read: a namespace as Python prints it.
+/// For scripts of the original and the SIBR viewer: a namespace as Python prints it.
 std::string cfg_args(const TrainConfig& config) {
   const auto boolean = [](bool value) { return value ? "True" : "False"; };
   std::ostringstream text;
@@ -100,15 +100,15 @@ std::vector<int> ModelFolder::checkpoint_iterations() const {
   return list_iterations(root_ / "checkpoints", ".b3dgs");
 }
 
-std::string ModelFolder::course() const {
-  std::ifstream file(root_ / "course.json");
+std::string ModelFolder::training_id() const {
+  std::ifstream file(root_ / "training.json");
   const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  const bool is_named = json.is_object() && json.contains("course") && json["course"].is_string();
-  return is_named ? json["course"].get<std::string>() : "";
+  const bool has_id = json.is_object() && json.contains("training_id") && json["training_id"].is_string();
+  return has_id ? json["training_id"].get<std::string>() : "";
 }
 
-void ModelFolder::write_course(const std::string& id) const {
-  write_json(root_ / "course.json", {{"course", id}}, 2);
+void ModelFolder::write_training_id(const std::string& id) const {
+  write_json(root_ / "training.json", {{"training_id", id}}, 2);
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
@@ -123,7 +123,7 @@ TrainConfig ModelFolder::read_config() const {
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened; is ", root_.string(), " a model folder of b3dgs train?");
   const Json json = parse_json(file);
-  if (json.is_discarded()) input_error(path.string(), ": is no JSON");
+  if (json.is_discarded()) input_error(path.string(), ": not valid JSON; the file is damaged");
   TrainConfig config;
   config_from_json(config, json, path.string());
   return config;

@@ -1,4 +1,4 @@
-// A model's folder on disk, laid out as the original 3DGS does: the one place that knows file names.
+// The folder of a trained model, with the layout of the original 3DGS. All file names are defined here.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace b3dgs {
 
-/// What views were measured on. Two measurements compare where these are the same.
+/// The photographs of an evaluation. Two evaluations can be compared if these are the same.
 struct EvaluationSource {
   std::string source_path, images;
   int resolution = 0;         // --resolution
@@ -32,37 +32,36 @@ class ModelFolder {
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
-  /// Iterations that have a PLY, or a checkpoint file (valid or not), ascending.
+  /// Iterations with a PLY, or with a checkpoint file (valid or not), ascending.
   std::vector<int> ply_iterations() const;
   std::vector<int> checkpoint_iterations() const;
 
-  /// Whether there is a PLY or a checkpoint: hours of work.
+  /// Whether there is a PLY or a checkpoint, which must not be overwritten by accident.
   bool holds_model() const { return !ply_iterations().empty() || !checkpoint_iterations().empty(); }
 
-  /// The id of the training whose files these are (course.h); empty if none is named, as in folders of early versions.
-  std::string course() const;
-  void write_course(const std::string& id) const;
+  /// The training that the folder belongs to (training_id.h), from training.json; empty in folders of early versions.
+  std::string training_id() const;
+  void write_training_id(const std::string& id) const;
 
-  /// input.ply, cameras.json (test cameras first), cfg_args, config.json.
+  /// Writes input.ply, cameras.json (test cameras first), cfg_args and config.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
 
-  /// The config a model was trained with. @throws InputError if config.json is missing or wrong.
+  /// The configuration of the training. @throws InputError if config.json is missing or damaged
   TrainConfig read_config() const;
 
-  /// results.json and per_view.json, which have an entry "ours_N" or "ours_N_VARIANT" for what was measured.
+  /// results.json and per_view.json, which have an entry "ours_N" or "ours_N_VARIANT" for each evaluation.
   std::array<std::filesystem::path, 2> results() const { return {root_ / "results.json", root_ / "per_view.json"}; }
 
-  /// Folders of images by the kind of their cameras, each with folders named likewise.
+  /// Folders of renders by kind of camera; each has sub-folders "ours_N" or "ours_N_VARIANT".
   std::array<std::filesystem::path, 3> image_sets() const {
     return {root_ / "test", root_ / "train", root_ / "interpolated"};
   }
 
-  /// The key of an iteration's results: "ours_N" for the views and sizes that the model was trained with. `variant`
-  /// sets others apart, as "ours_N_VARIANT", with "_2", "_3", ... behind it where that key holds results of another
-  /// source.
+  /// The key of an iteration's results: "ours_N" for the views and sizes of the training, "ours_N_VARIANT" for others,
+  /// followed by "_2", "_3", ... if that key is used by results of another source.
   std::string results_key(int iteration, const std::string& variant = "", const EvaluationSource& source = {}) const;
 
-  /// Adds results to results.json, with where they come from, and to per_view.json. @throws IoError
+  /// Adds results to results.json, with their source, and to per_view.json. @throws IoError
   void write_results(const std::string& key, const Evaluation& evaluation, const EvaluationSource& source) const;
 
  private:

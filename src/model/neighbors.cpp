@@ -1,4 +1,4 @@
-// A k-d tree: unlike a grid it does not care how uneven the density is, and LiDAR clouds are very uneven.
+// A k-d tree: unlike a grid, it is fast for clouds of very uneven density, such as those of LiDAR.
 #include "model/neighbors.h"
 
 #include <algorithm>
@@ -14,9 +14,9 @@ namespace b3dgs {
 namespace {
 
 constexpr int kNeighbors = 3;
-constexpr std::int64_t kLeafSize = 10;          // points in a leaf at most; 6 to 16 take about the same time
-constexpr float kMinSquaredDistance = 1e-7f;    // keeps the scale of duplicates away from 0
-constexpr std::int64_t kQueriesPerTask = 4096;  // neighbours in space, so a task stays in the cache
+constexpr std::int64_t kLeafSize = 10;          // most points in a leaf; 6 to 16 are about equally fast
+constexpr float kMinSquaredDistance = 1e-7f;    // keeps the scale of duplicates above 0
+constexpr std::int64_t kQueriesPerTask = 4096;  // close to each other in space, so their data stays in the cache
 
 struct Point {
   std::array<float, 3> position;
@@ -45,14 +45,14 @@ class Nearest {
   std::array<float, kNeighbors> squared_;
 };
 
-// Always summed in this order: rounding is monotonic, so a bound from per-axis gaps that are not larger is never above
-// the distance it bounds, and pruning by it is exact.
+// Distances and their bounds are summed in the same order. Rounding is monotonic, so a bound whose components are not
+// larger is never above the distance, and pruning is exact.
 float squared_norm(const std::array<float, 3>& v) {
   return v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
 }
 
-// Balanced, without pointers: level d cuts the points into 2^d runs of equal length up to one, run i of level d is node
-// 2^d + i, and a run is halved at the median of its widest axis until runs hold kLeafSize points or fewer.
+// Balanced, without pointers: level d divides the points into 2^d runs whose lengths differ by at most one. Run i of
+// level d is node 2^d + i. Runs are halved at the median of their widest axis until they hold at most kLeafSize points.
 class KdTree {
  public:
   explicit KdTree(const std::vector<float>& positions) : points_(positions.size() / 3) {
@@ -70,7 +70,7 @@ class KdTree {
   std::int64_t size() const { return static_cast<std::int64_t>(points_.size()); }
   std::int64_t row(std::int64_t index) const { return points_[index].row; }
 
-  /// `index` is in the order of the tree, not in the caller's.
+  /// `index` is in the order of the tree, not the caller's.
   float mean_squared_distance(std::int64_t index) const {
     Nearest nearest;
     search(1, 0, {0, 0, 0}, index, nearest);
@@ -104,7 +104,7 @@ class KdTree {
     splits_[(std::size_t{1} << level) + run] = {middle->position[axis], axis};
   }
 
-  // `gap` is how far the query lies outside the node's box on each axis, at least.
+  // `gap` is a lower bound of the query's distance to the node's box on each axis.
   void search(std::int64_t node, int level, const std::array<float, 3>& gap, std::int64_t query,
               Nearest& nearest) const {
     const std::array<float, 3>& position = points_[query].position;
@@ -127,14 +127,14 @@ class KdTree {
   }
 
   std::vector<Point> points_;
-  std::vector<Split> splits_;  // by node, from 1
+  std::vector<Split> splits_;  // by node; the root is node 1
   int depth_ = 0;
 };
 
 }  // namespace
 
 std::vector<float> mean_squared_neighbor_distances(const std::vector<float>& positions) {
-  B3DGS_CHECK(positions.size() % 3 == 0, "positions is [N, 3], found ", positions.size(), " values");
+  B3DGS_CHECK(positions.size() % 3 == 0, "expected positions [N, 3], found ", positions.size(), " values");
   for (std::size_t i = 0; i < positions.size(); ++i) {
     B3DGS_CHECK(std::isfinite(positions[i]), "the position of point ", i / 3, " is not finite");
   }

@@ -1,4 +1,4 @@
-// What every rasterizer asks of its arguments, whatever the device.
+// Argument checks that the CPU and the CUDA rasterizer share.
 #pragma once
 
 #include <limits>
@@ -8,17 +8,17 @@
 
 namespace b3dgs {
 
-/// Largest count that 32-bit indices reach, with one value to spare for an end.
+/// Largest number of elements that 32-bit indices can address, leaving one value for an end.
 inline constexpr std::int64_t kIndexMax = std::numeric_limits<std::int32_t>::max() - 1;
 
 inline void check_render_args(const GaussianArrays& gaussians, const PinholeView& view,
                               const RenderSettings& settings) {
-  B3DGS_CHECK(view.width > 0 && view.height > 0, "image is ", view.width, " x ", view.height);
-  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree ",
-              settings.sh_degree, " of at most ", gaussians.sh_degree_max);
-  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "splats carry 32-bit indices; n_gaussians is ",
-              gaussians.n_gaussians);
-  B3DGS_CHECK(settings.near_plane > 0, "near plane is at ", settings.near_plane, "; depths are sorted as positive");
+  B3DGS_CHECK(view.width > 0 && view.height > 0, "image size is ", view.width, " x ", view.height,
+              ", expected positive");
+  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree is ",
+              settings.sh_degree, ", expected 0 to ", gaussians.sh_degree_max);
+  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "too many Gaussians for 32-bit indices: ", gaussians.n_gaussians);
+  B3DGS_CHECK(settings.near_plane > 0, "near plane is ", settings.near_plane, ", expected above 0");
 }
 
 }  // namespace b3dgs

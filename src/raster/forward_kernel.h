@@ -1,46 +1,62 @@
-// Names of the forward blending kernels. Plain C++: command line, selector and their tests need no CUDA.
+// The table of forward blending kernels. Plain C++: the command line, the kernel selector and their tests need no CUDA.
+//
+// Adding a kernel: one row here, one file cpu/forward/forward_ID.cpp that defines blend_forward_ID(), and one file
+// cuda/forward/forward_ID.cu that defines launch_forward_ID() and forward_ID_resources().
 #pragma once
 
 #include <array>
 #include <optional>
 #include <string_view>
 
-#include "raster/kernel_rows.h"
+#include "raster/kernel_table.h"
+
+// ROW(enumerator, ID, name on the command line, is_balanced, one line for the help text)
+#define B3DGS_FORWARD_KERNELS(ROW)                                                                                     \
+  ROW(kNaive, naive, "naive", false, "a lane per pixel, tiles assigned statically (the paper's baseline)")             \
+  ROW(kDynamic, dynamic, "dynamic", true, "as naive, with tiles taken from an atomic counter (inter-block balancing)") \
+  ROW(kGaussianWise, gaussian_wise, "gaussian-wise", true,                                                             \
+      "a lane per Gaussian with prefix products, tiles assigned statically")                                           \
+  ROW(kCombined, combined, "combined", true,                                                                           \
+      "a lane per Gaussian, tasks of 4 pixels from an atomic counter (the paper's balanced kernel)")                   \
+  ROW(kSharedMemory, shared_memory, "shared-memory", false, "a lane per pixel, splats staged in shared memory")        \
+  ROW(kSegmented, segmented, "segmented", true,                                                                        \
+      "as shared-memory, with long lists cut into segments that are blended in parallel")
 
 namespace b3dgs {
 
-/// Every schedule computes the same image; README.md of this folder says what sets each apart, on CPU and on CUDA.
-enum class ForwardKernel { kNaive, kDynamic, kGaussianWise, kCombined, kSharedMemory, kSegmented };
+/// All kernels compute the same image. README.md of this folder compares their schedules on CPU and CUDA.
+enum class ForwardKernel {
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) kernel,
+  B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 struct ForwardKernelName {
   ForwardKernel kernel;
   std::string_view name;     // as on the command line
-  bool is_balanced;          // evens out the load between blocks, lanes or both: what the paper is about
+  bool is_balanced;          // balances the load between blocks, lanes or both: the subject of the paper
   std::string_view summary;  // one line for the help text
 };
 
-inline constexpr std::array<ForwardKernelName, 6> kForwardKernels{{
-    {ForwardKernel::kNaive, "naive", false, "lanes over pixels, tiles divided beforehand (the paper's baseline)"},
-    {ForwardKernel::kDynamic, "dynamic", true, "as naive, tiles taken from an atomic pool (inter-block balancing)"},
-    {ForwardKernel::kGaussianWise, "gaussian-wise", true,
-     "lanes over Gaussians with prefix products, tiles divided beforehand"},
-    {ForwardKernel::kCombined, "combined", true,
-     "lanes over Gaussians on 4-pixel tasks from the pool (the paper's balanced kernel)"},
-    {ForwardKernel::kSharedMemory, "shared-memory", false, "lanes over pixels, splats staged in fast memory"},
-    {ForwardKernel::kSegmented, "segmented", true,
-     "as shared-memory, long lists in segments that are joined at the end"},
-}};
-static_assert(is_in_order(kForwardKernels));
+/// Indexed by ForwardKernel.
+inline constexpr std::array kForwardKernels{
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  ForwardKernelName{ForwardKernel::kernel, name, is_balanced, summary},
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {
   return kForwardKernels[static_cast<std::size_t>(kernel)].name;
 }
 
 constexpr std::optional<ForwardKernel> find_forward_kernel(std::string_view name) {
-  for (const ForwardKernelName& row : kForwardKernels) {
-    if (row.name == name) return row.kernel;
-  }
-  return std::nullopt;
+  return find_kernel(kForwardKernels, name);
+}
+
+/// @throws LogicError if no kernel has this name
+inline ForwardKernel forward_kernel(std::string_view name) {
+  return kernel_named(kForwardKernels, name);
 }
 
 /// False for a name that no kernel has.

@@ -1,5 +1,5 @@
-// How many (tile, Gaussian) pairs a view may have. Slots have 32 bits: at over 100 bytes a pair (view_memory.h), a GPU
-// that could hold more would need over 200 GB.
+// Limit on the number of (tile, Gaussian) pairs of one view. Slots are 32-bit; at over 100 bytes per pair
+// (view_memory.h), more pairs would need over 200 GB of GPU memory.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-/// The Gaussian that touches most tiles of a view.
+/// The Gaussian that touches the most tiles of a view.
 struct WidestGaussian {
   std::int64_t index = 0;
   std::int64_t n_tiles = 0;
@@ -20,11 +20,11 @@ inline bool has_too_many_pairs(std::int64_t n_pairs) {
   return n_pairs > kIndexMax;
 }
 
-/// Why such a view is refused, and what to do.
+/// Error message for a view with too many pairs.
 inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles) {
   return "the view needs " + format_count(n_pairs) + " (tile, Gaussian) pairs, more than " + format_count(kIndexMax) +
          "; Gaussian " + std::to_string(widest.index) + " alone touches " + format_count(widest.n_tiles) + " of " +
-         format_count(n_tiles) + " tiles; take smaller images (-r 2) or fewer Gaussians (--max_gaussians)";
+         format_count(n_tiles) + " tiles; use smaller images (-r 2) or fewer Gaussians (--max_gaussians)";
 }
 
 }  // namespace b3dgs

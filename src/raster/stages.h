@@ -1,5 +1,6 @@
-// Stages of a training step, and who is told when one begins. The rasterizer marks its own passes; what the marks are
-// for (events on a stream, a clock) is the listener's affair.
+// Stages of a training step, and the interface that is notified when one begins. The rasterizer reports its own five
+// passes, from projection to backward projection; training reports the others. One list for all of them keeps the
+// order and the names of train.jsonl, of the report and of the benchmark in one place.
 #pragma once
 
 #include <array>
@@ -19,7 +20,7 @@ enum class Stage {
   kDensify,
 };
 
-/// As in train.jsonl.
+/// Names in train.jsonl.
 inline constexpr std::array<const char*, 9> kStageNames{
     "upload", "project", "bin", "blend_forward", "loss", "blend_backward", "project_backward", "optimizer", "densify"};
 inline constexpr std::size_t kStageCount = kStageNames.size();
@@ -27,9 +28,9 @@ inline constexpr std::size_t kStageCount = kStageNames.size();
 class StageRecorder {
  public:
   virtual ~StageRecorder() = default;
-  /// What is queued from now on belongs to `stage`, and no longer to the one before.
+  /// Work queued from now on belongs to `stage`; this ends the stage before.
   virtual void begin(Stage stage) = 0;
-  /// What is queued from now on belongs to no stage.
+  /// Work queued from now on belongs to no stage.
   virtual void end() = 0;
 };
 

@@ -10,8 +10,8 @@
 namespace b3dgs::html {
 namespace {
 
-// The palette is Okabe and Ito's, told apart with any colour vision, lighter on dark ground. Everything is written so
-// that the page is well-formed XML, too: no stray & or <.
+// Colours are those of Okabe and Ito, distinguishable with any type of colour vision; lighter in dark mode. Neither the
+// style sheet nor the script contains & or <, so that the page is well-formed XML.
 constexpr const char* kStyle = R"css(
 :root { color-scheme: light dark;
   --paper: #ffffff; --ink: #1b1f24; --soft: #5b6572; --grid: #e6e9ed; --base: #9aa4af; --mark: #eef4f9;
@@ -33,13 +33,18 @@ figure { margin: 18px 0 24px; } figcaption { margin-top: 6px; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 14px 0; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 5px 18px 5px 0; text-align: right; border-bottom: 1px solid var(--grid); vertical-align: top; }
-table.figures td, table.figures th { white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; white-space: normal !important; } th { color: var(--soft); font-weight: 500; }
-table.words th, table.words td { text-align: left; overflow-wrap: break-word; } tr.marked td { background: var(--mark); font-weight: 600; }
-svg.chart { display: block; width: 100%; height: auto; overflow: visible; font: 12px system-ui, "DejaVu Sans", sans-serif; }
+th:first-child, td:first-child { text-align: left; overflow-wrap: anywhere; min-width: 9.5em; }
+th { color: var(--soft); font-weight: 500; }
+table.words th, table.words td { text-align: left; overflow-wrap: break-word; }
+tr.marked td { background: var(--mark); font-weight: 600; }
+details { margin-top: 28px; border-top: 1px solid var(--grid); padding-top: 14px; }
+summary { cursor: pointer; font-size: 18px; font-weight: 650; }
+svg.chart { display: block; width: 100%; height: auto; overflow: visible;
+  font: 12px system-ui, "DejaVu Sans", sans-serif; }
 .tick, .axis, .note { fill: var(--soft); } .label { fill: var(--ink); }
-.note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 { paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
- .inside { fill: var(--paper); }
+.note, .t0, .t1, .t2, .t3, .t4, .t5, .t6, .t7, .t8, .t9 {
+  paint-order: stroke; stroke: var(--paper); stroke-width: 3px; }
+.inside { fill: var(--paper); }
 .grid { stroke: var(--grid); } .base { stroke: var(--base); } .event { stroke: var(--soft); stroke-dasharray: 3 3; }
 polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round; }
 .s0 { stroke: var(--c0); } .f0, .t0 { fill: var(--c0); } .s1 { stroke: var(--c1); } .f1, .t1 { fill: var(--c1); }
@@ -47,21 +52,33 @@ polyline { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: 
 .s4 { stroke: var(--c4); } .f4, .t4 { fill: var(--c4); } .s5 { stroke: var(--c5); } .f5, .t5 { fill: var(--c5); }
 .s6 { stroke: var(--c6); } .f6, .t6 { fill: var(--c6); } .s7 { stroke: var(--c7); } .f7, .t7 { fill: var(--c7); }
 .s8 { stroke: var(--c8); } .f8, .t8 { fill: var(--c8); } .s9 { stroke: var(--c9); } .f9, .t9 { fill: var(--c9); }
-.pictures { display: grid; gap: 12px 8px; } .pictures img { width: 100%; height: auto; display: block; border-radius: 3px; }
+.pictures { display: grid; gap: 12px 8px; }
+.pictures img { width: 100%; height: auto; display: block; border-radius: 3px; }
 .pictures div { font-size: 12.5px; color: var(--soft); overflow-wrap: anywhere; min-width: 0; }
-.hover { position: fixed; pointer-events: none; padding: 4px 8px; border-radius: 4px; font-size: 12.5px; white-space: pre;
+.hover { position: fixed; pointer-events: none; padding: 4px 8px; border-radius: 4px; font-size: 12.5px;
+  white-space: pre;
   background: var(--ink); color: var(--paper); font-variant-numeric: tabular-nums; }
 @media print { body { max-width: none; padding: 0; } figure, tr, .pictures { break-inside: avoid; }
-  h2, h3 { break-after: avoid; } }
+  h2, h3, summary { break-after: avoid; }
+  details::details-content { content-visibility: visible; block-size: auto; } }
 @media (max-width: 560px) { body { padding: 24px 14px 40px; } }
 )css";
 
-// Values under the pointer: pixels of the curves back to numbers by the axes that the chart names.
+// Shows the curves' values at the pointer, converted from pixels by the axis ranges in the chart's data attributes.
+// Unfolds sections for printing in browsers that do not know ::details-content.
 constexpr const char* kScript = R"js(
 (function () {
+  var folded = [];
+  window.addEventListener("beforeprint", function () {
+    folded = Array.from(document.querySelectorAll("details:not([open])"));
+    folded.forEach(function (section) { section.open = true; });
+  });
+  window.addEventListener("afterprint", function () { folded.forEach(function (section) { section.open = false; }); });
   var box = document.createElement("div");
   box.className = "hover"; box.hidden = true; document.body.appendChild(box);
-  function show(v) { return Math.abs(v) >= 1000 ? Math.round(v).toLocaleString("en") : String(Number(v.toPrecision(3))); }
+  function show(v) {
+    return Math.abs(v) >= 1000 ? Math.round(v).toLocaleString("en") : String(Number(v.toPrecision(3)));
+  }
   document.querySelectorAll("svg[data-x]").forEach(function (svg) {
     var x = svg.dataset.x.split(" ").map(Number), y = svg.dataset.y.split(" ");
     var isLog = y[4] === "log"; y = y.slice(0, 4).map(Number);
@@ -131,6 +148,10 @@ std::string section(const std::string& heading, const std::string& body_html) {
   return "<section>\n<h2>" + escape(heading) + "</h2>\n" + body_html + "</section>\n";
 }
 
+std::string folded_section(const std::string& heading, const std::string& body_html) {
+  return "<details>\n<summary>" + escape(heading) + "</summary>\n" + body_html + "</details>\n";
+}
+
 std::string subsection(const std::string& heading, const std::string& body_html) {
   return "<h3>" + escape(heading) + "</h3>\n" + body_html;
 }
@@ -165,7 +186,7 @@ std::string data_uri(const Image8& rgb) {
   cv::cvtColor(from, bgr, cv::COLOR_RGB2BGR);
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, kQuality})) {
-    io_error("report.html: a picture of ", rgb.width, " x ", rgb.height, " px cannot be encoded as JPEG");
+    io_error("cannot encode an image of ", rgb.width, " x ", rgb.height, " px as JPEG for report.html");
   }
   return "data:image/jpeg;base64," + base64(bytes);
 }

@@ -21,7 +21,7 @@ std::optional<double> number(const Json& json, const char* key) {
   return it != json.end() && it->is_number() ? std::optional(it->get<double>()) : std::nullopt;
 }
 
-/// Nothing for numbers beyond the type's.
+/// nullopt if the value is missing, not an integer, or out of range for the type.
 template <class Integer>
 std::optional<Integer> whole_number(const Json& json, const char* key) {
   const auto it = json.find(key);
@@ -58,7 +58,7 @@ NamedTimes named_times(const Json& json, const char* key) {
   return times;
 }
 
-/// `elapsed_s` continues from `before` with the line's own mean where the line does not say.
+/// Without elapsed_s in the line, it is computed from the point `before` and this line's mean time per step.
 LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   LogPoint point;
   point.iteration = iteration;
@@ -86,16 +86,15 @@ KernelCheckEvent parse_check(const Json& json, int iteration) {
   check.before = text(json, "before");
   check.after = text(json, "after");
   check.reason = text(json, "reason");
-  check.refused = texts(json, "refused");
+  check.disabled = texts(json, "refused");
   check.cost_ms = number(json, "cost_ms");
   check.warm_up_ms = number(json, "warm_up_ms");
   return check;
 }
 
-using TimedPasses = std::set<std::pair<int, std::string>>;  // iteration and pass
+using TimedPasses = std::set<std::pair<int, std::string>>;  // (iteration, pass)
 
-/// Keeps the first of two timings at the same iteration: a check comes before the step, what is for the record after
-/// it.
+/// Keeps the first of two timings at one iteration: a check runs before the step, a measurement for the log after it.
 void add_candidate_times(CandidateTimes times, TimedPasses& known, TrainHistory& history) {
   if (known.emplace(times.iteration, times.pass).second) history.candidate_times.push_back(std::move(times));
 }
@@ -117,11 +116,11 @@ std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
 }  // namespace
 
 std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
-  std::map<int, std::string> kernel_of;  // iteration; where it is known
+  std::map<int, std::string> kernel_of;  // by iteration, where known
   for (const LogPoint& point : history.points) {
     if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
   }
-  for (const KernelCheckEvent& check : history.checks) {  // each comes before the step of its iteration
+  for (const KernelCheckEvent& check : history.checks) {  // a check runs before the step of its iteration
     if (check.pass != "forward" || check.before.empty() || check.after.empty()) continue;
     if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
     kernel_of[check.iteration] = check.after;

@@ -1,5 +1,5 @@
-// train.jsonl as curves. Whatever a line lacks is missing in the result, and a damaged line is no line: a report is
-// better with a hole than not at all.
+// Reads train.jsonl into time series. Fields missing from a line stay empty and damaged lines are skipped, so that a
+// report can always be written.
 #pragma once
 
 #include <cstdint>
@@ -15,39 +15,39 @@ namespace b3dgs {
 /// Milliseconds by name, in the order of the file.
 using NamedTimes = std::vector<std::pair<std::string, double>>;
 
-/// A plain line.
+/// A line without "event": the state of training after `iteration`.
 struct LogPoint {
   int iteration = 0;
-  double elapsed_s = 0;  // of training since iteration 0; summed up from `ms` where the file does not say
+  double elapsed_s = 0;  // training time since iteration 0; the sum of `ms` where the line has no elapsed_s
   std::optional<double> loss, ms, test_psnr, test_ssim;
   std::optional<std::int64_t> count, gpu_peak_bytes;
-  std::string kernel, backward_kernel;  // "" if not said
-  NamedTimes stages_ms;                 // mean per step, empty if not sampled
+  std::string kernel, backward_kernel;  // "" if the line does not name it
+  NamedTimes stages_ms;                 // mean per step; empty if stages were not timed
 };
 
-/// What a check found and decided.
+/// A timing check of the candidate kernels of one pass.
 struct KernelCheckEvent {
   int iteration = 0;
   std::string pass;                   // "forward" or "backward"
   NamedTimes times_ms;                // median over the views
-  NamedTimes spread_ms;               // over the views
-  std::optional<int> views;           // on which they were timed
+  NamedTimes spread_ms;               // spread over the views
+  std::optional<int> views;           // number of views that were timed
   std::string before, after, reason;  // kernel in use
-  std::vector<std::string> refused;   // candidates that computed something else, and are not used from here on
+  std::vector<std::string> disabled;  // candidates disabled because their results differ from the reference kernel
   std::optional<double> cost_ms;
-  std::optional<double> warm_up_ms;  // before the first check of a pass, not part of its cost
+  std::optional<double> warm_up_ms;  // loading the kernels before the first check of a pass; not part of cost_ms
 
   bool has_changed() const { return !after.empty() && before != after; }
 };
 
-/// Candidates timed on the data of the moment: by a check, or for the record only.
+/// Times of the candidate kernels on the current model: from a check, or measured for the log only.
 struct CandidateTimes {
   int iteration = 0;
   std::string pass;
   NamedTimes times_ms;
 };
 
-/// How unevenly work is spread: LoadStatistics (adaptive/load_statistics.h) as read back.
+/// Distribution of work: LoadStatistics (adaptive/load_statistics.h) as read back from the log.
 struct LoadFigures {
   double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
   std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)
@@ -58,24 +58,24 @@ struct LoadEvent {
   std::optional<LoadFigures> tile_lists, pixel_processed, pixel_contributing;
 };
 
-/// From then on the number of Gaussians did not grow beyond `count`.
+/// The limit on the number of Gaussians was reached: from here on it does not exceed `count`.
 struct HoldEvent {
   int iteration = 0;
   std::int64_t count = 0;
   std::string reason;
 };
 
-/// A training that was continued, with the kernels in use from there on.
+/// Training was resumed, with the kernels in use from here on.
 struct ResumeEvent {
-  int iteration = 0;  // last one done
+  int iteration = 0;  // last one before the interruption
   std::string kernel, backward_kernel;
   std::vector<std::string> changed_options;  // "name: old -> new"
 };
 
 struct TrainHistory {
-  std::vector<LogPoint> points;  // by iteration, as all of these
+  std::vector<LogPoint> points;  // ascending by iteration, like all lists here
   std::vector<KernelCheckEvent> checks;
-  std::vector<CandidateTimes> candidate_times;  // of checks too; one for each iteration and pass
+  std::vector<CandidateTimes> candidate_times;  // including those of checks; one per iteration and pass
   std::vector<LoadEvent> loads;
   std::vector<HoldEvent> holds;
   std::vector<ResumeEvent> resumes;
@@ -83,18 +83,18 @@ struct TrainHistory {
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };
 
-/// Iterations that one forward kernel did: after `from`, up to and with `until`.
+/// A forward kernel that was in use from iteration from + 1 to until.
 struct KernelPeriod {
   std::string kernel;
   int from = 0, until = 0;
 };
 
-/// All iterations, by the kernel that each line of the log and each check names; empty if none does.
+/// Splits the training by forward kernel, as named by log lines and checks; empty if none names a kernel.
 std::vector<KernelPeriod> kernel_periods(const TrainHistory& history);
 
 TrainHistory parse_train_log(std::istream& lines);
 
-/// Empty if there is no such file.
+/// Empty if the file does not exist.
 TrainHistory read_train_log(const std::filesystem::path& path);
 
 }  // namespace b3dgs

@@ -6,14 +6,20 @@
 #include "core/files/atomic_file.h"
 #include "core/print.h"
 #include "core/text.h"
-#include "report/html_report.h"
 #include "report/report_sections.h"
-#include "report/train_log_reader.h"
 
 namespace b3dgs {
 namespace {
 
-/// The last line that has been evaluated, or null.
+/// "1 h 2 min", "12 min 3 s" or "4.21 s"
+std::string time_text(double seconds) {
+  if (seconds < 60) return format_seconds(seconds, seconds);
+  const auto total = static_cast<long long>(seconds + 0.5);
+  return total < 3600 ? print_to_string("%lld min %lld s", total / 60, total % 60)
+                      : print_to_string("%lld h %lld min", total / 3600, total / 60 % 60);
+}
+
+/// The last point with an evaluation on test views, or null.
 const LogPoint* last_evaluation(const TrainHistory& history) {
   for (auto point = history.points.rbegin(); point != history.points.rend(); ++point) {
     if (point->test_psnr) return &*point;
@@ -21,61 +27,86 @@ const LogPoint* last_evaluation(const TrainHistory& history) {
   return nullptr;
 }
 
-std::string headline(const TrainConfig& config, const TrainHistory& history) {
-  const int done = history.last_iteration();
-  std::string text = scene_name(config.source_path) + ": ";
-  if (done < config.iterations) text += "not finished, " + format_count(done) + " of ";
-  text += format_count(config.iterations) + " iterations";
+/// ", PSNR 27.31 dB on test views"; without test views, of the training views that are shown; "" if neither was
+/// evaluated.
+std::string quality_text(const TrainHistory& history, const RunInfo& info) {
   if (const LogPoint* evaluated = last_evaluation(history)) {
-    text += print_to_string(", PSNR %.2f dB", *evaluated->test_psnr);
-    if (evaluated->test_ssim) text += print_to_string(", SSIM %.4f", *evaluated->test_ssim);
-    if (evaluated->iteration < done) text += " at " + format_count(evaluated->iteration);
+    std::string text = print_to_string(", PSNR %.2f dB on test views", *evaluated->test_psnr);
+    if (evaluated->iteration < history.last_iteration()) {
+      text += " at iteration " + format_count(evaluated->iteration);
+    }
+    return text;
   }
-  if (history.points.empty()) return text;
+  if (info.held_out || info.previews.empty()) return "";
+  double mean = 0;
+  for (const Preview& preview : info.previews) mean += preview.psnr / static_cast<double>(info.previews.size());
+  return print_to_string(", PSNR %.2f dB on %zu training %s", mean, info.previews.size(),
+                         info.previews.size() == 1 ? "view" : "views");
+}
+
+std::string headline(const TrainConfig& config, const TrainHistory& history, const RunInfo& info) {
+  const std::string scene = scene_name(config.source_path);
+  if (history.points.empty()) return scene + ": no iterations logged yet";
   const LogPoint& last = history.points.back();
-  if (last.count) text += ", " + format_count(*last.count) + " Gaussians";
-  if (!history.holds.empty() && last.count.value_or(0) <= history.holds.back().count) {
-    const HoldEvent& hold = history.holds.back();
-    text += " (held at " + format_count(hold.count) + ": " + hold.reason + ")";
-  }
-  return text + ", " + format_duration(last.elapsed_s) + " of training";
+  std::string text = scene + ": ";
+  text += last.iteration < config.iterations
+              ? "not finished, " + format_count(last.iteration) + " of " + format_count(config.iterations) +
+                    " iterations in " + time_text(last.elapsed_s)
+              : "trained in " + time_text(last.elapsed_s);
+  text += quality_text(history, info);
+  return last.count ? text + ", " + format_count(*last.count) + " Gaussians" : text;
 }
 
-std::string times(const TrainHistory& history, const RunRecord& record) {
-  const double elapsed_s = history.points.empty() ? 0 : history.points.back().elapsed_s;
-  return detail::concat("Training took ", format_seconds(elapsed_s, elapsed_s),
-                        " with densification, optimizer, uploads and kernel checks. Reading the scene (",
-                        format_seconds(record.reading_s, 0), ") and evaluation, saving and checkpoints (",
-                        format_seconds(record.output_s, 0), ") are not in it.");
+/// The number of Gaussians was limited by memory or by an option; "" if it was not.
+std::string limit_text(const TrainHistory& history) {
+  if (history.holds.empty() || history.points.empty()) return "";
+  const HoldEvent& hold = history.holds.back();
+  if (history.points.back().count.value_or(0) > hold.count) return "";
+  return html::paragraph("From iteration " + format_count(hold.iteration) +
+                         " on, the number of Gaussians was limited to " + format_count(hold.count) + " (" +
+                         hold.reason + ").");
 }
 
-/// The largest of all runs, or 0.
+std::string quality_section(const LabeledRun& run) {
+  const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
+  const std::string no_psnr = run.info.held_out ? "The test views have not been evaluated yet."
+                                                : "No test views were held out (--eval does that), so there is no PSNR "
+                                                  "over the iterations.";
+  return (psnr.empty() ? html::paragraph(no_psnr, "soft")
+                       : curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr)) +
+         curve_figure({"SSIM", "", "SSIM, mean over the test views.", false}, curves({run}, &LogPoint::test_ssim)) +
+         curve_figure({"Loss", "", "Training loss, running average over steps."}, curves({run}, &LogPoint::loss)) +
+         curve_figure({"Gaussians", "", "Number of Gaussians."}, count_curves({run})) + limit_text(run.history);
+}
+
+/// 0 if GPU memory was not measured.
 std::int64_t gpu_peak_bytes(const TrainHistory& history) {
   std::int64_t peak = 0;
   for (const LogPoint& point : history.points) peak = std::max(peak, point.gpu_peak_bytes.value_or(0));
   return peak;
 }
 
-std::string curve_figure(const std::string& title, const std::string& y_label, bool from_zero,
-                         const std::vector<ChartSeries>& series, const std::string& caption) {
-  LineChart chart{title, "iteration", y_label};
-  chart.from_zero = from_zero;
-  chart.series = series;
-  chart.height = 220;
-  return html::figure(draw(chart), caption);
+std::string time_and_memory_section(const LabeledRun& run) {
+  const double elapsed_s = run.history.points.empty() ? 0 : run.history.points.back().elapsed_s;
+  std::string text = "Training took " + time_text(elapsed_s) +
+                     ", including density control, the upload of photographs and timing checks of kernels. Reading the "
+                     "scene (" +
+                     time_text(run.info.reading_s) + ") and evaluation, saving and checkpoints (" +
+                     time_text(run.info.output_s) + ") are not included.";
+  if (const std::int64_t peak = gpu_peak_bytes(run.history); peak > 0) {
+    text += " GPU memory peaked at " + format_gigabytes(peak) + ", not counting the CUDA context.";
+  }
+  return html::paragraph(text) + stage_section({run});
 }
 
-std::string course(const ReportedRun& run) {
-  std::string body = curve_figure("Loss over the training", "loss", true, curves({run}, &LogPoint::loss),
-                                  "Loss, running average over steps.");
-  const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
-  if (psnr.empty()) {
-    body += html::paragraph("No view was held out (--eval) or none evaluated yet: there is no PSNR.", "soft");
-  } else if (psnr[0].points.size() > 1) {
-    body += curve_figure("PSNR over the training", "PSNR, dB", false, psnr, "PSNR, mean over the test views.");
+std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& config) {
+  std::vector<html::Row> rows{{"source scene", config.source_path}};
+  if (const std::string photographs = photographs_text(folder); !photographs.empty()) {
+    rows.push_back({"resolution", photographs});
   }
-  return body + curve_figure("Number of Gaussians over the training", "Gaussians", true, count_curves({run}),
-                             "Number of Gaussians.");
+  const std::string changed = changed_options(TrainConfig{}, config);
+  rows.push_back({"options", changed.empty() ? "all defaults" : changed + "; defaults otherwise"});
+  return rows;
 }
 
 }  // namespace
@@ -83,24 +114,20 @@ std::string course(const ReportedRun& run) {
 std::filesystem::path write_train_report(const ModelFolder& folder) {
   const TrainConfig config = folder.read_config();
   const TrainHistory history = read_train_log(folder.log());
-  const RunRecord record = read_run_record(folder);
-  const ReportedRun run{scene_name(config.source_path), history, record, 0};
-  std::string body = html::paragraph(times(history, record), "soft");
-  body += history.points.empty() ? html::paragraph("train.jsonl holds no line yet: there are no curves.")
-                                 : html::section("Course", course(run));
-  body += html::section("Time by stage", stage_section({run}));
-  body += html::section("Kernels", kernel_section(history));
-  body += html::section("Load", load_section(history));
-  body += html::section("Pictures", preview_section({run}));
-  std::vector<html::Row> facts{{"seed", std::to_string(config.seed)},
-                               {"kernel", config.kernel},
-                               {"SH degree", std::to_string(config.sh_degree)}};
-  if (const std::int64_t peak = gpu_peak_bytes(history); peak > 0) {
-    facts.push_back({"GPU memory", format_gigabytes(peak) + " at most, besides the CUDA context"});
+  const RunInfo info = read_run_info(folder);
+  const LabeledRun run{scene_name(config.source_path), history, info, 0};
+  std::string body = html::section("Photographs and renders", preview_section({run}));
+  if (history.points.empty()) {
+    body += html::paragraph("train.jsonl has no entries yet, so there are no curves.");
+  } else {
+    body +=
+        html::section("Quality", quality_section(run)) + html::section("Time and memory", time_and_memory_section(run));
   }
-  body += html::section("Machine and settings", machine_section(record.machine, facts));
+  body += html::section("Scene, options and machine", settings_section(settings(folder, config), info.machine)) +
+          html::folded_section("Load: Gaussians per tile and per pixel", load_section(history)) +
+          html::folded_section("Kernels: which were used, and why", kernel_section(history));
   const std::filesystem::path path = folder.root() / "report.html";
-  write_file(path, html::page("Training of " + scene_name(config.source_path), headline(config, history), body));
+  write_file(path, html::page("Training of " + scene_name(config.source_path), headline(config, history, info), body));
   return path;
 }
 

@@ -1,4 +1,4 @@
-// Points with colours, as structure from motion or LiDAR gives them.
+// Points with colours, from structure from motion or LiDAR.
 #pragma once
 
 #include <cstdint>

@@ -6,13 +6,14 @@
 #include <filesystem>
 #include <map>
 #include <set>
-#include <tuple>
 
 #include "core/check.h"
-#include "core/host_memory.h"
+#include "scene/colmap/colmap.h"
 #include "scene/colmap/model_search.h"
 #include "scene/images/image_folder.h"
+#include "scene/images/image_io.h"
 #include "scene/images/resolution.h"
+#include "scene/scene_images.h"
 #include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
@@ -21,7 +22,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Registered images by name; the files and the split go by it.
+std::map<std::string, fs::path> find_photographs(const ColmapModel& model, const ImageFolder& folder) {
+  std::vector<std::string> names;
+  for (const ColmapImage& image : model.images) names.push_back(image.name);
+  return folder.find_all(names);
+}
+
+// The order of the views, and so of the split.
 std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
   std::vector<const ColmapImage*> images;
   for (const ColmapImage& image : model.images) images.push_back(&image);
@@ -29,32 +36,7 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
   return images;
 }
 
-// The files of the registered images by name; images that are not on disk have none.
-std::map<std::string, fs::path> find_files(const ColmapModel& model, const ImageFolder& folder) {
-  std::map<std::string, fs::path> files;
-  std::map<fs::path, std::string> names;
-  for (const ColmapImage& image : model.images) {
-    const fs::path file = folder.find(image.name);
-    if (file.empty()) continue;
-    files[image.name] = file;
-    names[file] = image.name;
-  }
-  for (const ColmapImage& image : model.images) {
-    if (files.count(image.name)) continue;
-    const fs::path file = folder.find_similar(image.name);
-    if (file.empty()) continue;
-    const auto other = names.find(file);
-    if (other == names.end()) {
-      files[image.name] = file;
-      names[file] = image.name;
-    } else if (folder.find(other->second).empty()) {  // both only similar: one of them would get a wrong photograph
-      input_error(file.string(), ": the registered images ", other->second, " and ", image.name,
-                  " both lead to this file; keep their sub-folders in the image folder");
-    }
-  }
-  return files;
-}
-
+// Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
 ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, const fs::path& model_folder,
                        const fs::path& file, int divisor, int resolution) {
   ViewSource source;
@@ -67,22 +49,18 @@ ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, con
   source.lens = lens_of(camera, source.camera_place)
                     .scaled(source.file_size.width / static_cast<double>(camera.width),
                             source.file_size.height / static_cast<double>(camera.height));
+  source.camera = source.lens.pinhole(source.file_size).scaled_to(source.size.width, source.size.height);
+  source.camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
   return source;
 }
 
-View view_of(const ColmapImage& image, const ViewSource& source) {
+View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& images) {
   View view;
-  view.name = image.name;
-  Camera camera;
-  camera.width = source.file_size.width;
-  camera.height = source.file_size.height;
-  camera.fx = source.lens.fx;
-  camera.fy = source.lens.fy;
-  camera.cx = source.lens.cx;
-  camera.cy = source.lens.cy;
-  camera.cam_from_world.rotation = rotation_from_quaternion(image.quat);
-  camera.cam_from_world.translation = image.translation;
-  view.camera = camera.scaled_to(source.size.width, source.size.height);
+  view.name = source.name;
+  view.file = source.file.string();
+  view.camera = source.camera;
+  if (images) view.image = std::make_shared<ViewImage>(source, images);
+  view.valid = source.valid;
   return view;
 }
 
@@ -95,58 +73,6 @@ PointCloud points_of(const ColmapModel& model) {
     points.colors.insert(points.colors.end(), point.color.begin(), point.color.end());
   }
   return points;
-}
-
-// Gives distorted sources their lens groups. Returns each view's mask, reduced to its size and shared by its group;
-// null: all valid.
-std::vector<std::shared_ptr<const Image8>> add_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
-  using Key = std::tuple<std::uint32_t, int, int>;  // camera, width and height of the file
-  struct Group {
-    int number;
-    std::shared_ptr<const Image8> valid;
-  };
-  std::map<Key, Group> groups;
-  std::vector<std::shared_ptr<const Image8>> masks(sources.size());
-  for (std::size_t i = 0; i < sources.size(); ++i) {
-    ViewSource& source = sources[i];
-    if (source.lens.is_pinhole()) continue;
-    const Key key{source.camera_id, source.file_size.width, source.file_size.height};
-    auto found = groups.find(key);
-    if (found == groups.end()) {
-      const int number = cache.add_group(source.lens, source.file_size, source.camera_place);
-      std::shared_ptr<const Image8> valid = cache.get(number)->valid();
-      if (valid) valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
-      found = groups.emplace(key, Group{number, std::move(valid)}).first;
-    }
-    source.lens_group = found->second.number;
-    masks[i] = found->second.valid;
-  }
-  return masks;
-}
-
-// Gives the views their images and masks. No image is decoded.
-void add_images(std::vector<View>& views, std::vector<ViewSource>& sources, const SceneOptions& options) {
-  constexpr std::int64_t kMapShare = 8;  // one part in so many is for the maps of undistorters
-  ImageMemory::Plan plan;
-  plan.limit = image_memory_limit(options.host_memory_gb, available_host_memory());
-  plan.n_readers = options.n_readers;
-  const auto undistorters = std::make_shared<UndistorterCache>(plan.limit / kMapShare);
-  const std::vector<std::shared_ptr<const Image8>> masks = add_lens_groups(sources, *undistorters);
-  plan.fixed = undistorters->most_kept_bytes();
-  std::set<const Image8*> different_masks;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const std::int64_t bytes = std::int64_t{3} * sources[i].size.width * sources[i].size.height;
-    plan.photographs += bytes;
-    plan.largest = std::max(plan.largest, bytes);
-    if (masks[i] && different_masks.insert(masks[i].get()).second) {
-      plan.fixed += static_cast<std::int64_t>(masks[i]->pixels.size());
-    }
-  }
-  const auto shared = std::make_shared<SceneImages>(plan, undistorters, options.white_background);
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    views[i].image = std::make_shared<ViewImage>(sources[i], shared);
-    views[i].valid = masks[i];
-  }
 }
 
 }  // namespace
@@ -172,10 +98,9 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   const ColmapModel model = read_colmap_model(model_folder.folder);
   const ImageFolder folder(source_path, options.images);
 
-  std::vector<View> views;
+  const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
-  const std::map<std::string, fs::path> files = find_files(model, folder);
   for (const ColmapImage* image : sorted_by_name(model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
@@ -184,34 +109,32 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     }
     sources.push_back(view_source(*image, model.cameras.at(image->camera_id), model_folder.folder, file->second,
                                   folder.divisor(), options.resolution));
-    views.push_back(view_of(*image, sources.back()));
-    if (progress) progress("reading image headers", views.size(), files.size());
-    views.back().file = file->second.string();
+    if (progress) progress("reading image headers", sources.size(), files.size());
   }
-  if (views.empty()) {
+  if (sources.empty()) {
     input_error((source_path / options.images).string(), ": ",
                 missing.empty() ? "the model has no registered images; reconstruct the scene again"
-                                : detail::concat("none of the ", missing.size(), " registered images is there (first: ",
-                                                 missing.front(), "); put them there or name their folder with -i"));
+                                : detail::concat("none of the ", missing.size(), " registered images found (first: ",
+                                                 missing.front(), "); copy them there or choose their folder with -i"));
   }
-  if (options.load_images) add_images(views, sources, options);
+  const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;
   scene.source_path = options.source_path;
   scene.points = points_of(model);
-  for (std::size_t i = 0; i < views.size(); ++i) {
+  for (std::size_t i = 0; i < sources.size(); ++i) {
     std::vector<View>& part = options.eval && i % kTestEvery == 0 ? scene.test : scene.train;
-    part.push_back(std::move(views[i]));
+    part.push_back(view_of(sources[i], images));
   }
   if (scene.train.empty()) {
-    input_error(options.source_path, ": holding out every ", kTestEvery, "th image leaves none of ", scene.test.size(),
-                " to train on; leave out --eval");
+    input_error(options.source_path, ": --eval holds out every ", kTestEvery, "th image, which leaves none of ",
+                scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
   if (!missing.empty()) {
-    scene.warnings.push_back(detail::concat("registered images missing in ", folder.folder().string(), ": ",
-                                            missing.size(), " of ", model.images.size(), " (first: ", missing.front(),
-                                            "); training and measures go without them"));
+    scene.warnings.push_back(detail::concat(folder.folder().string(), ": ", missing.size(), " of ", model.images.size(),
+                                            " registered images not found (first: ", missing.front(),
+                                            "); training and evaluation leave them out"));
   }
   std::set<fs::path> used;
   for (const ViewSource& source : sources) used.insert(source.file);
@@ -220,7 +143,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
 }
 
 std::string scene_name(const std::string& source_path) {
-  const std::filesystem::path scene = std::filesystem::absolute(source_path).lexically_normal();
+  const fs::path scene = fs::absolute(source_path).lexically_normal();
   return (scene.has_filename() ? scene : scene.parent_path()).filename().string();
 }
 

@@ -9,19 +9,20 @@
 
 #include "core/check.h"
 #include "scene/images/resolution.h"
+#include "scene/view_image.h"
 
 namespace b3dgs {
 namespace {
 
 using detail::concat;
 
-constexpr std::size_t kMaxListed = 3;         // names of missing images, sizes, ...
-constexpr double kMaxAspectDeviation = 0.02;  // beyond rounding to whole pixels: cropped or turned images
+constexpr std::size_t kMaxListed = 3;         // examples in a line: missing images, sizes, ...
+constexpr double kMaxAspectDeviation = 0.02;  // beyond rounding to whole pixels: cropped or rotated images
 
 std::string join(const std::vector<std::string>& items) {
   std::string text;
   for (std::size_t i = 0; i < std::min(items.size(), kMaxListed); ++i) text += (i ? ", " : "") + items[i];
-  return items.size() > kMaxListed ? concat(text, ", ... (", items.size(), " in all)") : text;
+  return items.size() > kMaxListed ? concat(text, ", ... (", items.size(), " in total)") : text;
 }
 
 std::string rounded(double value, const char* format) {
@@ -47,7 +48,7 @@ std::string describe_images(const SceneOrigin& origin) {
   std::string text = concat(origin.model.images.size(), " registered, ", origin.sources.size(), " found in ",
                             origin.image_folder.folder().string());
   if (!origin.missing.empty()) text += concat(", ", origin.missing.size(), " missing (", join(origin.missing), ")");
-  if (origin.n_unregistered > 0) text += concat(", ", origin.n_unregistered, " more there not in the model");
+  if (origin.n_unregistered > 0) text += concat(", ", origin.n_unregistered, " more not in the model");
   return text;
 }
 
@@ -71,7 +72,7 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
   const auto n_distorted = std::count_if(origin.sources.begin(), origin.sources.end(),
                                          [](const ViewSource& source) { return !source.lens.is_pinhole(); });
   if (n_distorted == 0) return "none";
-  if (!origin.options.load_images) return concat("of ", n_distorted, " images");
+  if (!origin.options.load_images) return concat("in ", n_distorted, " images");
   double share = 0;
   for_each_view(scene, [&](const View& view) {
     if (!view.valid) {
@@ -82,16 +83,15 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
     share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
   });
   const double percent = 100 * share / static_cast<double>(origin.sources.size());
-  return concat("undone in ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid");
+  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid");
 }
 
 std::string describe_sizes(const SceneOrigin& origin) {
   std::set<std::string> sizes;
   for (const ViewSource& source : origin.sources) {
     const std::string size = concat(source.size.width, "x", source.size.height);
-    const bool is_reduced =
-        source.size.width != source.file_size.width || source.size.height != source.file_size.height;
-    sizes.insert(is_reduced ? concat(size, " from ", source.file_size.width, "x", source.file_size.height) : size);
+    sizes.insert(source.is_reduced() ? concat(size, " from ", source.file_size.width, "x", source.file_size.height)
+                                     : size);
   }
   return join({sizes.begin(), sizes.end()}) + " px";
 }
@@ -106,7 +106,7 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
   return images + rounded(1e-6 * static_cast<double>(limit), ", at most %.1f MB in memory (--host_memory_gb)");
 }
 
-// Choices that were made for the user, and signs that something is wrong with the scene.
+// Choices made for the user, and signs that something is wrong with the scene.
 void add_notes(const SceneOrigin& origin, Lines& lines) {
   for (const std::string& note : origin.model_folder.notes) lines.add("note", note);
   if (!origin.image_folder.note().empty()) lines.add("note", origin.image_folder.note());
@@ -129,12 +129,15 @@ void add_notes(const SceneOrigin& origin, Lines& lines) {
     }
   }
   if (!other_name.empty()) lines.add("note", concat("found under another name: ", join(other_name)));
-  if (is_capped) lines.add("note", concat("reduced to ", kMaxDefaultWidth, " px width; -r 1 keeps the size on disk"));
-  if (is_kept) lines.add("note", concat("-r ", resolution, " is more than the images have: they are not enlarged"));
+  if (is_capped)
+    lines.add("note", concat("images reduced to a width of ", kMaxDefaultWidth, " px; -r 1 keeps the size on disk"));
+  if (is_kept) lines.add("note", concat("-r ", resolution, " is larger than the images, which are not enlarged"));
   if (!other_aspect.empty()) {
-    lines.add("note", concat("another shape than their camera, cropped or turned since: ", join(other_aspect)));
+    lines.add("note",
+              concat("aspect ratio differs from the camera's (cropped or rotated images?): ", join(other_aspect)));
   }
-  if (origin.model.points.empty()) lines.add("note", "the model has no points; training needs some: --init_ply");
+  if (origin.model.points.empty())
+    lines.add("note", "the model has no points, which training needs; give some with --init_ply");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// The dozen lines that tell the user what was loaded.
+// About a dozen lines that describe a scene to the user.
 #pragma once
 
 #include <string>
@@ -8,19 +8,19 @@
 #include "scene/colmap/model_search.h"
 #include "scene/images/image_folder.h"
 #include "scene/scene.h"
-#include "scene/view_image.h"
+#include "scene/scene_images.h"
 
 namespace b3dgs {
 
-/// What load_scene knows beyond the scene itself.
+/// Intermediate results of load_scene() that are not part of the scene.
 struct SceneOrigin {
   const SceneOptions& options;
   const SparseModelFolder& model_folder;
   const ColmapModel& model;
   const ImageFolder& image_folder;
-  const std::vector<ViewSource>& sources;  // of the images that are on disk
+  const std::vector<ViewSource>& sources;  // photographs that are on disk, sorted by name
   std::vector<std::string> missing;        // registered names without a file
-  std::size_t n_unregistered = 0;          // image files without a name in the model
+  std::size_t n_unregistered = 0;          // image files that the model does not name
 };
 
 std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin);

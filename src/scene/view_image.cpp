@@ -5,11 +5,12 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "scene/images/image_io.h"
 
 namespace b3dgs {
 
 ViewImage::ViewImage(Image8 image) : size_{image.width, image.height} {
-  B3DGS_CHECK(image.channels == 3, "an image of ", image.channels, " channels");
+  B3DGS_CHECK(image.channels == 3, "expected 3 channels, found ", image.channels);
   held_ = std::make_shared<const Image8>(std::move(image));
 }
 
@@ -42,9 +43,8 @@ void ViewImage::read_into(std::uint8_t* rgb) const {
 }
 
 void ViewImage::decode_into(std::uint8_t* rgb) const {
-  const bool is_reduced = size_.width != source_.file_size.width || size_.height != source_.file_size.height;
   const bool is_pinhole = source_.lens_group < 0;
-  if (is_pinhole && !is_reduced) {
+  if (is_pinhole && !source_.is_reduced()) {
     read_image_into(source_.file, shared_->white_background, source_.file_size, rgb);
     return;
   }
@@ -52,7 +52,7 @@ void ViewImage::decode_into(std::uint8_t* rgb) const {
   read_image_into(source_.file, shared_->white_background, source_.file_size, image.pixels.data());
   if (!is_pinhole) {
     const std::shared_ptr<const Undistorter> undistorter = shared_->undistorters->get(source_.lens_group);
-    if (!is_reduced) {
+    if (!source_.is_reduced()) {
       undistorter->apply_into(image, rgb);
       return;
     }
@@ -71,7 +71,7 @@ void hold_images(const std::vector<View>& views, const ProgressFn& progress) {
                    [](const ViewImage* a, const ViewImage* b) { return a->lens_group() < b->lens_group(); });
   std::mutex progress_mutex;
   std::size_t done = 0;
-  std::atomic<bool> has_failed{false};  // the other threads stop too, instead of decoding the rest
+  std::atomic<bool> has_failed{false};  // makes the other threads stop too
   try {
     parallel_pool(static_cast<std::int64_t>(chosen.size()), [&](std::int64_t task, int) {
       if (has_failed) return;

@@ -11,12 +11,12 @@
 namespace b3dgs {
 namespace {
 
-/// Why no GPU can be used, or "" if one can.
+/// Why no GPU can be used, or "" if one can be.
 std::string why_no_gpu() {
 #if B3DGS_TORCH_CUDA
-  return at::hasCUDA() ? "" : "no GPU was found, or its driver does not answer";
+  return at::hasCUDA() ? "" : "no GPU found, or its driver does not respond";
 #else
-  return "this build has no CUDA (it takes nvcc and a LibTorch with CUDA)";
+  return "this build has no CUDA support (needs nvcc and a LibTorch with CUDA)";
 #endif
 }
 

@@ -1,4 +1,4 @@
-// Where to compute: said, never guessed.
+// The device that training runs on.
 #pragma once
 
 #include <torch/types.h>
@@ -7,11 +7,11 @@
 
 namespace b3dgs {
 
-/// The device for `--device NAME`: "cpu", "cuda", or "auto", which takes a GPU if this build and this machine have one.
-/// @throws InputError if a GPU is asked for and there is none, or if the kernels of this build cannot run on it
+/// The device for `--device NAME`: "cpu", "cuda", or "auto", which is a GPU if this build and this machine support one.
+/// @throws InputError if "cuda" is given and there is no GPU, or if the kernels of this build cannot run on the GPU
 torch::Device choose_device(const std::string& name);
 
-/// Its name as on the command line.
+/// The device's name on the command line.
 std::string device_name(const torch::Device& device);
 
 /// A line for the summary of a scene: "device      CPU, 2 threads".

@@ -6,8 +6,8 @@
 namespace b3dgs {
 
 TileShape default_tile(const std::string& device) {
-  // Measured (docs/benchmarks.md): on a GPU smaller tiles make shorter lists for each pixel and cost little to bin; a
-  // CPU pays for the longer lists of pairs.
+  // Measured (docs/benchmarks.md): on a GPU smaller tiles have shorter lists per pixel and cost little to bin; on a CPU
+  // the larger number of pairs costs more.
   return {16, device == "cuda" ? 8 : 16};
 }
 
@@ -19,11 +19,7 @@ TileShape tile_shape(const TrainConfig& config) {
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kUnmeasuredKernel : config.kernel;
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
   const std::string backward_name = backward_is_open ? kUnmeasuredBackwardKernel : config.backward_kernel;
-  const std::optional<BackwardKernel> backward_kernel = find_backward_kernel(backward_name);
-  B3DGS_CHECK(backward_kernel.has_value(), "no backward kernel has the name ", backward_name);
   const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
@@ -31,10 +27,10 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
   settings.tile = tile_shape(config);
-  settings.kernel = *kernel;
-  settings.backward_kernel = *backward_kernel;
+  settings.kernel = forward_kernel(name);
+  settings.backward_kernel = backward_kernel(backward_name);
   settings.deterministic = config.deterministic;
-  settings.depth_gradient = false;  // the loss looks at colours
+  settings.depth_gradient = false;  // no term of the loss depends on depth
   return settings;
 }
 
@@ -45,7 +41,7 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
   Evaluation evaluation;
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const View& view : views) {
-    B3DGS_CHECK(view.image, "view ", view.name, " has no image to compare with");
+    B3DGS_CHECK(view.image, "view ", view.name, " has no photograph to compare with");
     images.push_back(view.image);
   }
   Image8 truth;

@@ -1,11 +1,11 @@
-// One number of threads for everything that computes.
+// The number of threads, for our own loops and LibTorch.
 #pragma once
 
 namespace b3dgs {
 
-/// Threads of our own loops (parallel.h) and of LibTorch's; 0 takes all cores. LibTorch, unless told, sets OpenMP's
-/// number to its own idea at its first operation, which may be half the cores: programs that use torch call this, not
-/// set_thread_count().
+/// Sets the number of threads for our own loops (core/parallel.h) and for LibTorch; 0 = all cores. Programs that use
+/// LibTorch call this instead of set_thread_count(): at its first operation LibTorch would otherwise change OpenMP's
+/// number of threads, to as few as half the cores.
 void set_compute_threads(int n);
 
 }  // namespace b3dgs

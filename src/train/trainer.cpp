@@ -10,6 +10,8 @@
 
 namespace b3dgs {
 
+namespace {
+
 double steady_clock_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -18,9 +20,46 @@ void wait_for(torch::Device device) {
   if (device.is_cuda()) torch::cuda::synchronize();
 }
 
+KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
+  KernelCheckTools tools;
+  if (hooks.make_kernel_timer) tools.timer = hooks.make_kernel_timer();
+  return tools;
+}
+
+}  // namespace
+
+Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
+    : config(config),
+      scene(scene),
+      folder(std::move(folder)),
+      hooks(std::move(hooks)),
+      device(choose_device(config.device)),
+      memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, config.gpu_memory_gb)),
+      row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
+      rasterizer(device),
+      stepper(rasterizer),
+      loss(device),
+      density(make_density_strategy(kDefaultDensityStrategy, config, scene.extent)),
+      kernels(config, device, kernel_check_tools(this->hooks)),
+      images(scene.train, device,
+             this->hooks.image_budget ? *this->hooks.image_budget
+                                      : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
+             this->hooks.on_loading),
+      timer(make_stage_clock(device)),
+      time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }),
+      recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
+  if (device.is_cuda() && config.deterministic &&
+      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
+    input_error("--deterministic: the backward kernel ", config.backward_kernel,
+                " sums in an order that differs from run to run; use --backward_kernel per-splat");
+  }
+  hold_images(scene.test, this->hooks.on_loading);  // in the host memory that the training views have left
+  if (images.size() == 0) input_error(scene.source_path, ": no training views");
+}
+
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
-  TrainConfig resolved = config;  // what depends on the device is decided by its name: the default tile, for one
+  TrainConfig resolved = config;  // some defaults, such as the tile, follow from the device's name
   resolved.device = device_name(choose_device(config.device));
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }
@@ -30,24 +69,23 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   Impl& own = *impl_;
   Checkpoint read = read_checkpoint(checkpoint, own.scene, own.device);
   if (read.config.sh_degree != own.config.sh_degree) {
-    input_error(checkpoint.string(), ": holds a model of SH degree ", read.config.sh_degree, ", --sh_degree is ",
+    input_error(checkpoint.string(), ": SH degree ", read.config.sh_degree, ", but --sh_degree is ",
                 own.config.sh_degree, "; resume with the same degree");
   }
   if (read.state.iteration > own.config.iterations) {
-    input_error(checkpoint.string(), ": is at iteration ", read.state.iteration, ", beyond --iterations ",
-                own.config.iterations, "; give a larger number");
+    input_error(checkpoint.string(), ": iteration ", read.state.iteration, " is beyond --iterations ",
+                own.config.iterations, "; give a larger --iterations");
   }
   own.fingerprint = scene_fingerprint(own.scene);
   const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), own.fingerprint);
   if (!changed.empty()) {
-    own.warn(detail::concat(changed.size(), " of ", own.scene.train.size(),
-                            " photographs have changed since this checkpoint was written, ", changed.front(),
-                            changed.size() > 1 ? " the first; " : "; ", "training goes on with them as they are now"));
+    own.recorder.warn(detail::concat(
+        changed.size(), " of ", own.scene.train.size(), " photographs have changed since this checkpoint was written (",
+        changed.size() > 1 ? "first: " : "", changed.front(), "); training continues with the current files"));
   }
   own.state = std::move(read.state);
-  own.resumed_s = own.state.elapsed_s;
   own.resumed = checkpoint;
-  own.result.checkpoint = checkpoint;
+  own.recorder.resume_from(checkpoint, own.state.elapsed_s);
   own.result.first_iteration = own.state.iteration;
   own.kernels.restore(own.state.kernel_selection, checkpoint.string());
   own.changed_options = config_differences(read.config, own.config);
@@ -56,15 +94,15 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
 
 void Trainer::step() {
   Impl& own = *impl_;
-  if (own.state.gaussians.size() == 0) own.start();
+  if (own.state.gaussians.size() == 0) own.initialize_model();
   own.time.train([&] { own.step(); });
   own.time.train([&] { own.control_density(); });
-  own.collect_times(own.timer.take());
+  own.recorder.collect_stage_times();
 }
 
 void Trainer::wait() {
-  impl_->settle_loss();
-  impl_->collect_times(impl_->timer.wait());
+  impl_->read_loss();
+  impl_->recorder.wait_for_stage_times();
 }
 
 std::string Trainer::describe_images() const {
@@ -91,7 +129,8 @@ TrainResult Trainer::run_until(int iteration) {
   while (own.state.iteration < iteration && !result.interrupted) own.iterate();
   own.time.finish_training();
   wait();
-  own.time.output([&] { own.finish_files(); });
+  own.time.output([&] { own.recorder.finish_files(); });
+  static_cast<TrainOutputs&>(result) = own.recorder.outputs();
   result.train_s = own.time.train_s();
   result.output_s = own.time.output_s();
   result.iteration = own.state.iteration;
@@ -104,30 +143,30 @@ TrainResult Trainer::run_until(int iteration) {
 void Trainer::Impl::iterate() {
   try {
     time.train([&] { step(); });
-    time.train([&] { report("training"); });
+    time.train([&] { recorder.report_progress("training"); });
     const OutputPlan plan = output_plan(config, state.iteration, !scene.test.empty());
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
-    // On a GPU this waits for most of the step.
-    if (plan.log || uses_device || plan.checkpoint || is_stopped()) time.train([&] { settle_loss(); });
-    if (uses_device || plan.checkpoint || is_stopped()) time.train([&] { settle(); });
+    // Reading the loss waits for most of the step on a GPU.
+    if (plan.log || uses_device || plan.checkpoint || is_stopped()) time.train([&] { read_loss(); });
+    if (uses_device || plan.checkpoint || is_stopped()) time.train([&] { flush(); });
     if (uses_device) {
       time.output([&] { write_outputs(plan); });
     } else if (plan.log) {
-      // The device works meanwhile. A line is not worth waiting for it, and leaving out those microseconds would hide
-      // as many of the step's.
+      // The device is still computing. Counting the line as output would mean to wait for the device, and would not
+      // count the part of the step that runs meanwhile.
       time.train([&] { write_outputs(plan); });
     }
     if (hooks.on_result && state.iteration == config.iterations) {
-      time.output([&] { try_to_write(hooks.on_result); });
+      time.output([&] { recorder.try_to_write(hooks.on_result); });
     }
-    // A last PLY that is not there is written when the training is continued, and is of the model before this.
-    if (failed.empty() || state.iteration < config.iterations) time.train([&] { control_density(); });
-    result.interrupted = is_ending = state.iteration < config.iterations && is_stopped();
-    const bool is_due = config.checkpoint_minutes > 0 && !writer.is_busy() &&
-                        time.train_s() - checkpoint_s >= 60 * config.checkpoint_minutes;
+    // If the last PLY could not be written, density control is left to the resumed training: it writes that PLY first.
+    if (recorder.failed_files().empty() || state.iteration < config.iterations) time.train([&] { control_density(); });
+    result.interrupted = state.iteration < config.iterations && is_stopped();
+    recorder.set_ending(result.interrupted);
+    const bool is_due = recorder.is_checkpoint_due();
     if (plan.checkpoint || result.interrupted || is_due) time.output([&] { write_checkpoint(); });
-    if (hooks.wait_for_files) writer.wait();
-    note_files();
+    if (hooks.wait_for_files) recorder.wait_for_files();
+    recorder.collect_files();
   } catch (const LossError&) {
     throw;
   } catch (...) {
@@ -141,21 +180,23 @@ int Trainer::iteration() const {
 
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   Impl& own = *impl_;
-  B3DGS_CHECK(own.log, "the training has not begun");
-  return own.without_bad_gaussians([&] {
-    return evaluate_views(own.rasterizer, own.settled().gaussians, views,
+  B3DGS_CHECK(own.recorder.is_log_open(), "evaluate() before run_until()");
+  return own.without_invalid_gaussians([&] {
+    return evaluate_views(own.rasterizer, own.flushed_state().gaussians, views,
                           evaluation_settings(own.config, own.state.sh_degree), on_rendered);
   });
 }
 
 std::filesystem::path Trainer::write_checkpoint() {
   Impl& own = *impl_;
-  B3DGS_CHECK(own.log, "the training has not begun");
-  own.is_ending = true;
+  B3DGS_CHECK(own.recorder.is_log_open(), "write_checkpoint() before run_until()");
+  own.recorder.set_ending(true);
   own.write_checkpoint();
-  own.is_ending = false;
-  if (!own.failed.empty()) throw IoError(own.failed.front().error + own.last_checkpoint());
-  return own.result.checkpoint;
+  own.recorder.set_ending(false);
+  if (const std::vector<WrittenFile>& failed = own.recorder.failed_files(); !failed.empty()) {
+    throw IoError(failed.front().error + own.recorder.last_checkpoint());
+  }
+  return own.recorder.outputs().checkpoint;
 }
 
 }  // namespace b3dgs

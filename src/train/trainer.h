@@ -1,4 +1,4 @@
-// The training loop: the order of operations in a step, and nothing else.
+// Trains a model: the public interface.
 #pragma once
 
 #include <atomic>
@@ -14,61 +14,32 @@
 #include "train/config/train_config.h"
 #include "train/evaluate.h"
 #include "train/memory/memory_source.h"
-#include "train/timing/stage_timer.h"
+#include "train/output/train_events.h"
 
 namespace b3dgs {
 
-struct TrainProgress {
-  int iteration = 0, iterations = 0;
-  double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original prints it
-  std::int64_t n_gaussians = 0;
-  std::int64_t held_at = 0;  // the count does not grow beyond this for lack of GPU memory; 0: it may
-  double elapsed_s = 0;      // of training this run, without evaluation and saving
-  // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint"
-  std::string activity;
-};
-
 /// Of a GPU, bytes besides the CUDA context, before the first step.
 struct MemoryForecast {
-  std::int64_t limit = 0;          // what may be taken
-  std::int64_t photographs = 0;    // that stay there
-  std::int64_t model = 0;          // with moments and statistics, at its count at the start
-  std::int64_t pairs = 0;          // views of that model: splats, (tile, splat) pairs
-  std::int64_t largest_count = 0;  // Gaussians for which there is room
+  std::int64_t limit = 0;          // what training may use
+  std::int64_t photographs = 0;    // those that stay on the GPU
+  std::int64_t model = 0;          // parameters, moments and statistics at the initial count
+  std::int64_t pairs = 0;          // splats and (tile, splat) pairs of a view of that model
+  std::int64_t largest_count = 0;  // Gaussians that fit
 };
 
-struct TrainHooks {
-  std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
-  std::function<void(const std::string&)> on_message;     // one line for the user
-  std::function<void(const std::string&)> on_warning;     // likewise: something is wrong, and training goes on
-  ProgressFn on_loading;                                  // while photographs are read before the first step
-  const std::atomic<int>* stop_signal = nullptr;          // not 0: checkpoint and return
-  // If set, every step is timed stage by stage, and told some time after the device has got through it.
-  std::function<void(const StageTimes&)> on_stage_times;
-  // After the last iteration's files and before its density control: the model is the one that is saved.
+struct TrainHooks : TrainListeners {
+  ProgressFn on_loading;                          // while photographs are read before the first step
+  const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
+  // After the files of the last iteration and before its density control: the model is the one that was saved.
   std::function<void()> on_result;
-  std::function<double()> clock_s;  // what a run's time is counted by; a steady clock if not set
-  // Each file is on the disk before the next iteration begins: for tests of which files are written.
-  bool wait_for_files = false;
-  // What the candidates for a kernel are timed by; the device's own if not set.
-  std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;
-  std::shared_ptr<MemorySource> memory;  // the device's own if not set
-  // Bytes of photographs that stay on the device in place of what --image_cache_gb says, for trainers that share one.
-  std::optional<std::int64_t> image_budget;
-};
 
-struct TrainResult {
-  int first_iteration = 0;   // done before this run
-  int iteration = 0;         // last one done
-  bool interrupted = false;  // by stop_signal
-  std::int64_t n_gaussians = 0;
-  std::int64_t peak_memory_bytes = 0;  // of the process on the GPU besides the CUDA context; 0: not counted
-  double train_s = 0;   // all of the steps: uploads, checks of kernels, densification, Adam; but no reading of files
-  double output_s = 0;  // evaluation, statistics, saving, checkpoints
-  std::int64_t n_removed = 0;                           // Gaussians that could not be rendered, over all runs
-  std::filesystem::path ply, checkpoint;                // last ones written
-  std::vector<std::filesystem::path> not_written;       // for want of room, or whatever else the system said
-  std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
+  // For tests and benchmarks.
+  std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty
+  bool wait_for_files = false;      // each file is on disk before the next iteration
+  std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;  // times candidate kernels; the device's if empty
+  std::shared_ptr<MemorySource> memory;                             // the device's if null
+  // Bytes of photographs that stay on the device, overriding --image_cache_gb, for trainers that share a device.
+  std::optional<std::int64_t> image_budget;
 };
 
 class Trainer {
@@ -77,45 +48,45 @@ class Trainer {
   Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
   ~Trainer();
 
-  /// Continues from a checkpoint. Returns the options that differ from it, as "name: old -> new".
-  /// @throws InputError if the file is damaged or does not belong to this scene.
+  /// Resumes from a checkpoint. Returns the options that differ from it, as "name: old -> new".
+  /// @throws InputError if the file is damaged or does not belong to this scene
   std::vector<std::string> resume(const std::filesystem::path& checkpoint);
 
   /// Runs to config.iterations (or the stop signal), writing the folder's files on the way. Gaussians that cannot be
-  /// rendered are removed, and files that cannot be written on the way warned of; the training goes on.
-  /// What ends it leaves a checkpoint of the last whole iteration, which the error names; where the loss is not finite,
-  /// the model may be spoilt, and the error names the last checkpoint before.
-  /// @throws InputError if the folder holds the model of another training, or a photograph is lost; IoError if the last
-  /// files cannot be written; NumericError with iteration and view; OutOfMemoryError
+  /// rendered are removed; files that cannot be written on the way cause a warning; training continues in both cases.
+  /// An error that ends training leaves a checkpoint of the last complete iteration and names it. If the loss is not
+  /// finite, the model may be damaged: no checkpoint is written, and the error names the last one before.
+  /// @throws InputError if the folder holds the model of another training, or a photograph cannot be read; IoError if
+  /// the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
   TrainResult run();
 
-  /// As run(), but returns after `iteration`, at most config.iterations; call again to go on. The course and the files
-  /// are those of one run(), whatever the pieces. The device has finished when this returns, so that trainers can take
-  /// turns and each pays for its own time.
+  /// Like run(), but returns after `iteration` (at most config.iterations); call it again to continue. The result is
+  /// the same as that of a single run(). The device has finished when this returns, so that trainers can take turns
+  /// without affecting each other's times.
   TrainResult run_until(int iteration);
 
   /// Last iteration done.
   int iteration() const;
 
-  /// Renders `views` with the model as it stands and measures them; the training must have begun.
+  /// Renders `views` with the current model and computes their PSNR and SSIM. Call run_until() first.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
-  /// Writes a checkpoint of the training as it stands, which must have begun, and waits for it. @throws IoError
+  /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError
   std::filesystem::path write_checkpoint();
 
-  /// One iteration with its density control; nothing is written. For benchmarks.
+  /// One iteration with its density control, without any output. For benchmarks.
   void step();
 
-  /// Waits until the device is done with all steps, and tells the times that have not been told.
+  /// Waits until the device has finished all steps, and reports the remaining stage times.
   void wait();
 
-  /// Where the photographs are, on one line: "for training 80 in memory (0.10 GB); for testing none".
+  /// Where the photographs are stored, on one line: "for training 80 in memory (0.10 GB); for testing none".
   std::string describe_images() const;
 
   std::int64_t n_gaussians() const;
-  int sh_degree() const;  // in use
+  int sh_degree() const;  // currently optimised
 
-  /// What training is going to take of a GPU's memory; nothing if that is not counted.
+  /// GPU memory that training is going to use; nothing on a CPU.
   std::optional<MemoryForecast> forecast_memory();
 
  private:

@@ -1,32 +1,32 @@
-// A step, in order: rates and SH degree, view, render, loss, gradients, Adam; then what is measured and saved; then
-// density control; then the checkpoint.
+// One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics.
 //
-// The original differs in two places. It runs density control before Adam, and since that replaces the parameters, the
-// gradients of such a step are lost; here they are used. And it leaves out Adam in the very last iteration; here every
-// iteration is alike, so that a run that is resumed to go further is the same as one that never stopped. Either is one
-// step in a hundred or fewer. What it measures and saves at an iteration is the model before
-// that iteration's density control, as here: an opacity reset would otherwise be seen in the figures.
+// The original 3DGS differs in two places. It runs density control before Adam; that replaces the parameters, so the
+// gradients of such a step are lost. Here they are used. And it skips Adam in the very last iteration; here all
+// iterations are alike, so that a training resumed with more iterations equals one that never stopped. Either affects
+// one step in a hundred or fewer. As in the original, an iteration's evaluation and PLY show the model before that
+// iteration's density control; otherwise an opacity reset would show in the figures.
 
 #include <cmath>
 
 #include "core/random.h"
-#include "train/density/densifier.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
+#include "train/loss/loss_weights.h"
 #include "train/optimizer/lr_schedule.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
 
-void Trainer::Impl::start() {
+void Trainer::Impl::initialize_model() {
   const SplatCloud cloud = initial_splats(config, scene);
   state.sh_degree = std::min(cloud.sh_degree, config.sh_degree);
   state.gaussians = to_tensors(cloud, config.sh_degree, device);
   state.adam = make_adam_state(state.gaussians);
-  state.statistics = make_density_statistics(state.gaussians.size(), device);
+  state.statistics = density->make_statistics(state.gaussians.size(), device);
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
-    warn(detail::concat("training starts with ", state.gaussians.size(), " Gaussians, more than --max_gaussians ",
-                        config.max_gaussians, ": none are added"));
+    recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
+                                 " Gaussians, more than --max_gaussians ", config.max_gaussians,
+                                 "; none will be added"));
   }
 }
 
@@ -41,56 +41,50 @@ RenderSettings Trainer::Impl::step_settings() {
   return settings;
 }
 
-void Trainer::Impl::settle_loss() {
-  if (!unsettled) return;
-  const auto [iteration, view] = *std::exchange(unsettled, std::nullopt);
+void Trainer::Impl::read_loss() {
+  if (!unread_loss) return;
+  const auto [iteration, view] = *std::exchange(unread_loss, std::nullopt);
   const double value = loss.value().loss;
   if (!std::isfinite(value)) {
     throw LossError(
-        detail::concat("iteration ", iteration, ", view ", view, ": the loss is ", value, last_checkpoint()));
+        detail::concat("iteration ", iteration, ", view ", view, ": the loss is ", value, recorder.last_checkpoint()));
   }
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
 }
 
-/// A step of the Gaussians along the gradients of one view; statistics for density control.
 void Trainer::Impl::learn(const TrainView& view) {
   RenderedView rendered;
   try {
     const RenderSettings settings = step_settings();
-    // The backward pass asks for nothing that this has not taken already.
+    // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
                              [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
-  } catch (const BadGaussianError&) {
+  } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
   view_ratios.add(rasterizer.view_size(), state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
-  settle_loss();  // of the step before: the device has finished it by now
+  read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
-  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, config.lambda_dssim);
+  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
   timer.end();
-  unsettled = {state.iteration, view.name};
-  if (device.is_cpu()) settle_loss();
-  const ViewStatistics statistics = stepper.step(adam_rates(config, scene.extent, state.iteration),
-                                                 {loss.grad(), {}, {}}, state.gaussians, state.adam, &timer);
-  if (density_plan(config, state.iteration).add_statistics) {
+  unread_loss = {state.iteration, view.name};
+  if (device.is_cpu()) read_loss();
+  const ViewStatistics statistics =
+      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer);
+  if (density->plan(state.iteration).after_step) {
     timer.begin(Stage::kDensify);
-    add_view(statistics, view.camera.width, view.camera.height, state.statistics);
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height}, state.gaussians,
+                        state.statistics);
     timer.end();
   }
 }
 
-double Trainer::Impl::step_ms() const {
-  if (logged_ms > 0 || state.iteration == 0) return logged_ms;
-  return 1e3 * elapsed_s() / state.iteration;
-}
-
-/// The views that come next, and the model as it stands.
 BlendInput Trainer::Impl::kernel_check_input() {
-  BlendInput input{rasterizer, settled().gaussians, evaluation_settings(config, state.sh_degree), {}};
+  BlendInput input{rasterizer, flushed_state().gaussians, evaluation_settings(config, state.sh_degree), {}};
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
     input.views.push_back(images.describe(view).camera);
@@ -98,23 +92,22 @@ BlendInput Trainer::Impl::kernel_check_input() {
   return input;
 }
 
-/// Measures the blending kernels before the step of `iteration`, if that is due. Nothing of the training changes.
 void Trainer::Impl::check_kernels(int iteration) {
-  CheckMoment now{iteration, config.iterations - state.iteration, step_ms()};
+  CheckMoment now{iteration, config.iterations - state.iteration, recorder.step_ms()};
   if (!kernels.is_due(now)) return;
-  now.is_after_reset = is_after_opacity_reset(config, iteration);
+  now.is_after_reset = density->is_recovering(iteration);
   if (!kernels.is_due(now)) return;
-  report("checking kernels");
+  recorder.report_progress("checking kernels");
   for (const KernelCheck& check : kernels.check(now, kernel_check_input())) {
-    if (log) log->write_event(iteration, "kernel_check", to_json(check));
-    if (!check.message.empty()) say(check.message);
+    recorder.log_event(iteration, "kernel_check", to_json(check));
+    if (!check.message.empty()) recorder.say(check.message);
   }
   state.kernel_selection = kernels.to_json();
 }
 
 void Trainer::Impl::take_step() {
-  // Steps are alike for a while: one in a hundred says how long the stages take. Not a round one: a new row count, and
-  // with it new memory, comes after those.
+  // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
+  // the number of Gaussians, and the next step reallocates.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
   const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
@@ -122,7 +115,7 @@ void Trainer::Impl::take_step() {
   const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + images.look_ahead());
   const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
   timer.end();
-  // Only now: a photograph that cannot be read leaves the state as it was after the last step.
+  // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
   state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
@@ -130,22 +123,28 @@ void Trainer::Impl::take_step() {
   timer.finish();
 }
 
-void Trainer::Impl::control_density() {
-  const DensityPlan plan = density_plan(config, state.iteration);
-  if (plan.densify) {
-    report("densifying");
-    timer.start(StageTimes::Kind::kDensityRound);
-    settle();
-    grow();
-    timer.finish();
-    if (state.gaussians.size() == 0) {
-      is_whole = false;
-      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
-                                        "lower --prune_opacity or the learning rates"));
+void Trainer::Impl::step() {
+  check_kernels(state.iteration + 1);
+  for (;;) {
+    step_start.iteration = state.iteration;
+    step_start.sh_degree = state.sh_degree;
+    step_start.adam_steps = state.adam.steps;
+    step_start.view_order = state.view_order;
+    step_start.loss_average.reset();
+    try {
+      take_step();
+      state.is_density_pending = true;
+      return;
+    } catch (const InvalidGaussianError& error) {
+      roll_back();
+      remove_invalid_gaussians(error);
+    } catch (const LossError&) {
+      throw;
+    } catch (...) {
+      roll_back();
+      throw;
     }
   }
-  if (plan.reset_opacities) reset_opacities(state.gaussians, state.adam);
-  state.is_density_pending = false;
 }
 
 }  // namespace b3dgs

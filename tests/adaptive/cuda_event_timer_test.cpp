@@ -18,7 +18,7 @@ TEST(CudaEventTimer, GivesOneTimeForEachPieceOfWorkInOrder) {
     };
   };
   timer.measure(fill(kBytes));
-  timer.finish();  // the first use of anything is slow
+  timer.finish();  // warm-up: first uses are slow
   EXPECT_TRUE(timer.finish().empty());
   for (int round = 0; round < 3; ++round) {
     timer.measure(fill(kBytes));
@@ -26,7 +26,7 @@ TEST(CudaEventTimer, GivesOneTimeForEachPieceOfWorkInOrder) {
     timer.measure(fill(kBytes));
     const std::vector<double> ms = timer.finish();
     ASSERT_EQ(ms.size(), 3u);
-    EXPECT_GT(ms[0], ms[1]) << "sixteen million times the work";
+    EXPECT_GT(ms[0], ms[1]) << "the first piece has 16 million times the work";
     EXPECT_GT(ms[2], ms[1]);
     EXPECT_GT(ms[1], 0);
   }

@@ -1,4 +1,4 @@
-// The choice of a kernel over invented times.
+// Kernel selection with made-up times.
 #include "adaptive/kernel_selector.h"
 
 #include <gtest/gtest.h>
@@ -15,16 +15,16 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-KernelSelectorOptions options_of(KernelPolicy policy, std::vector<std::string> candidates = {"balanced", "usual"}) {
+KernelSelectorOptions options_of(KernelPolicy policy, std::vector<std::string> candidates = {"balanced", "standard"}) {
   return {policy, std::move(candidates), "plain", 1000};
 }
 
-/// In a training that goes on for long, with steps of 1 ms: a check of 5 ms fits into an interval.
+/// In a long training with steps of 1 ms: a check of 5 ms fits into an interval.
 CheckMoment at(int iteration) {
   return {iteration, 1 << 30, 1.0};
 }
 
-/// Five views of very different cost, all of them `ms` times that.
+/// Times on five views of very different cost, scaled by `ms`.
 KernelMeasurement steady(const std::string& kernel, double ms) {
   return {kernel, {ms * 1.0, ms * 5.0, ms * 0.4, ms * 2.0, ms * 1.5}, ""};
 }
@@ -41,32 +41,33 @@ std::vector<int> run(KernelSelector& selector, int first, int last, Times&& time
   return checked;
 }
 
-/// The balanced kernel takes 1 until `inflection`, then 2; the usual one 1.5.
+/// The balanced kernel takes 1 until `inflection`, then 2; the standard one 1.5.
 auto inflection_at(int inflection) {
   return [=](int iteration) {
-    return std::vector<KernelMeasurement>{steady("balanced", iteration < inflection ? 1.0 : 2.0), steady("usual", 1.5)};
+    return std::vector<KernelMeasurement>{steady("balanced", iteration < inflection ? 1.0 : 2.0),
+                                          steady("standard", 1.5)};
   };
 }
 
-TEST(PaperPolicy, GoesOverAtTheFirstCheckAfterTheInflectionAndNeverLooksAgain) {
+TEST(PaperPolicy, SwitchesAtTheFirstCheckAfterTheInflectionAndNeverChecksAgain) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   EXPECT_EQ(selector.kernel(), "balanced");
   EXPECT_EQ(run(selector, 1, 9000, inflection_at(2300)), (std::vector<int>{1, 1000, 2000, 3000}));
-  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(selector.kernel(), "standard");
   EXPECT_TRUE(selector.is_finished());
   ASSERT_EQ(selector.history().size(), 4u);
   EXPECT_EQ(selector.history()[2].after, "balanced");
   EXPECT_EQ(selector.history()[3].before, "balanced");
-  EXPECT_EQ(selector.history()[3].after, "usual");
+  EXPECT_EQ(selector.history()[3].after, "standard");
 }
 
-TEST(PaperPolicy, GoesOverBeforeTheFirstStepWhereTheLoadIsEven) {
+TEST(PaperPolicy, SwitchesBeforeTheFirstStepIfTheLoadIsEven) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   EXPECT_EQ(run(selector, 1, 5000, inflection_at(0)), (std::vector<int>{1}));
-  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(selector.kernel(), "standard");
 }
 
-TEST(PaperPolicy, StaysAndKeepsCheckingWhereThereIsNoInflection) {
+TEST(PaperPolicy, StaysAndKeepsCheckingIfThereIsNoInflection) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   EXPECT_EQ(run(selector, 1, 4500, inflection_at(1 << 30)), (std::vector<int>{1, 1000, 2000, 3000, 4000}));
   EXPECT_EQ(selector.kernel(), "balanced");
@@ -79,20 +80,20 @@ TEST(PaperPolicy, TakesTheFastestOfSeveral) {
   EXPECT_EQ(selector.kernel(), "c");
 }
 
-TEST(PaperPolicy, IsNotMovedByATie) {
+TEST(PaperPolicy, DoesNotSwitchOnATie) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   run(selector, 1, 3000, [](int) {
-    return std::vector<KernelMeasurement>{steady("balanced", 1.0), steady("usual", 1.0)};
+    return std::vector<KernelMeasurement>{steady("balanced", 1.0), steady("standard", 1.0)};
   });
   EXPECT_EQ(selector.kernel(), "balanced");
 }
 
-TEST(PaperPolicy, IsNotMovedByALeadWithinAHundredth) {
+TEST(PaperPolicy, DoesNotSwitchForALeadWithinOnePercent) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(at(1), {steady("balanced", 1.009), steady("usual", 1.0)}, 0);
+  selector.decide(at(1), {steady("balanced", 1.009), steady("standard", 1.0)}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(at(1000), {steady("balanced", 1.012), steady("usual", 1.0)}, 0);
-  EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
+  selector.decide(at(1000), {steady("balanced", 1.012), steady("standard", 1.0)}, 0);
+  EXPECT_EQ(selector.kernel(), "standard") << selector.history().back().reason;
 }
 
 TEST(PaperPolicy, DecidesNothingJustAfterAnOpacityReset) {
@@ -100,7 +101,7 @@ TEST(PaperPolicy, DecidesNothingJustAfterAnOpacityReset) {
   after_reset.is_after_reset = true;
   for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
     KernelSelector selector(options_of(policy));
-    selector.decide(at(1), {steady("balanced", 1), steady("usual", 1.5)}, 1);
+    selector.decide(at(1), {steady("balanced", 1), steady("standard", 1.5)}, 1);
     EXPECT_TRUE(selector.is_due(at(3001)));
     EXPECT_FALSE(selector.is_due(after_reset));
   }
@@ -115,8 +116,9 @@ TEST(PublishedPolicy, ChecksAtEveryMultipleWhateverItCostsAndSwitchesOnce) {
     selector.decide(now, inflection_at(2300)(iteration), 1e9);
     checked.push_back(iteration);
   }
-  EXPECT_EQ(checked, (std::vector<int>{1000, 2000, 3000})) << "none before the first step, none put off, none after";
-  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(checked, (std::vector<int>{1000, 2000, 3000}))
+      << "none before the first step, none delayed, none after the switch";
+  EXPECT_EQ(selector.kernel(), "standard");
   EXPECT_EQ(selector.history()[0].next_check, 2000);
   EXPECT_EQ(selector.history()[2].next_check, 0);
   KernelSelector read(options_of(KernelPolicy::kPublished));
@@ -126,45 +128,45 @@ TEST(PublishedPolicy, ChecksAtEveryMultipleWhateverItCostsAndSwitchesOnce) {
 
 TEST(PublishedPolicy, TakesAllViewsAndHasNoMargin) {
   KernelSelector selector(options_of(KernelPolicy::kPublished));
-  EXPECT_FALSE(selector.is_clear({steady("balanced", 1), steady("usual", 9)}));
+  EXPECT_FALSE(selector.is_clear({steady("balanced", 1), steady("standard", 9)}));
   EXPECT_TRUE(std::isinf(selector.budget_ms(1)));
-  selector.decide(at(1000), {steady("balanced", 1), steady("usual", 1)}, 1);
+  selector.decide(at(1000), {steady("balanced", 1), steady("standard", 1)}, 1);
   EXPECT_EQ(selector.kernel(), "balanced") << "not slower";
-  selector.decide(at(2000), {steady("balanced", 1.001), steady("usual", 1)}, 1);
-  EXPECT_EQ(selector.kernel(), "usual") << selector.history().back().reason;
+  selector.decide(at(2000), {steady("balanced", 1.001), steady("standard", 1)}, 1);
+  EXPECT_EQ(selector.kernel(), "standard") << selector.history().back().reason;
 }
 
 TEST(Margin, GrowsWithTheScatterOfTheRatios) {
   // The median leads by 5 %, but views disagree by far more.
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(at(1), {{"balanced", {1.05, 1.4, 0.8, 1.2, 0.9}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
+  selector.decide(at(1), {{"balanced", {1.05, 1.4, 0.8, 1.2, 0.9}, ""}, {"standard", {1, 1, 1, 1, 1}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(at(1000), {{"balanced", {1.05, 1.06, 1.04, 1.05, 1.05}, ""}, {"usual", {1, 1, 1, 1, 1}, ""}}, 0);
-  EXPECT_EQ(selector.kernel(), "usual");
+  selector.decide(at(1000), {{"balanced", {1.05, 1.06, 1.04, 1.05, 1.05}, ""}, {"standard", {1, 1, 1, 1, 1}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "standard");
 }
 
-/// How often one check of five views takes the second kernel, with 3 % noise on every time.
-double share_taken(double second_ms) {
+/// How often one check of five views selects the second kernel, with 3 % noise on every time.
+double share_selected(double second_ms) {
   std::mt19937 random(5);
   std::normal_distribution<double> noise(0, 0.03);
   constexpr int kTrials = 4000;
-  int n_taken = 0;
+  int n_selected = 0;
   for (int trial = 0; trial < kTrials; ++trial) {
     KernelSelector selector(options_of(KernelPolicy::kPaper));
-    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", second_ms)};
+    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("standard", second_ms)};
     for (KernelMeasurement& one : measured) {
       for (double& ms : one.ms) ms *= std::exp(noise(random));
     }
     selector.decide(at(1), measured, 0);
-    n_taken += selector.kernel() == "usual";
+    n_selected += selector.kernel() == "standard";
   }
-  return static_cast<double>(n_taken) / kTrials;
+  return static_cast<double>(n_selected) / kTrials;
 }
 
-TEST(Margin, NoiseHardlyEverTakesASlowerKernel) {
-  EXPECT_LT(share_taken(1.0), 0.08) << "where it makes no difference";
-  EXPECT_LT(share_taken(1.05), 0.01);
-  EXPECT_GT(share_taken(0.8), 0.95) << "while a clear lead is seen";
+TEST(Margin, NoiseRarelySelectsASlowerKernel) {
+  EXPECT_LT(share_selected(1.0), 0.08) << "equal kernels";
+  EXPECT_LT(share_selected(1.05), 0.01);
+  EXPECT_GT(share_selected(0.8), 0.95) << "but a clear lead is found";
 }
 
 TEST(Margin, ANoisyLeaderDoesNotHideACertainOne) {
@@ -189,22 +191,22 @@ TEST(Margin, ANoisyLeaderDoesNotHideACertainOne) {
   EXPECT_EQ(taken["a"], 0);
 }
 
-TEST(Margin, WhereNoneIsCertainTheReasonNamesTheLargestLead) {
+TEST(Margin, IfNoneIsCertainTheReasonNamesTheLargestLead) {
   KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
   selector.decide(at(1), {steady("a", 1), steady("b", 0.999), steady("c", 0.995)}, 0);
   EXPECT_EQ(selector.kernel(), "a");
   EXPECT_NE(selector.history().back().reason.find("c takes 0.5 % less time than a"), std::string::npos);
 }
 
-TEST(Margin, AnInterruptedRunDoesNotCount) {
+TEST(Margin, AnInterruptedRunHasNoInfluence) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  KernelMeasurement usual = steady("usual", 1.0);
-  usual.ms[2] *= 40;
-  selector.decide(at(1), {steady("balanced", 1.3), usual}, 0);
-  EXPECT_EQ(selector.kernel(), "usual");
+  KernelMeasurement standard = steady("standard", 1.0);
+  standard.ms[2] *= 40;
+  selector.decide(at(1), {steady("balanced", 1.3), standard}, 0);
+  EXPECT_EQ(selector.kernel(), "standard");
 }
 
-TEST(Clear, IsWhatMoreViewsWouldNotChange) {
+TEST(Conclusive, IsADecisionThatMoreViewsWouldNotChange) {
   const KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b", "c"}));
   EXPECT_TRUE(selector.is_clear({steady("a", 1), steady("b", 1.1), steady("c", 0.5)}));
   EXPECT_FALSE(selector.is_clear({steady("a", 1), steady("b", 1.1), steady("c", 0.99)}));
@@ -214,73 +216,73 @@ TEST(Clear, IsWhatMoreViewsWouldNotChange) {
   EXPECT_TRUE(selector.is_clear({steady("a", 1), steady("b", 2), {"c", {}, "wrong"}}));
 }
 
-TEST(Times, ThatAreNoTimesDoNotCount) {
+TEST(Times, ThatAreInvalidAreIgnored) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   for (const double wrong : {kNan, 0.0, -1.0, std::numeric_limits<double>::infinity()}) {
     // Two views are left: too few.
-    selector.decide(at(1), {steady("balanced", 3), {"usual", {wrong, wrong, wrong, 2.0, 1.5}, ""}}, 0);
+    selector.decide(at(1), {steady("balanced", 3), {"standard", {wrong, wrong, wrong, 2.0, 1.5}, ""}}, 0);
     EXPECT_EQ(selector.kernel(), "balanced");
     EXPECT_NE(selector.history().back().reason.find("valid times"), std::string::npos);
   }
-  selector.decide(at(1000), {steady("balanced", 3), {"usual", {kNan, 5.0, 0.0, 2.0, 1.5}, ""}}, 0);
-  EXPECT_EQ(selector.kernel(), "usual") << "three views are enough";
-  EXPECT_EQ(selector.history().back().times_ms.at("usual"), 2.0);
+  selector.decide(at(1000), {steady("balanced", 3), {"standard", {kNan, 5.0, 0.0, 2.0, 1.5}, ""}}, 0);
+  EXPECT_EQ(selector.kernel(), "standard") << "three views are enough";
+  EXPECT_EQ(selector.history().back().times_ms.at("standard"), 2.0);
   EXPECT_EQ(selector.history().back().times_ms.count("balanced"), 1u);
 }
 
-TEST(Times, MayBeMissingAltogether) {
+TEST(Times, MayBeMissing) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
   selector.decide(at(1), {}, 0);
-  selector.decide(at(1000), {steady("usual", 1)}, 0);
-  selector.decide(at(2000), {{"balanced", {}, ""}, {"usual", {}, ""}}, 0);
+  selector.decide(at(1000), {steady("standard", 1)}, 0);
+  selector.decide(at(2000), {{"balanced", {}, ""}, {"standard", {}, ""}}, 0);
   EXPECT_EQ(selector.kernel(), "balanced");
   EXPECT_FALSE(selector.is_due(at(2001)));
   EXPECT_EQ(selector.history().size(), 3u);
 }
 
-TEST(TrackingPolicy, WantsASmallLeadTwiceInARow) {
+TEST(TrackingPolicy, NeedsASmallLeadTwiceInARow) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
-  const auto usual_leads = [](double share) {
-    return std::vector<KernelMeasurement>{steady("balanced", 1 + share), steady("usual", 1)};
+  const auto standard_leads = [](double share) {
+    return std::vector<KernelMeasurement>{steady("balanced", 1 + share), steady("standard", 1)};
   };
-  selector.decide(at(1), usual_leads(0.05), 0);
+  selector.decide(at(1), standard_leads(0.05), 0);
   EXPECT_EQ(selector.kernel(), "balanced");
-  selector.decide(at(1000), usual_leads(-0.05), 0);
-  selector.decide(at(2000), usual_leads(0.05), 0);
+  selector.decide(at(1000), standard_leads(-0.05), 0);
+  selector.decide(at(2000), standard_leads(0.05), 0);
   EXPECT_EQ(selector.kernel(), "balanced") << "not in a row";
-  selector.decide(at(3000), usual_leads(0.05), 0);
-  EXPECT_EQ(selector.kernel(), "usual");
+  selector.decide(at(3000), standard_leads(0.05), 0);
+  EXPECT_EQ(selector.kernel(), "standard");
 }
 
-TEST(TrackingPolicy, GoesOverAtOnceForALargeLead) {
+TEST(TrackingPolicy, SwitchesAtOnceForALargeLead) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
-  selector.decide(at(1), {steady("balanced", 1.3), steady("usual", 1)}, 0);
-  EXPECT_EQ(selector.kernel(), "usual");
+  selector.decide(at(1), {steady("balanced", 1.3), steady("standard", 1)}, 0);
+  EXPECT_EQ(selector.kernel(), "standard");
   EXPECT_FALSE(selector.is_finished());
 }
 
-TEST(TrackingPolicy, GoesBackAfterAResetMakesTheLoadUneven) {
+TEST(TrackingPolicy, SwitchesBackWhenAResetMakesTheLoadUneven) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
   const auto times = [](int iteration) {
     const bool uneven = iteration < 1500 || (iteration >= 3000 && iteration < 5500);
-    return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.0 : 2.0), steady("usual", 1.5)};
+    return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.0 : 2.0), steady("standard", 1.5)};
   };
   std::map<int, std::string> after;
   for (const int iteration : run(selector, 1, 12000, times)) (void)iteration;
   for (const KernelDecision& decision : selector.history()) after[decision.iteration] = decision.after;
   EXPECT_EQ(after.at(1), "balanced");
-  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(selector.kernel(), "standard");
   int n_changes = 0;
   for (const KernelDecision& decision : selector.history()) n_changes += decision.before != decision.after;
-  EXPECT_EQ(n_changes, 3) << "there, back, and there again";
+  EXPECT_EQ(n_changes, 3) << "switches, switches back, switches again";
 }
 
-TEST(TrackingPolicy, NeverFlipsToAndFroOnNoise) {
+TEST(TrackingPolicy, DoesNotOscillateOnNoise) {
   std::mt19937 random(7);
   std::normal_distribution<double> noise(0, 0.02);
   KernelSelector selector(options_of(KernelPolicy::kTracking));
   run(selector, 1, 300000, [&](int) {
-    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", 1)};
+    std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("standard", 1)};
     for (KernelMeasurement& one : measured) {
       for (double& ms : one.ms) ms *= std::exp(noise(random));
     }
@@ -295,51 +297,51 @@ TEST(TrackingPolicy, ChecksMoreRarelyWhileNothingChanges) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
   EXPECT_EQ(run(selector, 1, 16000, inflection_at(1 << 30)), (std::vector<int>{1, 2000, 6000, 10000, 14000}));
   selector.decide(at(18000), inflection_at(0)(18000), 0);
-  EXPECT_EQ(selector.kernel(), "usual");
+  EXPECT_EQ(selector.kernel(), "standard");
   EXPECT_FALSE(selector.is_due(at(18999)));
-  EXPECT_TRUE(selector.is_due(at(19000))) << "a change is looked at again soon";
+  EXPECT_TRUE(selector.is_due(at(19000))) << "a change is checked again soon";
 }
 
-TEST(Refusal, OfAChallengerIsForGood) {
+TEST(DisabledKernel, StaysDisabled) {
   KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
   selector.decide(at(1), {steady("a", 1.0), {"b", {}, "its image differs"}, steady("c", 1.2)}, 0);
   EXPECT_EQ(selector.kernel(), "a");
   EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"a", "c"}));
-  EXPECT_EQ(selector.history().back().refused, (std::vector<std::string>{"b"}));
-  EXPECT_NE(selector.history().back().reason.find("b is refused: its image differs"), std::string::npos);
+  EXPECT_EQ(selector.history().back().disabled, (std::vector<std::string>{"b"}));
+  EXPECT_NE(selector.history().back().reason.find("b is disabled: its image differs"), std::string::npos);
   selector.decide(at(2000), {steady("a", 9.0), steady("b", 0.1), steady("c", 8.0)}, 0);
-  EXPECT_EQ(selector.kernel(), "c") << "refused before, whatever its times";
+  EXPECT_EQ(selector.kernel(), "c") << "b was disabled before, whatever its times";
 }
 
-TEST(Refusal, OfTheKernelInUseLeavesItForTheFastestThatAgrees) {
+TEST(DisabledKernel, InUseIsReplacedByTheFastestThatAgrees) {
   KernelSelector selector(options_of(KernelPolicy::kTracking, {"a", "b", "c"}));
   selector.decide(at(1), {{"a", {}, "wrong"}, steady("b", 1.4), steady("c", 1.2)}, 0);
   EXPECT_EQ(selector.kernel(), "c");
   EXPECT_EQ(selector.candidates(), (std::vector<std::string>{"c", "b"}));
 }
 
-TEST(Refusal, OfOneOfTwoEndsTheChecks) {
+TEST(DisabledKernel, OneOfTwoEndsTheChecks) {
   for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
     KernelSelector first(options_of(policy)), second(options_of(policy));
-    first.decide(at(1), {{"balanced", {}, "wrong"}, {"usual", {}, ""}}, 0);
-    EXPECT_EQ(first.kernel(), "usual");
+    first.decide(at(1), {{"balanced", {}, "wrong"}, {"standard", {}, ""}}, 0);
+    EXPECT_EQ(first.kernel(), "standard");
     EXPECT_TRUE(first.is_finished());
-    second.decide(at(1), {{"balanced", {}, ""}, {"usual", {}, "wrong"}}, 0);
+    second.decide(at(1), {{"balanced", {}, ""}, {"standard", {}, "wrong"}}, 0);
     EXPECT_EQ(second.kernel(), "balanced");
     EXPECT_TRUE(second.is_finished());
   }
 }
 
-TEST(Refusal, OfAllLeavesTheReference) {
+TEST(DisabledKernel, AllOfThemLeaveTheReference) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  selector.decide(at(1), {{"balanced", {}, "wrong"}, {"usual", {}, "wrong too"}}, 0);
+  selector.decide(at(1), {{"balanced", {}, "wrong"}, {"standard", {}, "wrong too"}}, 0);
   EXPECT_EQ(selector.kernel(), "plain");
   EXPECT_FALSE(selector.is_due(at(1000)));
 }
 
 TEST(Cost, DelaysTheNextCheckUntilItIsWithinItsShare) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  const std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("usual", 1.5)};
+  const std::vector<KernelMeasurement> measured{steady("balanced", 1), steady("standard", 1.5)};
   selector.decide({1, 1 << 30, 0}, measured, 6);
   EXPECT_EQ(selector.history().back().next_check, 1000) << "no step has been timed";
   EXPECT_FALSE(selector.is_due({1000, 1 << 30, 1.0}));
@@ -355,10 +357,10 @@ TEST(Cost, DelaysTheNextCheckUntilItIsWithinItsShare) {
   EXPECT_TRUE(selector.is_due({6801, 1 << 30, 2.0}));
 }
 
-TEST(Cost, AllowsNoCheckThatTheRestOfTheTrainingCannotRepay) {
+TEST(Cost, AllowsNoCheckThatTheRestOfTheTrainingCannotAmortize) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   EXPECT_TRUE(selector.is_due({1, 1, 0})) << "the first one always comes";
-  selector.decide({1, 1 << 30, 0}, {steady("balanced", 1), steady("usual", 1.5)}, 3);
+  selector.decide({1, 1 << 30, 0}, {steady("balanced", 1), steady("standard", 1.5)}, 3);
   EXPECT_TRUE(selector.is_due({2000, 600, 1.0})) << "0.5 % of 600 ms";
   EXPECT_FALSE(selector.is_due({2000, 599, 1.0}));
   EXPECT_FALSE(selector.is_due({2000, 1, 100.0})) << "before the last step";
@@ -390,18 +392,18 @@ TEST(Cost, AllowsWhatCanBeRepeatedAfterAnInterval) {
 }
 
 TEST(FixedKernel, IsNeverChecked) {
-  KernelSelector selector(options_of(KernelPolicy::kTracking, {"usual"}));
-  EXPECT_EQ(selector.kernel(), "usual");
+  KernelSelector selector(options_of(KernelPolicy::kTracking, {"standard"}));
+  EXPECT_EQ(selector.kernel(), "standard");
   for (const int iteration : {1, 1000, 2000}) EXPECT_FALSE(selector.is_due(at(iteration)));
 }
 
-TEST(Selector, RefusesCandidatesThatRepeat) {
-  EXPECT_TRUE(test::fails_with<LogicError>({"differ", "[\"a\",\"a\"]"}, [] {
+TEST(Selector, RejectsDuplicateCandidates) {
+  EXPECT_TRUE(test::fails_with<LogicError>({"duplicates", "[\"a\",\"a\"]"}, [] {
     KernelSelector(options_of(KernelPolicy::kPaper, {"a", "a"}));
   }));
 }
 
-/// As through a checkpoint file.
+/// As after a round trip through a checkpoint.
 KernelSelector restored(const KernelSelector& selector, const KernelSelectorOptions& options) {
   KernelSelector copy(options);
   copy.restore(nlohmann::ordered_json::parse(selector.to_json().dump()), "a.b3dgs");
@@ -412,7 +414,7 @@ TEST(Restored, ContinuesLikeOneThatNeverStopped) {
   for (const KernelPolicy policy : {KernelPolicy::kPaper, KernelPolicy::kTracking}) {
     const auto times = [](int iteration) {
       const bool uneven = iteration < 2600 || (iteration > 7000 && iteration < 9000);
-      return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.46 : 1.55), steady("usual", 1.5)};
+      return std::vector<KernelMeasurement>{steady("balanced", uneven ? 1.46 : 1.55), steady("standard", 1.5)};
     };
     KernelSelector whole(options_of(policy));
     run(whole, 1, 20000, times);
@@ -435,7 +437,7 @@ TEST(Restored, KnowsWhatTheLastCheckCost) {
   EXPECT_TRUE(copy.is_due(at(8001))) << "20 ms and as much again are 0.5 % of 8000 steps of 1 ms";
 }
 
-TEST(Restored, FromACheckpointThatDoesNotSayHowLongAStepTook) {
+TEST(Restored, FromACheckpointWithoutTheDurationOfAStep) {
   KernelSelector selector(options_of(KernelPolicy::kPaper)), copy = selector;
   selector.decide(at(1), inflection_at(1 << 30)(1), 2);
   nlohmann::ordered_json json = selector.to_json();
@@ -450,22 +452,22 @@ TEST(Restored, NeverRepeatsAFinishedDecision) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   run(selector, 1, 3000, inflection_at(1500));
   KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper));
-  EXPECT_EQ(copy.kernel(), "usual");
+  EXPECT_EQ(copy.kernel(), "standard");
   for (int iteration = 3001; iteration <= 9000; ++iteration) ASSERT_FALSE(copy.is_due(at(iteration)));
 }
 
-TEST(Restored, WithAnotherPolicyGoesOnFromTheKernelInUse) {
+TEST(Restored, WithAnotherPolicyContinuesFromTheKernelInUse) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   run(selector, 1, 3000, inflection_at(1500));
   KernelSelector tracking = restored(selector, options_of(KernelPolicy::kTracking));
-  EXPECT_EQ(tracking.kernel(), "usual");
+  EXPECT_EQ(tracking.kernel(), "standard");
   EXPECT_TRUE(tracking.is_due(at(3001))) << "its last check is long ago";
   tracking.decide(at(3001), inflection_at(1 << 30)(0), 0);
   EXPECT_EQ(tracking.kernel(), "balanced");
   EXPECT_FALSE(restored(tracking, options_of(KernelPolicy::kPaper)).is_finished());
 }
 
-TEST(Restored, WithAnotherIntervalKeepsToThatOne) {
+TEST(Restored, WithAnotherIntervalUsesThatOne) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
   run(selector, 1, 1400, inflection_at(1 << 30));
   KernelSelectorOptions options = options_of(KernelPolicy::kPaper);
@@ -475,7 +477,7 @@ TEST(Restored, WithAnotherIntervalKeepsToThatOne) {
   EXPECT_TRUE(copy.is_due(at(1401)));
 }
 
-TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
+TEST(Restored, WithOtherCandidatesStartsOverAndKeepsDisabledKernels) {
   KernelSelector selector(options_of(KernelPolicy::kPaper, {"a", "b"}));
   selector.decide(at(1), {{"a", {}, "wrong"}, steady("b", 1)}, 0);
   const KernelSelector copy = restored(selector, options_of(KernelPolicy::kPaper, {"a", "c", "d"}));
@@ -483,15 +485,15 @@ TEST(Restored, WithOtherCandidatesStartsAnewAndForgetsNoRefusal) {
   EXPECT_EQ(copy.candidates(), (std::vector<std::string>{"c", "d"}));
   EXPECT_EQ(copy.history().size(), 1u);
   const KernelSelector fixed = restored(selector, options_of(KernelPolicy::kPaper, {"a"}));
-  EXPECT_EQ(fixed.kernel(), "a") << "whoever names a kernel gets it";
+  EXPECT_EQ(fixed.kernel(), "a") << "a kernel that is asked for by name is used";
   const KernelSelector anew = restored(fixed, options_of(KernelPolicy::kTracking, {"b", "c"}));
   EXPECT_EQ(anew.kernel(), "b");
   EXPECT_TRUE(anew.is_due(at(17)));
 }
 
-TEST(Restored, FromSomethingElseIsAnError) {
+TEST(Restored, FromInvalidJsonIsAnError) {
   KernelSelector selector(options_of(KernelPolicy::kPaper));
-  EXPECT_THROW(selector.restore({{"kernel", "usual"}}, "a.b3dgs"), InputError);
+  EXPECT_THROW(selector.restore({{"kernel", "standard"}}, "a.b3dgs"), InputError);
   EXPECT_THROW(selector.restore({{"history", {{{"iteration", "one"}}}}}, "a.b3dgs"), InputError);
   nlohmann::ordered_json json = selector.to_json();
   for (const auto& [key, value] : {std::pair<const char*, nlohmann::ordered_json>{"last_check", 4294967296},
@@ -506,9 +508,9 @@ TEST(Restored, FromSomethingElseIsAnError) {
   EXPECT_EQ(selector.kernel(), "balanced");
 }
 
-TEST(Restored, AtTheLastIterationThereIsKnowsNoNextCheck) {
+TEST(Restored, AtTheLargestIterationHasNoNextCheck) {
   KernelSelector selector(options_of(KernelPolicy::kTracking));
-  selector.decide(at(1), {steady("balanced", 2), steady("usual", 2)}, 0);
+  selector.decide(at(1), {steady("balanced", 2), steady("standard", 2)}, 0);
   nlohmann::ordered_json json = selector.to_json();
   json["last_check"] = std::numeric_limits<int>::max();
   selector.restore(json, "a.b3dgs");
@@ -521,17 +523,17 @@ std::string message_of(KernelSelector& selector, int iteration, const std::vecto
   return describe_change(decision, selector.is_finished());
 }
 
-TEST(Message, SaysWhatChangedAndWhatTookHowLong) {
-  const KernelMeasurement balanced{"balanced", {1.24, 1.25, 1.23}, ""}, usual{"usual", {1.02, 1.03, 1.01}, ""};
+TEST(Message, SaysWhatChangedAndTheTimes) {
+  const KernelMeasurement balanced{"balanced", {1.24, 1.25, 1.23}, ""}, standard{"standard", {1.02, 1.03, 1.01}, ""};
   KernelSelector paper(options_of(KernelPolicy::kPaper)), tracking(options_of(KernelPolicy::kTracking));
-  EXPECT_EQ(message_of(paper, 2000, {balanced, usual}),
-            "iteration 2000: balanced 1.24 ms, usual 1.02 ms: usual from here on");
-  EXPECT_EQ(message_of(tracking, 2000, {balanced, usual}),
-            "iteration 2000: balanced 1.24 ms, usual 1.02 ms: usual for now");
-  EXPECT_EQ(message_of(tracking, 3000, {balanced, usual}), "");
-  const std::string refusal = message_of(tracking, 4000, {{"balanced", {}, ""}, {"usual", {}, "wrong"}});
-  EXPECT_NE(refusal.find("usual is refused: wrong"), std::string::npos) << refusal;
-  EXPECT_NE(refusal.find("balanced from here on"), std::string::npos) << refusal;
+  EXPECT_EQ(message_of(paper, 2000, {balanced, standard}),
+            "iteration 2000: balanced 1.24 ms, standard 1.02 ms: using standard, permanently");
+  EXPECT_EQ(message_of(tracking, 2000, {balanced, standard}),
+            "iteration 2000: balanced 1.24 ms, standard 1.02 ms: using standard, until the next check");
+  EXPECT_EQ(message_of(tracking, 3000, {balanced, standard}), "");
+  const std::string refusal = message_of(tracking, 4000, {{"balanced", {}, ""}, {"standard", {}, "wrong"}});
+  EXPECT_NE(refusal.find("standard is disabled: wrong"), std::string::npos) << refusal;
+  EXPECT_NE(refusal.find("using balanced, permanently"), std::string::npos) << refusal;
 }
 
 }  // namespace

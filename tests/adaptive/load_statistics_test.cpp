@@ -17,7 +17,7 @@ LoadStatistics of(const std::vector<Count>& values) {
   return load_statistics(values.data(), static_cast<std::int64_t>(values.size()));
 }
 
-/// Mean difference of all pairs over twice the mean.
+/// Gini coefficient: mean absolute difference of all pairs, divided by twice the mean.
 double gini_of_pairs(const std::vector<std::int64_t>& values) {
   double differences = 0, total = 0;
   for (const std::int64_t a : values) {
@@ -67,7 +67,7 @@ TEST(LoadStatistics, AgreeWithSortingEverything) {
   }
 }
 
-TEST(LoadStatistics, AreTheSameWhereCountingWouldTakeTooMuchMemory) {
+TEST(LoadStatistics, AreTheSameIfCountingWouldTakeTooMuchMemory) {
   expect_as_sorted({3, 1, 1'000'000'000'000, 3, 0, 40'000'000, 3});
   expect_as_sorted({65535, 65536, 65537, 0, 7'000'000});
 }
@@ -93,7 +93,7 @@ TEST(LoadStatistics, PutPowersOfTwoIntoTheUpperBin) {
   EXPECT_EQ(of(std::vector<std::int32_t>{0, 1, 2, 3, 4, 7, 8}).log2_bins, (std::vector<std::int64_t>{1, 1, 2, 2, 1}));
 }
 
-TEST(LoadStatistics, RefuseNegativeCounts) {
+TEST(LoadStatistics, RejectNegativeCounts) {
   EXPECT_TRUE(test::fails_with<LogicError>({"-4"}, [] { of(std::vector<std::int32_t>{1, -4}); }));
 }
 

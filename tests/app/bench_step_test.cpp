@@ -1,4 +1,4 @@
-// b3dgs bench step, and the floor that it shows.
+// b3dgs bench step and its lower bounds.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -45,7 +45,7 @@ TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
     names.push_back(row["stage"]);
     EXPECT_LE(row["min_ms"], row["median_ms"]) << row;
     EXPECT_LE(row["median_ms"], row["max_ms"]) << row;
-    EXPECT_FALSE(row.contains("floor_ms")) << "the floor is a GPU's";
+    EXPECT_FALSE(row.contains("floor_ms")) << "there are lower bounds only for GPUs";
     if (row["stage"] != "step") share += row["share"].get<double>();
   }
   std::vector<std::string> expected(kStageNames.begin(), kStageNames.end());
@@ -60,7 +60,7 @@ TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
   EXPECT_EQ(n_entries, 2) << "the scene and the report";
 }
 
-TEST_F(BenchStep, GoesOnFromACheckpointThroughDensityControl) {
+TEST_F(BenchStep, StartsFromACheckpointAndTimesDensityControl) {
   const Outcome trained =
       run_b3dgs({"train", "-s", path("scene"), "-m", path("model"), "--iterations", "11", "--sh_degree", "1",
                  "--densify_from_iter", "1", "--densification_interval", "5", "--quiet"});
@@ -70,7 +70,7 @@ TEST_F(BenchStep, GoesOnFromACheckpointThroughDensityControl) {
   EXPECT_EQ(report["density_rounds"]["count"], 1) << "12 and 13 are warm-up, 14 to 17 are timed";
 }
 
-TEST_F(BenchStep, OptionsWithoutEffectAreTakenButNotListed) {
+TEST_F(BenchStep, AcceptsButDoesNotListOptionsWithoutEffect) {
   EXPECT_EQ(bench({path("scene"), "-m", path("model")})["steps"], 4);
   EXPECT_FALSE(std::filesystem::exists(path("model")));
   const std::string help = run_b3dgs({"bench", "step", "--help"}).out;
@@ -79,26 +79,52 @@ TEST_F(BenchStep, OptionsWithoutEffectAreTakenButNotListed) {
   EXPECT_EQ(help.find("--save_iterations"), std::string::npos) << help;
 }
 
-TEST_F(BenchStep, SaysWhatIsMissing) {
+TEST_F(BenchStep, NamesAMissingArgument) {
   const Outcome nothing = run_b3dgs({"bench", "step"});
   EXPECT_EQ(nothing.exit_code, 2);
-  EXPECT_NE(nothing.err.find("which scene?"), std::string::npos) << nothing.err;
+  EXPECT_NE(nothing.err.find("missing argument: SOURCE_PATH"), std::string::npos) << nothing.err;
 }
 
-TEST(StepFloor, IsThatOfTheDerivation) {
-  // A million Gaussians of degree 3 in a million pixels.
+/// An invented GPU: 0.875 x 2 x 1 GHz x 512 bytes = 0.896e9 bytes and 100 x 4 x 1 GHz = 0.4e9 warp instructions per ms.
+GpuSpecs invented_gpu() {
+  return {"Testla T1", 100, 1e6, 1e6, 4096};
+}
+
+TEST(StepFloor, RatesFollowFromClocksBusAndMultiprocessors) {
+  const std::optional<GpuRates> rates = reachable_rates(invented_gpu());
+  ASSERT_TRUE(rates);
+  EXPECT_DOUBLE_EQ(rates->bytes_per_ms, 0.896e9);
+  EXPECT_DOUBLE_EQ(rates->warp_instructions_per_ms, 0.4e9);
+  const std::string assumptions = step_floor_assumptions(invented_gpu(), *rates);
+  for (const char* part : {"Testla T1", "0.90 TB/s", "4e+11 warp instructions/s", "not measured"}) {
+    EXPECT_NE(assumptions.find(part), std::string::npos) << assumptions;
+  }
+  GpuSpecs without_memory_clock = invented_gpu();
+  without_memory_clock.memory_clock_khz = 0;
+  EXPECT_FALSE(reachable_rates(without_memory_clock)) << "some drivers do not report it";
+}
+
+TEST(StepFloor, AddsTheTimesOfBytesAndInstructions) {
+  const GpuRates rates = *reachable_rates(invented_gpu());
+  // A million Gaussians of SH degree 3 in a million pixels.
   const StepSize size{1000000, 3, 1e6};
-  EXPECT_NEAR(*step_floor_ms(Stage::kProject, size), 0.1174, 1e-4);    // 504.8 MB
-  EXPECT_NEAR(*step_floor_ms(Stage::kBin, size), 0.0138, 1e-4);        // 59.4 MB
-  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, size), 0.1075, 1e-4);  // 462.4 MB
-  EXPECT_NEAR(*step_floor_ms(Stage::kBlendForward, size), 0.135, 1e-3);
-  EXPECT_NEAR(*step_floor_ms(Stage::kLoss, size), 0.0615, 1e-3);
-  EXPECT_NEAR(*step_floor_ms(Stage::kBlendBackward, size), 0.411, 1e-3);
-  EXPECT_FALSE(step_floor_ms(Stage::kProjectBackward, size)) << "it is part of the optimizer";
-  EXPECT_FALSE(step_floor_ms(Stage::kUpload, size));
-  EXPECT_FALSE(step_floor_ms(Stage::kDensify, size));
-  const StepSize flat{1000000, 0, 1e6};
-  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, flat), (336e6 + 41.6e6) / 4.3e9, 1e-6);
+  EXPECT_NEAR(*step_floor_ms(Stage::kProject, size, rates), 504.8e6 / 0.896e9, 1e-9);
+  EXPECT_NEAR(*step_floor_ms(Stage::kBin, size, rates), 59.4e6 / 0.896e9, 1e-9);
+  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, size, rates), 462.4e6 / 0.896e9, 1e-9);
+  EXPECT_NEAR(*step_floor_ms(Stage::kBlendForward, size, rates), 128e6 / 0.896e9 + 110e6 / 0.4e9, 1e-9);
+  EXPECT_NEAR(*step_floor_ms(Stage::kLoss, size, rates), 110e6 / 0.896e9 + 37.5e6 / 0.4e9, 1e-9);
+  EXPECT_NEAR(*step_floor_ms(Stage::kBlendBackward, size, rates), 128e6 / 0.896e9 + 398.125e6 / 0.4e9, 1e-9);
+  EXPECT_FALSE(step_floor_ms(Stage::kProjectBackward, size, rates)) << "it is counted in the optimizer";
+  EXPECT_FALSE(step_floor_ms(Stage::kUpload, size, rates));
+  EXPECT_FALSE(step_floor_ms(Stage::kDensify, size, rates));
+  const StepSize degree_0{1000000, 0, 1e6};
+  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, degree_0, rates), (336e6 + 41.6e6) / 0.896e9, 1e-9);
+
+  GpuSpecs twice = invented_gpu();
+  twice.n_multiprocessors *= 2;
+  twice.memory_bus_bits *= 2;
+  EXPECT_NEAR(*step_floor_ms(Stage::kLoss, size, *reachable_rates(twice)),
+              0.5 * *step_floor_ms(Stage::kLoss, size, rates), 1e-9);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Figures of the benchmark: tables, statistics, made-up scenes, and what `b3dgs bench` says from outside.
+// b3dgs bench: tables, statistics, synthetic scenes, and the program.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -49,10 +49,10 @@ TEST(BenchReport, ListStatisticsOfKnownLists) {
   EXPECT_EQ(crowded["pairs"], 1000);
   EXPECT_NEAR(crowded["gini"].get<double>(), 0.99, 1e-12);  // 1 - 1 / n
 
-  EXPECT_EQ(list_statistics({0, 0, 0})["gini"], 0) << "nothing is evenly spread";
+  EXPECT_EQ(list_statistics({0, 0, 0})["gini"], 0) << "empty lists are evenly distributed";
 }
 
-TEST(BenchReport, DifferencesSeeValuesThatAreNoNumbers) {
+TEST(BenchReport, DifferencesOfNanAreInfinite) {
   EXPECT_EQ(largest_difference({1, 2, 3}, {1, 4, 2}), 2);
   EXPECT_EQ(largest_difference({1, std::numeric_limits<float>::quiet_NaN(), 3}, {1, 2, 3}), HUGE_VAL);
   EXPECT_EQ(relative_difference({0.5f, -4}, {1, -4}), 0.125);
@@ -97,44 +97,65 @@ TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   EXPECT_FALSE(table.rows()[0].contains("registers"));
 }
 
-TEST(BenchRun, TakesTheTileOfTrainingUnlessToldOtherwise) {
+TEST(BenchRun, UsesTheTileOfTrainingUnlessGiven) {
   for (const char* device : {"cpu", "cuda"}) {
     TrainConfig training;
     training.device = device;
     const TileShape expected = tile_shape(training);
-    BenchRun open, told;
-    open.device = told.device = device;
-    told.tile_width = 24;
-    told.tile_height = 4;
-    take_defaults(open);
-    take_defaults(told);
-    EXPECT_EQ(open.tile_width, expected.width) << device;
-    EXPECT_EQ(open.tile_height, expected.height) << device;
-    EXPECT_EQ(told.tile_width, 24) << device;
-    EXPECT_EQ(told.tile_height, 4) << device;
+    BenchRun automatic, given;
+    automatic.device = given.device = device;
+    given.tile_width = 24;
+    given.tile_height = 4;
+    resolve_auto(automatic);
+    resolve_auto(given);
+    EXPECT_EQ(automatic.tile_width, expected.width) << device;
+    EXPECT_EQ(automatic.tile_height, expected.height) << device;
+    EXPECT_EQ(given.tile_width, 24) << device;
+    EXPECT_EQ(given.tile_height, 4) << device;
   }
 }
 
-TEST(BenchRun, AutoNamesTheDeviceThatItTakes) {
+TEST(BenchRun, TakesTheTileOptionOfTraining) {
+  for (const char* device : {"cpu", "cuda"}) {
+    for (const int height : {8, 16}) {
+      BenchRun run;
+      run.device = device;
+      run.tile = "16x" + std::to_string(height);
+      resolve_auto(run);
+      EXPECT_EQ(run.tile_width, 16) << device;
+      EXPECT_EQ(run.tile_height, height) << device;
+    }
+    BenchRun both;
+    both.device = device;
+    both.tile = "16x16";
+    both.tile_height = 8;
+    resolve_auto(both);
+    EXPECT_EQ(both.tile_width, 16) << device;
+    EXPECT_EQ(both.tile_height, 8) << "--tile_height overrides --tile";
+    EXPECT_EQ(both.tile, "16x8") << "the tile that is used";
+  }
+}
+
+TEST(BenchRun, AutoSelectsTheDefaultDevice) {
   BenchRun run;
-  ASSERT_EQ(run.device, "auto") << "as for every other command";
-  take_defaults(run);
+  ASSERT_EQ(run.device, "auto") << "the default, as in other commands";
+  resolve_auto(run);
   EXPECT_EQ(run.device, default_bench_device());
 }
 
 constexpr int kWidth = 480, kHeight = 270;
 
-/// Distances of the seen points from the image's centre, ascending: the larger of |x| and |y|, each in half images.
+/// Distances of visible points from the image centre, max(|x|, |y|) in units of half the image size, ascending.
 std::vector<double> distances(const std::vector<float>& positions, double focal) {
-  std::vector<double> seen;
+  std::vector<double> visible;
   for (std::size_t i = 0; i < positions.size(); i += 3) {
     const double scale = focal / positions[i + 2];
     const double distance =
         std::max(std::abs(scale * positions[i]) / (0.5 * kWidth), std::abs(scale * positions[i + 1]) / (0.5 * kHeight));
-    if (distance < 1) seen.push_back(distance);
+    if (distance < 1) visible.push_back(distance);
   }
-  std::sort(seen.begin(), seen.end());
-  return seen;
+  std::sort(visible.begin(), visible.end());
+  return visible;
 }
 
 std::vector<double> spread_distances(double skew) {
@@ -144,8 +165,8 @@ std::vector<double> spread_distances(double skew) {
   return distances(make_spread_scene({20000, skew, 0}, run).cloud.means, 1000);
 }
 
-/// Largest distance between the two samples' distributions (Kolmogorov-Smirnov).
-double distance_of_laws(const std::vector<double>& a, const std::vector<double>& b) {
+/// Kolmogorov-Smirnov statistic: largest distance between the cumulative distributions of two samples.
+double distance_of_distributions(const std::vector<double>& a, const std::vector<double>& b) {
   double largest = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {
     const auto below = static_cast<double>(std::lower_bound(b.begin(), b.end(), a[i]) - b.begin());
@@ -160,10 +181,10 @@ TEST(SpreadScene, WithoutSkewIsEven) {
   for (double& value : areas) value *= value;
   std::vector<double> even;
   for (int i = 0; i < 20000; ++i) even.push_back((i + 0.5) / 20000);
-  EXPECT_LT(distance_of_laws(areas, even), 1.63 / std::sqrt(20000.0));  // exceeded once in a hundred seeds
+  EXPECT_LT(distance_of_distributions(areas, even), 1.63 / std::sqrt(20000.0));  // exceeded by one in a hundred seeds
 }
 
-TEST(SpreadScene, SkewOfOneFollowsTheLawOfStreet) {
+TEST(SpreadScene, SkewOfOneHasTheDistributionOfStreet) {
   SynthConfig config;
   config.scene = "street";
   config.points = 30000;
@@ -171,16 +192,16 @@ TEST(SpreadScene, SkewOfOneFollowsTheLawOfStreet) {
   config.width = kWidth;
   config.height = kHeight;
   const SynthScene street = make_scene(config);
-  const std::vector<double> law = distances(street.points.positions, street.cameras.front().fx);
-  EXPECT_LT(distance_of_laws(spread_distances(1), law), 0.03);
-  EXPECT_GT(distance_of_laws(spread_distances(0.75), law), 0.1);
+  const std::vector<double> expected = distances(street.points.positions, street.cameras.front().fx);
+  EXPECT_LT(distance_of_distributions(spread_distances(1), expected), 0.03);
+  EXPECT_GT(distance_of_distributions(spread_distances(0.75), expected), 0.1);
 }
 
-TEST(SpreadScene, SkewMovesGaussiansTowardsTheCentreAndChangesNothingElse) {
+TEST(SpreadScene, SkewChangesOnlyPositionsTowardsTheCentre) {
   double before = 1;
   for (const double skew : {0.0, 0.5, 0.999999999999, 1.0, 1.5, 2.0}) {
     const std::vector<double> values = spread_distances(skew);
-    ASSERT_GT(values.size(), 19990u) << "all are in the image";
+    ASSERT_GT(values.size(), 19990u) << "nearly all are in the image";
     const double median = values[values.size() / 2];
     EXPECT_LE(median, before + 1e-6) << skew;
     before = median;
@@ -192,9 +213,9 @@ TEST(SpreadScene, SkewMovesGaussiansTowardsTheCentreAndChangesNothingElse) {
   EXPECT_NE(even.means, skewed.means);
 }
 
-TEST(SpreadScene, BalancedIsTheSceneOfTheMeasuredFigures) {
-  // docs/benchmarks.md has figures of `balanced`. All values come from one row of random numbers, so a draw more or
-  // less anywhere changes the last Gaussian.
+TEST(SpreadScene, BalancedIsTheSceneOfThePublishedBenchmarks) {
+  // docs/benchmarks.md has measurements of `balanced`. All values come from one sequence of random numbers, so an
+  // additional or missing draw changes the last Gaussian.
   const SplatCloud even = make_spread_scene({1000, 0, 1}, {}).cloud, skewed = make_spread_scene({1000, 1, 1}, {}).cloud;
   const auto expect_last = [](const std::vector<float>& values, const std::vector<float>& expected) {
     const std::vector<float> last(values.end() - static_cast<std::ptrdiff_t>(expected.size()), values.end());
@@ -209,13 +230,13 @@ TEST(SpreadScene, BalancedIsTheSceneOfTheMeasuredFigures) {
   expect_last(even.shN, {-0.0906873271f});
 }
 
-/// A first iteration on the screen.
+/// The scene of a first iteration, projected to the screen.
 struct FlatScene {
   PointCloud points;           // px, at depth 0
   std::vector<double> sigmas;  // px
-  /// Rows by distance from the image's centre, in tenths of as many Gaussians.
+  /// Gaussians by distance from the image centre, in ten groups of equal size.
   std::array<std::vector<std::size_t>, 10> tenths;
-  /// Largest distance in each tenth, in half images.
+  /// Largest distance in each group, in units of half the image size.
   std::array<double, 10> ends;
 };
 
@@ -244,13 +265,13 @@ FlatScene flat_first_iteration(double skew) {
   return flat;
 }
 
-TEST(SpreadScene, SizesOfAFirstIterationAreThoseOfTheDensityOnTheScreen) {
+TEST(SpreadScene, SizesOfAFirstIterationFollowFromTheDensityOnTheScreen) {
   for (const double skew : {0.0, 0.5, 1.0}) {
     const FlatScene flat = flat_first_iteration(skew);
     double begin = 0, mean_before = 0;
     for (std::size_t tenth = 0; tenth < 10; ++tenth) {
-      // A Gaussian of size 0.729 / sqrt(density) stands for 1 / density = (size / 0.729)^2 of the image; those of a
-      // ring stand for all of it. The sum of 10,000 such areas has a deviation of about 1 %.
+      // A Gaussian of size 0.729 / sqrt(density) covers an area of 1 / density = (size / 0.729)^2, and those of a ring
+      // together cover the ring. The sum of 10,000 such areas has a standard deviation of about 1 %.
       double area = 0, mean = 0;
       for (const std::size_t row : flat.tenths[tenth]) {
         area += std::pow(flat.sigmas[row] / 0.729, 2);
@@ -258,7 +279,7 @@ TEST(SpreadScene, SizesOfAFirstIterationAreThoseOfTheDensityOnTheScreen) {
       }
       const double end = flat.ends[tenth];
       EXPECT_NEAR(area / ((end * end - begin * begin) * kWidth * kHeight), 1, 0.04) << skew << ", tenth " << tenth;
-      EXPECT_GE(mean, mean_before * (1 - 1e-6)) << skew << ": the nearer to the crowd, the smaller";
+      EXPECT_GE(mean, mean_before * (1 - 1e-6)) << skew << ": sizes decrease towards the centre";
       begin = end;
       mean_before = mean;
     }
@@ -269,7 +290,7 @@ TEST(SpreadScene, SizesOfAFirstIterationAreThoseOfTheDensityOnTheScreen) {
   }
 }
 
-TEST(SpreadScene, AFirstIterationIsWhatTrainingMakesOfASurface) {
+TEST(SpreadScene, AFirstIterationIsInitializedAsInTraining) {
   const FlatScene flat = flat_first_iteration(1);
   const SplatCloud trained_from = splats_from_points(flat.points, 0);
   for (const std::vector<std::size_t>& tenth : flat.tenths) {
@@ -306,7 +327,7 @@ class BenchProgram : public ::testing::Test {
   test::TempDir folder_;
 };
 
-TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
+TEST_F(BenchProgram, SweepTimesEveryNumberAndSkew) {
   const json report = bench({"sweep", "--points", "300", "900", "--skew", "0", "1", "--width", "96", "--height", "64"});
   ASSERT_EQ(report["cells"].size(), 4u);
   for (const json& cell : report["cells"]) {
@@ -320,16 +341,26 @@ TEST_F(BenchProgram, SweepHasACellForEveryNumberAndSkew) {
   EXPECT_GT(report["cells"][3]["lists"]["gini"], report["cells"][2]["lists"]["gini"]);
   EXPECT_GT(report["cells"][2]["lists"]["pairs"], report["cells"][0]["lists"]["pairs"]);
   EXPECT_LT(report["cells"][2]["lists"]["pairs"], 2.5 * report["cells"][0]["lists"]["pairs"].get<double>())
-      << "three times as many are smaller";
-  EXPECT_EQ(report["config"]["tile_width"], 16) << "the tile that was used, not the option's default";
+      << "three times as many Gaussians are smaller";
+  EXPECT_EQ(report["config"]["tile_width"], 16) << "the tile that was used, not the default of the option";
   EXPECT_EQ(report["config"]["tile_height"], 16);
 
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
-  EXPECT_NE(empty.err.find("skew needs at least one value"), std::string::npos) << empty.err;
+  EXPECT_NE(empty.err.find("--skew needs at least one value"), std::string::npos) << empty.err;
 }
 
-TEST_F(BenchProgram, WhoEndsItKeepsWhatWasFound) {
+TEST_F(BenchProgram, TakesTheTileOptionOfTrain) {
+  const json config = bench({"--points", "300", "--width", "96", "--height", "64", "--tile", "16x8"})["config"];
+  EXPECT_EQ(config["tile"], "16x8");
+  EXPECT_EQ(config["tile_width"], 16);
+  EXPECT_EQ(config["tile_height"], 8);
+  const Outcome unknown = run_b3dgs({"bench", "--tile", "12x12"});
+  EXPECT_EQ(unknown.exit_code, 2);
+  EXPECT_NE(unknown.err.find("invalid value for --tile (expected one of"), std::string::npos) << unknown.err;
+}
+
+TEST_F(BenchProgram, AnInterruptedSweepKeepsItsResults) {
   const auto n_cells = [&]() -> std::size_t {
     if (!std::filesystem::exists(path("report.json"))) return 0;
     return json::parse(test::read_bytes(path("report.json")))["cells"].size();
@@ -337,15 +368,18 @@ TEST_F(BenchProgram, WhoEndsItKeepsWhatWasFound) {
   test::RunOptions options;
   options.signal = SIGINT;
   options.signal_when = [&] { return n_cells() > 0; };
-  const Outcome ended = run_b3dgs({"bench", "sweep", "--points", "300", "--width", "96", "--height", "64", "--skew",
-                                   "0", "1", "--repeat", "1000", "--device", "cpu", "--json", path("report.json")},
-                                  options);
+  std::vector<std::string> words{"bench", "sweep",    "--points", "300",      "--width", "96",     "--height",
+                                 "64",    "--repeat", "1000",     "--device", "cpu",     "--json", path("report.json"),
+                                 "--skew"};
+  // Far more than are timed before the signal arrives, however long that takes on a busy machine.
+  for (int i = 0; i < 100; ++i) words.push_back(std::to_string(0.01 * i));
+  const Outcome ended = run_b3dgs(words, options);
   EXPECT_EQ(ended.exit_code, 130);
   EXPECT_GE(n_cells(), 1u);
   EXPECT_GE(std::count(ended.out.begin(), ended.out.end(), '\n'), 3) << ended.out;
 }
 
-TEST_F(BenchProgram, AModelAndAPlyWithItsCamerasShowTheSameView) {
+TEST_F(BenchProgram, AModelAndItsPlyWithCamerasAreTheSameScene) {
   ASSERT_EQ(run_b3dgs({"synth", "orbit", path("scene"), "--points", "300", "--views", "3", "--width", "48", "--height",
                        "32", "--quiet"})
                 .exit_code,
@@ -354,14 +388,14 @@ TEST_F(BenchProgram, AModelAndAPlyWithItsCamerasShowTheSameView) {
             0);
   const std::string ply = path("model/point_cloud/iteration_2/point_cloud.ply"), cameras = path("model/cameras.json");
   const std::vector<std::string> view{"--view", "00001.png"};
-  const auto seen = [&](std::vector<std::string> words, bool second) {
+  const auto lists_of = [&](std::vector<std::string> words, bool second) {
     if (second) words.insert(words.end(), view.begin(), view.end());
     return bench(std::move(words))["lists"];
   };
-  const json first = seen({path("model")}, false), second = seen({"kernels", path("model")}, true);
+  const json first = lists_of({path("model")}, false), second = lists_of({"kernels", path("model")}, true);
   EXPECT_NE(first, second);
-  EXPECT_EQ(second, seen({path("scene"), "--ply", ply}, true));
-  EXPECT_EQ(second, seen({"--ply", ply, "--cameras", cameras}, true));
+  EXPECT_EQ(second, lists_of({path("scene"), "--ply", ply}, true));
+  EXPECT_EQ(second, lists_of({"--ply", ply, "--cameras", cameras}, true));
 
   const Outcome no_camera = run_b3dgs({"bench", "--ply", ply});
   EXPECT_EQ(no_camera.exit_code, 2);

@@ -1,4 +1,4 @@
-// Runs b3dgs compare and b3dgs report.
+// b3dgs compare and its reports, run as a program.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 
@@ -67,7 +67,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
     EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "point_cloud/iteration_60/point_cloud.ply"));
     EXPECT_TRUE(fs::exists(output() / run["folder"].get<std::string>() / "report.html"));
   }
-  // The kernels compute the same result, so both configurations learn the same.
+  // All kernels compute the same images, so both trainings have the same loss.
   const auto loss = [&](int run) { return result["runs"][run]["curves"]["loss"].back().get<double>(); };
   EXPECT_NEAR(loss(0), loss(1), 0.02 * loss(0));
   EXPECT_FALSE(fs::exists(output() / ".warm_up"));
@@ -76,7 +76,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_NE(html.find("<h1>" + result["summary"]["verdict"].get<std::string>() + "</h1>"), std::string::npos);
   EXPECT_NE(html.find("data:image/jpeg"), std::string::npos);
-  EXPECT_NE(html.find("No kernels were timed"), std::string::npos) << "missing data is mentioned";
+  EXPECT_NE(html.find("No kernels were timed"), std::string::npos) << "the report names missing data";
 }
 
 TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
@@ -103,11 +103,11 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
   EXPECT_TRUE(read_bytes(output("whole") / ply) == read_bytes(output() / ply));
 
   const Outcome again = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
-  EXPECT_EQ(again.exit_code, 0) << "training is complete, so only the report is written again; " << again.err;
+  EXPECT_EQ(again.exit_code, 0) << "everything is trained, only the report is written again; " << again.err;
   EXPECT_EQ(result()["runs"], parts["runs"]);
 }
 
-TEST_F(Compare, NoiseTrainsTheBaselineTwice) {
+TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   const Outcome outcome =
       compare({"--iterations", "20", "--noise", "--quiet", "--configs", "original,shared-memory,paper"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -119,8 +119,8 @@ TEST_F(Compare, NoiseTrainsTheBaselineTwice) {
   EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
   EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"backward_kernel", "tile", "culling"}));
   EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"])
-      << "same configuration, same result";
-  EXPECT_NE(outcome.out.find("original against itself (original_again): time "), std::string::npos) << outcome.out;
+      << "the same configuration and seed";
+  EXPECT_NE(outcome.out.find("run-to-run variation of original: time "), std::string::npos) << outcome.out;
   EXPECT_NE(outcome.out.find(" % +-"), std::string::npos) << outcome.out;
   EXPECT_NE(page().find("±"), std::string::npos);
   EXPECT_EQ(test::xml_fault(page()), "");
@@ -128,16 +128,17 @@ TEST_F(Compare, NoiseTrainsTheBaselineTwice) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}, "without").exit_code, 0);
   const Outcome more = run_b3dgs({"compare", "--resume", "-m", output("without").string(), "--noise"});
   EXPECT_EQ(more.exit_code, 2);
-  EXPECT_NE(more.err.find("--resume continues without --noise"), std::string::npos) << more.err;
+  EXPECT_NE(more.err.find("--resume cannot change --noise (the comparison was started without it)"), std::string::npos)
+      << more.err;
 }
 
-TEST_F(Compare, StoresTheRequestedOptions) {
+TEST_F(Compare, RunsHaveTheRequestedOptions) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
-  EXPECT_EQ(config["image_cache_gb"], -1) << "not the memory that was free";
+  EXPECT_EQ(config["image_cache_gb"], -1) << "the budget derived from free memory is not stored as an option";
 }
 
-TEST(FirstInTurn, RotatesWithTurnsAndSeeds) {
+TEST(FirstInTurn, RotatesOverTurnsAndSeeds) {
   for (const std::size_t n : {2u, 3u, 5u}) {
     std::set<std::size_t> of_turns, of_seeds;
     for (std::size_t i = 0; i < n; ++i) {
@@ -158,44 +159,45 @@ TEST_F(Compare, SeveralSeedsGiveARange) {
   EXPECT_EQ(result["summary"]["compared"][0]["saved_overall"]["n"], 2);
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5/train.jsonl"));
   EXPECT_EQ(result["summary"]["ours"], "adaptive");
-  EXPECT_FALSE(result["runs"][2]["kernel_checks"].empty()) << "the candidates were timed";
+  EXPECT_FALSE(result["runs"][2]["kernel_checks"].empty()) << "the candidate kernels were timed";
   const TrainHistory history = read_train_log(output() / "adaptive/seed_5/train.jsonl");
   ASSERT_FALSE(history.candidate_times.empty());
-  EXPECT_EQ(history.candidate_times.back().iteration, 20) << "logged at stats_interval, to the end";
-  EXPECT_NE(page().find("Kernel time of the forward candidates"), std::string::npos);
+  EXPECT_EQ(history.candidate_times.back().iteration, 20)
+      << "timed as often as load statistics are taken, up to the end";
+  EXPECT_NE(page().find("Time of the forward kernels"), std::string::npos);
   EXPECT_EQ(test::xml_fault(page()), "");
 
-  // On a GPU a fresh process loads code before its first check: as the comparison measured it, so it counts.
+  // On a GPU, a new process loads kernels before its first check. The measured time is added to the run's time.
   json loaded = result;
   loaded["plan"]["loading_ms"] = 5000;
   std::ofstream(output() / "compare.json") << loaded;
   const Outcome again = run_b3dgs({"report", output().string()});
   ASSERT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_NE(again.out.find("in the times of adaptive: 5,000 ms"), std::string::npos) << again.out;
+  EXPECT_NE(again.out.find("the times of adaptive include 5,000 ms"), std::string::npos) << again.out;
   const auto elapsed_s = [](const json& of, int run) {
     return of["runs"][run]["curves"]["elapsed_s"][0].get<double>();
   };
   EXPECT_NEAR(elapsed_s(this->result(), 2), elapsed_s(result, 2) + 5, 1e-6);
-  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "this configuration has nothing to choose";
+  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "no kernel is chosen there";
 }
 
-TEST_F(Compare, InvalidRequestsAreRejectedBeforeAnythingIsWritten) {
-  const auto refused = [&](const Words& words, const std::string& reason) {
+TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
+  const auto rejected = [&](const Words& words, const std::string& reason) {
     const Outcome outcome = compare(words);
     EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
     EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
     EXPECT_FALSE(fs::exists(output()));
   };
-  refused({"--configs", "naive,fastest"}, "invalid value for --kernel (expected one of");
-  refused({"--configs", "naive,naive"}, "occurs twice");
-  refused({"--configs", "naive"}, "at least two");
-  refused({"--seeds", "1", "1"}, "occurs twice");
-  refused({"--chunk", "0"}, "invalid value for --chunk (expected at least 1");
-  refused({"--resume"}, "holds no comparison");
+  rejected({"--configs", "naive,fastest"}, "invalid value for --kernel (expected one of");
+  rejected({"--configs", "naive,naive"}, "occurs twice");
+  rejected({"--configs", "naive"}, "at least two configurations");
+  rejected({"--seeds", "1", "1"}, "occurs twice");
+  rejected({"--chunk", "0"}, "invalid value for --chunk (expected at least 1");
+  rejected({"--resume"}, "no comparison to resume");
   EXPECT_EQ(run_b3dgs({"compare"}).exit_code, 2);
 }
 
-TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
+TEST_F(Compare, DoesNotReplaceAComparisonWithoutOverwrite) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const Outcome again = compare({"--iterations", "5"});
   EXPECT_EQ(again.exit_code, 2);
@@ -204,8 +206,8 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   EXPECT_EQ(result()["summary"]["done"], 6);
   const Outcome other = run_b3dgs({"compare", "--resume", "-m", output().string(), "--configs", "naive,combined"});
   EXPECT_EQ(other.exit_code, 2);
-  EXPECT_NE(other.err.find("compare others in another folder"), std::string::npos) << other.err;
-  // Models without compare.json are not taken for models of this comparison.
+  EXPECT_NE(other.err.find("--resume cannot change --configs"), std::string::npos) << other.err;
+  // Models without a compare.json are not treated as runs of this comparison.
   fs::remove(output() / "compare.json");
   const Outcome orphans = compare({"--iterations", "7"});
   EXPECT_EQ(orphans.exit_code, 2);
@@ -214,22 +216,22 @@ TEST_F(Compare, AComparisonIsNotReplacedByAccident) {
   EXPECT_EQ(result()["summary"]["done"], 7);
 }
 
-TEST_F(Compare, OverwriteRemovesTheOldModelsAfterTheSceneIsRead) {
+TEST_F(Compare, OverwriteDeletesOldRunsOnlyAfterReadingTheScene) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet", "--configs", "naive,combined"}).exit_code, 0);
   const fs::path old = output() / "combined/seed_0/point_cloud/iteration_5/point_cloud.ply";
   ASSERT_TRUE(fs::exists(old));
   const Outcome typo = run_b3dgs(
       {"compare", scene() + "x", "-m", output().string(), "--configs", "naive,combined", "--overwrite", "--quiet"});
   EXPECT_EQ(typo.exit_code, 2) << typo.err;
-  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene must not remove models";
+  EXPECT_TRUE(fs::exists(old)) << "a mistyped scene deletes nothing";
   EXPECT_EQ(result()["summary"]["done"], 5);
 
   ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
-  EXPECT_FALSE(fs::exists(old)) << "a configuration that the new comparison does not have";
+  EXPECT_FALSE(fs::exists(old)) << "the new comparison does not have this run";
   EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
 }
 
-TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
+TEST_F(Compare, OverwriteTrainsAgain) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const fs::path log = output() / "naive/seed_0/train.jsonl";
   std::ofstream(log, std::ios::app) << "old\n";
@@ -237,7 +239,7 @@ TEST_F(Compare, AnOverwrittenComparisonIsTrainedAgain) {
   EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
 }
 
-TEST_F(Compare, InitPlyReplacesTheScenePoints) {
+TEST_F(Compare, InitPlyReplacesMissingPointsOfTheScene) {
   ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
                        "--quiet"})
                 .exit_code,
@@ -261,9 +263,9 @@ TEST_F(Compare, SeedsHave64Bits) {
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5000000001/train.jsonl"));
 }
 
-TEST_F(Compare, OptionsThatResumeWouldIgnoreAreRejected) {
+TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
-  const auto refused = [&](const Words& more, const std::string& reason) {
+  const auto rejected = [&](const Words& more, const std::string& reason) {
     Words words{"compare", "--resume", "-m", output().string()};
     words.insert(words.end(), more.begin(), more.end());
     const Outcome outcome = run_b3dgs(words);
@@ -271,15 +273,15 @@ TEST_F(Compare, OptionsThatResumeWouldIgnoreAreRejected) {
     EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
-  refused({"--seed", "7"}, "--resume continues the seeds 0");
-  refused({"--overwrite"}, "--overwrite");
+  rejected({"--seed", "7"}, "the comparison has the seeds 0");
+  rejected({"--overwrite"}, "--overwrite");
   const fs::path file = output() / "seed.json";
   std::ofstream(file) << json{{"seed", 7}};
-  refused({"--config", file.string()}, "--resume continues the seeds 0");
+  rejected({"--config", file.string()}, "the comparison has the seeds 0");
   EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
 }
 
-TEST_F(Compare, ReportsAreRewrittenFromTheFolder) {
+TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();
   fs::remove(output() / "report.html");
@@ -297,7 +299,7 @@ TEST_F(Compare, ReportsAreRewrittenFromTheFolder) {
   EXPECT_EQ(run_b3dgs({"report", "/nonexistent"}).exit_code, 2);
 }
 
-/// Writes a log like that of a training on a GPU, with everything that a report can show.
+/// A log as training on a GPU writes it, with everything that a report can show.
 void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
   std::ofstream file(path);
   double elapsed_s = 0;
@@ -336,7 +338,7 @@ void write_eventful_log(const fs::path& path, double early_ms, double late_ms) {
   }
 }
 
-/// Share of pixels that differ from the most frequent colour, and number of colours.
+/// Share of pixels that do not have the most frequent colour, and number of colours.
 struct PictureContent {
   double drawn_share = 0;
   std::size_t n_colors = 0;
@@ -351,7 +353,7 @@ PictureContent content_of(const Image8& image) {
   return {1 - 3.0 * static_cast<double>(most) / static_cast<double>(image.pixels.size()), counts.size()};
 }
 
-TEST_F(Compare, AFullReportShowsInABrowser) {
+TEST_F(Compare, AFullReportIsDisplayedInABrowser) {
   ASSERT_EQ(compare({"--iterations", "60", "--quiet"}).exit_code, 0);
   write_eventful_log(output() / "naive/seed_0/train.jsonl", 40, 22);
   write_eventful_log(output() / "shared-memory/seed_0/train.jsonl", 30, 20);
@@ -364,11 +366,13 @@ TEST_F(Compare, AFullReportShowsInABrowser) {
   const std::string html = page();
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_EQ(html.find("<b>"), std::string::npos);
-  for (const char* part : {"inflection, 31", "to shared-memory", "25.0 %", "9.1 %", "19.6 %", "99 % to maximum",
-                           "of a later version", "iteration 60", "equal"}) {
+  for (const char* part : {"kernel switch at 31", "to shared-memory", "25.0 %", "9.1 %", "19.6 %",
+                           "99th percentile to maximum", "of a later version", "iteration 60", "equal"}) {
     EXPECT_NE(html.find(part), std::string::npos) << part;
   }
-  EXPECT_EQ(html.find("were not"), std::string::npos) << "nothing is missing";
+  for (const char* missing : {"were not", "not measured yet", "have been rendered"}) {
+    EXPECT_EQ(html.find(missing), std::string::npos) << missing;
+  }
 
   for (const std::string folder : {"", "naive/seed_0"}) {
     for (const std::string scheme : {"light", "dark"}) {

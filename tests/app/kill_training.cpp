@@ -146,7 +146,7 @@ Words training(const Options& options, const fs::path& model, bool resumes) {
 void check_folder(const ModelFolder& folder) {
   for (const int iteration : folder.checkpoint_iterations()) verify_checkpoint_file(folder.checkpoint(iteration));
   for (const int iteration : folder.ply_iterations()) read_splat_ply(folder.ply(iteration));
-  for (const char* name : {"config.json", "cameras.json", "course.json", "results.json", "per_view.json"}) {
+  for (const char* name : {"config.json", "cameras.json", "training.json", "results.json", "per_view.json"}) {
     const fs::path path = folder.root() / name;
     if (fs::exists(path) && nlohmann::json::parse(test::read_bytes(path), nullptr, false).is_discarded()) {
       fail("not valid JSON: " + path.string());

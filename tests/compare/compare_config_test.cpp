@@ -1,4 +1,4 @@
-// Which configurations a comparison is told to train.
+// Parsing of --configs.
 #include "compare/compare_config.h"
 
 #include <gtest/gtest.h>
@@ -27,23 +27,24 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   const auto paper = parse_configurations("naive,paper:kernel_candidates=combined/shared-memory", base);
   EXPECT_EQ(paper[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
       << "commas separate configurations";
-  EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u) << "one against itself measures the noise";
+  EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u)
+      << "training the same twice measures the run-to-run variation";
 }
 
-TEST(CompareConfig, OriginalIsWhatComesNearestToTheOriginalTrainer) {
+TEST(CompareConfig, OriginalSelectsTheOptionsClosestToTheOriginalTrainer) {
   const auto entries = parse_configurations("original,b:original+kernel=paper,c:paper+culling=square", TrainConfig{});
   const TrainConfig& original = entries[0].config;
   EXPECT_EQ(original.kernel, "naive");
   EXPECT_EQ(original.backward_kernel, "per-pixel");
   EXPECT_EQ(original.culling, "square");
   EXPECT_EQ(original.tile, "16x16");
-  EXPECT_EQ(entries[1].config.kernel, "paper") << "what stands later wins";
+  EXPECT_EQ(entries[1].config.kernel, "paper") << "later parts override earlier ones";
   EXPECT_EQ(entries[1].config.tile, "16x16");
   EXPECT_EQ(entries[2].config.backward_kernel, TrainConfig{}.backward_kernel);
   EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
 }
 
-TEST(CompareConfig, TellsOptionsOfTheForwardKernelFromOthers) {
+TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
   const auto entries =
       parse_configurations("naive,adaptive+kernel_policy=tracking,original,again:naive", TrainConfig{});
   const DifferingOptions kernels = differing_options(entries[0].config, entries[1].config);
@@ -54,7 +55,7 @@ TEST(CompareConfig, TellsOptionsOfTheForwardKernelFromOthers) {
   EXPECT_TRUE(differing_options(entries[0].config, entries[3].config).empty());
 }
 
-TEST(CompareConfig, TheBaselineCanBeTrainedOnceMore) {
+TEST(CompareConfig, TheBaselineCanBeRepeated) {
   const auto entries = parse_configurations("mine:naive+tile=16x8,adaptive", TrainConfig{});
   const Configuration again = repeat_baseline(entries);
   EXPECT_EQ(again.name, "mine_again");
@@ -64,26 +65,26 @@ TEST(CompareConfig, TheBaselineCanBeTrainedOnceMore) {
   }));
 }
 
-TEST(CompareConfig, BadEntriesAreRefusedWithAReason) {
-  const auto expect_refused = [](const std::string& text, const std::string& reason) {
+TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
+  const auto expect_rejected = [](const std::string& text, const std::string& reason) {
     EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
   };
-  expect_refused("naive,naiv", "invalid value for --kernel (expected one of naive");
-  expect_refused("naive", "takes at least two");
-  expect_refused("naive,naive", "occurs twice");
-  expect_refused("naive,", "an empty part");
-  expect_refused("naive,combined+", "an empty part");
-  expect_refused("naive,combined+culing=square", "did you mean culling?");
-  expect_refused("naive,combined+tile_width=8", "did you mean tile?");
-  expect_refused("naive,combined+culling=round", "invalid value for --culling (expected one of");
-  expect_refused("naive,combined+seed=3", "has to be the same for all");
-  expect_refused("naive,combined+max_steps=3", "has to be the same for all");
-  expect_refused("naive,init_ply=/tmp/x.ply", "cannot name a folder");
-  expect_refused("naive,../x:combined",
-                 "cannot name a folder; give it a name of letters, digits, _ - . + = instead: "
-                 "NAME:combined");
-  expect_refused("a:naive,a:combined", "a occurs twice; give one another name: NAME:combined");
-  expect_refused("naive,combined+seeed=3", "b3dgs train --help lists them");
+  expect_rejected("naive,naiv", "invalid value for --kernel (expected one of naive");
+  expect_rejected("naive", "needs at least two configurations");
+  expect_rejected("naive,naive", "occurs twice");
+  expect_rejected("naive,", "empty part");
+  expect_rejected("naive,combined+", "empty part");
+  expect_rejected("naive,combined+culing=square", "did you mean culling?");
+  expect_rejected("naive,combined+tile_width=8", "did you mean tile?");
+  expect_rejected("naive,combined+culling=round", "invalid value for --culling (expected one of");
+  expect_rejected("naive,combined+seed=3", "must be the same for all");
+  expect_rejected("naive,combined+max_steps=3", "must be the same for all");
+  expect_rejected("naive,init_ply=/tmp/x.ply", "cannot be a folder name");
+  expect_rejected("naive,../x:combined",
+                  "cannot be a folder name; name it with letters, digits, _ - . + = instead: "
+                  "NAME:combined");
+  expect_rejected("a:naive,a:combined", "a occurs twice; rename one of them: NAME:combined");
+  expect_rejected("naive,combined+seeed=3", "see b3dgs train --help");
 }
 
 }  // namespace

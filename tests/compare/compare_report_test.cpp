@@ -1,4 +1,4 @@
-// What the page of a comparison says, over invented runs.
+// The report of a comparison, for synthetic runs.
 #include "compare/compare_report.h"
 
 #include <gtest/gtest.h>
@@ -8,19 +8,19 @@
 namespace b3dgs {
 namespace {
 
-/// Lines every 10 iterations up to 100, with one kernel up to `inflection` and another from there on.
-TrainHistory history(double ms, int inflection = 0) {
+/// Lines every 10 iterations up to 100; switches from combined to shared-memory at `switch_iteration` (0: never).
+TrainHistory history(double ms, int switch_iteration = 0) {
   TrainHistory history;
   for (int iteration = 10; iteration <= 100; iteration += 10) {
     LogPoint point;
     point.iteration = iteration;
     point.elapsed_s = 1e-3 * ms * iteration;
-    point.kernel = inflection == 0 || iteration < inflection ? "combined" : "shared-memory";
+    point.kernel = switch_iteration == 0 || iteration < switch_iteration ? "combined" : "shared-memory";
     history.points.push_back(point);
   }
-  if (inflection == 0) return history;
+  if (switch_iteration == 0) return history;
   KernelCheckEvent check;
-  check.iteration = inflection;
+  check.iteration = switch_iteration;
   check.pass = "forward";
   check.times_ms = {{"combined", 2}, {"shared-memory", 1}};
   check.before = "combined";
@@ -56,16 +56,16 @@ bool contains(const std::string& html, const std::string& part) {
   return html.find(part) != std::string::npos;
 }
 
-TEST(CompareReport, SaysHowManySeedsAFigureIsOf) {
+TEST(CompareReport, SaysHowManySeedsAValueIsOf) {
   const std::string html = comparison_report(
       comparison_of({{"naive", {history(10), history(10)}}, {"adaptive", {history(8, 51), history(8)}}}));
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_TRUE(contains(html, "<td>20.0 % in 1 of 2 seeds</td>"));
   EXPECT_TRUE(contains(html, "<td>51 in 1 of 2 seeds</td>"));
-  EXPECT_TRUE(contains(html, "inflection of seed 3, 51")) << "the chart shows one seed, and says which";
+  EXPECT_TRUE(contains(html, "kernel switch at 51 (seed 3)")) << "the chart shows one seed and says which";
 }
 
-TEST(CompareReport, TellsThreeNumbersApart) {
+TEST(CompareReport, SeparatesLoadBalancingFromOtherSavings) {
   const TrainHistory naive = history(10), shared = history(5), ours = history(4);
   const std::string html = comparison_report(
       comparison_of({{"naive", {naive, naive}}, {"shared-memory", {shared, shared}}, {"combined", {ours, ours}}}));
@@ -73,14 +73,14 @@ TEST(CompareReport, TellsThreeNumbersApart) {
   EXPECT_TRUE(contains(html,
                        "<td>combined</td><td>naive</td><td>50.0 % (50.0 to 50.0)</td><td>shared-memory</td>"
                        "<td>20.0 % (20.0 to 20.0)</td><td>60.0 % (60.0 to 60.0)</td>"))
-      << html.substr(html.find("saved from there"), 600);
-  EXPECT_TRUE(contains(html, "was not measured (--noise)"));
+      << html.substr(html.find("saved by load balancing"), 600);
+  EXPECT_TRUE(contains(html, "was not measured (--noise does that)"));
   EXPECT_FALSE(contains(html, "±"));
   const std::string without = comparison_report(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, ours}}}));
-  EXPECT_TRUE(contains(without, "What balancing brings by itself cannot be told here"));
+  EXPECT_TRUE(contains(without, "How much load balancing alone saves is unknown"));
 }
 
-TEST(CompareReport, ShowsTheMachinesSpreadBesideEveryDifference) {
+TEST(CompareReport, ShowsRunToRunVariationBesideEveryDifference) {
   TrainHistory naive = history(10), again = history(10.2), shared = history(5), ours = history(4, 51);
   for (TrainHistory* own : {&naive, &again, &shared, &ours}) own->points.back().test_psnr = 25;
   again.points.back().test_psnr = 25.25;
@@ -91,41 +91,61 @@ TEST(CompareReport, ShowsTheMachinesSpreadBesideEveryDifference) {
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_TRUE(contains(html, "<td>50.0 % ± 2.0 % (50.0 to 50.0)</td>"));
   EXPECT_TRUE(contains(html, "<td>60.0 % ± 2.0 % (60.0 to 60.0)</td><td>60.0 % ± 2.0 % (60.0 to 60.0)</td>"))
-      << "before and after the inflection too";
+      << "also before and after the switch";
   EXPECT_TRUE(contains(html, "<td>+0.00 ± 0.25</td>"));
-  EXPECT_TRUE(contains(html, "Naive against itself (naive_again): time 2.0 %, PSNR 0.25."));
-  EXPECT_TRUE(contains(html, "naive differs from itself by 2.0 %."));
+  EXPECT_TRUE(contains(html, "Run-to-run variation of naive: time 2.0 %, PSNR 0.25."));
+  EXPECT_TRUE(contains(html, "two runs of naive differ by 2.0 %."));
 }
 
-TEST(CompareReport, ThePapersFiguresStandBesideWhatIsMeasuredAsItDid) {
+TEST(CompareReport, ShowsPublishedResultsBesideTheSameComparison) {
   const TrainHistory original = history(10), paper = history(8, 51);
   const std::string html =
       comparison_report(comparison_of({{"original", {original, original}}, {"paper", {paper, paper}}}));
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_TRUE(contains(html, "<td>paper against original</td><td>20.0 % (20.0 to 20.0)</td>"));
-  EXPECT_TRUE(contains(html, "<td>the paper</td><td>19.6 %</td><td>7.9 %</td><td>8.5 %</td>"));
+  EXPECT_TRUE(contains(html, "<td>published</td><td>8.5 %</td><td>19.6 %</td><td>7.9 %</td>"));
   const std::string ours =
       comparison_report(comparison_of({{"naive", {original, original}}, {"adaptive", {paper, paper}}}));
-  EXPECT_FALSE(contains(ours, "<td>the paper</td>")) << "our backward pass on both sides";
-  EXPECT_TRUE(contains(ours, "Nothing here compares with that"));
+  EXPECT_FALSE(contains(ours, "<td>published</td>")) << "the paper used another backward pass";
+  EXPECT_TRUE(contains(ours, "No configurations here repeat that comparison"));
 }
 
-TEST(CompareReport, SaysWhatLoadingTheCandidatesTook) {
+TEST(CompareReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
+  TrainHistory naive = history(10), ours = history(8);
+  naive.points.back().test_psnr = ours.points.back().test_psnr = 25;
+  const std::string html = comparison_report(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, ours}}}));
+  EXPECT_EQ(test::xml_fault(html), "");
+  std::size_t at = 0;
+  for (const char* part :
+       {"<h1>", "<h2>Photographs and renders", "<h2>Quality", "<h2>Training time",
+        "<td>naive (baseline)</td><td>1.00 s (1.0 to 1.0)</td>", "<td>combined</td><td>0.80 s (0.8 to 0.8)</td>",
+        "<h2>Scene, options and machine", "/scenes/garden", "<td>kernel combined</td>",
+        "<details>\n<summary>Time by stage", "<details>\n<summary>Kernels", "<details>\n<summary>Load",
+        "<details>\n<summary>Published results"}) {
+    const std::size_t next = html.find(part, at);
+    ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
+    at = next;
+  }
+  EXPECT_FALSE(contains(html, "<th>before the switch</th>")) << "no kernel was switched";
+}
+
+TEST(CompareReport, SaysHowLongLoadingTheKernelsTook) {
   Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
-  EXPECT_FALSE(contains(comparison_report(comparison), "loading the candidates"));
+  EXPECT_FALSE(contains(comparison_report(comparison), "loading the candidate kernels"));
   comparison.plan.loading_ms = 87;
-  EXPECT_TRUE(contains(comparison_report(comparison), "In the times of mine: 87 ms for loading the candidates"));
+  EXPECT_TRUE(
+      contains(comparison_report(comparison), "The times of mine include 87 ms for loading the candidate kernels"));
 }
 
-TEST(CompareReport, NamesTheRunsThatMeasured) {
+TEST(CompareReport, NamesTheRunsWithTimingChecks) {
   const std::string html = comparison_report(comparison_of({{"naive", {history(10), history(10)}},
                                                             {"adaptive", {history(8), history(8, 51)}},
                                                             {"mine", {history(8, 31), history(8, 51)}}}));
   EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<h3>adaptive, seed 5</h3>")) << "its first seed has no checks";
+  EXPECT_TRUE(contains(html, "<h3>adaptive, seed 5</h3>")) << "the first seed has no checks";
   EXPECT_TRUE(contains(html, "<h3>mine, seed 3</h3>"));
   EXPECT_FALSE(contains(html, "<h3>naive"));
-  EXPECT_TRUE(contains(html, "Load statistics were not taken")) << "of nobody";
+  EXPECT_TRUE(contains(html, "Load statistics were not recorded")) << "in no run";
 }
 
 TEST(CompareReport, ShowsTheLoadOfOursAndTimesOfFixedKernels) {
@@ -135,12 +155,12 @@ TEST(CompareReport, ShowsTheLoadOfOursAndTimesOfFixedKernels) {
   const std::string html = comparison_report(
       comparison_of({{"naive", {timed, timed}}, {"combined", {history(8), timed}}, {"dynamic", {timed, timed}}}));
   EXPECT_EQ(test::xml_fault(html), "");
-  const std::string heading = "<h3>combined, seed 5</h3>";  // its first seed has neither
+  const std::string heading = "<h3>combined, seed 5</h3>";  // the first seed has neither
   const std::size_t kernels = html.find(heading);
   ASSERT_NE(kernels, std::string::npos);
-  EXPECT_NE(html.find(heading, kernels + 1), std::string::npos) << "kernels and load";
-  EXPECT_FALSE(contains(html, "<h3>naive") || contains(html, "<h3>dynamic")) << "one stands for all";
-  EXPECT_TRUE(contains(html, "Time of the forward candidates over the training"));
+  EXPECT_NE(html.find(heading, kernels + 1), std::string::npos) << "in the sections on kernels and load";
+  EXPECT_FALSE(contains(html, "<h3>naive") || contains(html, "<h3>dynamic")) << "one represents all";
+  EXPECT_TRUE(contains(html, "Time of the forward kernels: combined 1.50 ms, shared-memory 2 ms (iteration 1)."));
 }
 
 }  // namespace

@@ -1,10 +1,10 @@
-// What a comparison finds, over invented curves.
+// Results of a comparison, for synthetic histories.
 #include "compare/compare_summary.h"
 
 #include <gtest/gtest.h>
 
 #include "compare/compare_verdict.h"
-#include "compare/invented_histories.h"
+#include "compare/synthetic_histories.h"
 
 namespace b3dgs {
 namespace {
@@ -17,14 +17,14 @@ TEST(CompareSummary, InterpolatesElapsedTime) {
   EXPECT_NEAR(elapsed_at(curve, 5), 0.05, 1e-12);
   EXPECT_NEAR(elapsed_at(curve, 2000), 20, 1e-9);
   EXPECT_NEAR(elapsed_at(curve, 2005), 20.1, 1e-9);
-  EXPECT_NEAR(elapsed_at(curve, 9999), 60, 1e-9) << "beyond the end it stays";
+  EXPECT_NEAR(elapsed_at(curve, 9999), 60, 1e-9) << "constant after the last line";
   EXPECT_EQ(elapsed_at(TrainHistory{}, 100), 0);
 }
 
-TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
-  const auto saved = saved_time(history(10, 10), with_inflection(history(8, 9.5), 2001));
+TEST(CompareSummary, SplitsTimeSavedAtTheKernelSwitch) {
+  const auto saved = time_saved(history(10, 10), with_switch(history(8, 9.5), 2001));
   ASSERT_TRUE(saved);
-  EXPECT_EQ(saved->inflection, 2001);
+  EXPECT_EQ(saved->switch_iteration, 2001);
   EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
   EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
   EXPECT_NEAR(saved->overall, 0.125, 1e-9);
@@ -32,35 +32,35 @@ TEST(CompareSummary, TellsTheTimeSavedBeforeAndAfterTheInflection) {
   EXPECT_NEAR(saved->ours_s, 35, 1e-9);
 }
 
-TEST(CompareSummary, WithoutAnInflectionThereIsNoBeforeAndAfter) {
-  const auto saved = saved_time(history(10, 10), history(8, 8));
+TEST(CompareSummary, WithoutAKernelSwitchThereIsNoBeforeAndAfter) {
+  const auto saved = time_saved(history(10, 10), history(8, 8));
   ASSERT_TRUE(saved);
-  EXPECT_FALSE(saved->inflection);
+  EXPECT_FALSE(saved->switch_iteration);
   EXPECT_FALSE(saved->before);
   EXPECT_FALSE(saved->after);
   EXPECT_NEAR(saved->overall, 0.2, 1e-9);
-  EXPECT_FALSE(saved_time(history(10, 10), TrainHistory{}));
+  EXPECT_FALSE(time_saved(history(10, 10), TrainHistory{}));
 
-  const auto from_the_start = saved_time(history(10, 10), with_inflection(history(8, 8), 1));
+  const auto from_the_start = time_saved(history(10, 10), with_switch(history(8, 8), 1));
   ASSERT_TRUE(from_the_start);
-  EXPECT_FALSE(from_the_start->before) << "nothing lies before the first step";
+  EXPECT_FALSE(from_the_start->before) << "there is no time before the first step";
   EXPECT_NEAR(from_the_start->after.value(), 0.2, 1e-3);
 
-  TrainHistory backward = with_inflection(history(8, 8), 2000);
+  TrainHistory backward = with_switch(history(8, 8), 2000);
   for (KernelCheckEvent& check : backward.checks) check.pass = "backward";
-  EXPECT_FALSE(inflection_point(backward));
-  EXPECT_FALSE(inflection_point(TrainHistory{}));
+  EXPECT_FALSE(first_kernel_switch(backward));
+  EXPECT_FALSE(first_kernel_switch(TrainHistory{}));
 }
 
 TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
   EXPECT_TRUE(kernel_periods(history(10, 10)).empty());
-  const std::vector<KernelPeriod> late = kernel_periods(with_inflection(history(10, 10), 2000));
+  const std::vector<KernelPeriod> late = kernel_periods(with_switch(history(10, 10), 2000));
   ASSERT_EQ(late.size(), 2u);
   EXPECT_EQ(late[0].kernel, "combined");
-  EXPECT_EQ(late[0].until, 1999) << "the check comes before the step of its iteration";
+  EXPECT_EQ(late[0].until, 1999) << "the check runs before the step of its iteration";
   EXPECT_EQ(late[1].from, 1999);
   EXPECT_EQ(late[1].until, 4000);
-  const std::vector<KernelPeriod> early = kernel_periods(with_inflection(history(10, 10), 1));
+  const std::vector<KernelPeriod> early = kernel_periods(with_switch(history(10, 10), 1));
   ASSERT_EQ(early.size(), 1u);
   EXPECT_EQ(early[0].kernel, "shared-memory");
   EXPECT_EQ(early[0].from, 0);
@@ -70,7 +70,7 @@ TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
   EXPECT_EQ(kernel_periods(resumed).at(0).until, 1000);
 }
 
-TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
+TEST(CompareSummary, TheVerdictIsAboutTheFirstAdaptiveConfiguration) {
   const ComparisonSummary summary =
       summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
                             trained("adaptive", {history(8, 8)})},
@@ -82,27 +82,27 @@ TEST(CompareSummary, TheVerdictIsAboutTheAdaptiveConfigurationIfThereIsOne) {
   EXPECT_EQ(summary.find("nobody"), nullptr);
 }
 
-TEST(CompareSummary, BalancingIsOneOfThreeSteps) {
+TEST(CompareSummary, SeparatesTheGainOfLoadBalancing) {
   const ComparisonSummary summary = summarize_comparison(
       {trained("naive", {history(10, 10), history(10, 10)}), trained("shared-memory", {history(5, 5), history(5, 5)}),
        trained("segmented", {history(4, 4), history(3, 3)})},
       4000);
-  ASSERT_EQ(summary.balancing.size(), 1u) << "of the balanced one alone";
-  const BalancingSteps& steps = summary.balancing[0];
-  EXPECT_EQ(steps.name, "segmented");
-  EXPECT_EQ(steps.naive, "naive");
-  EXPECT_EQ(steps.unbalanced, "shared-memory");
-  EXPECT_NEAR(steps.to_unbalanced.mean, 0.5, 1e-9);
-  EXPECT_NEAR(steps.balancing.min, 0.2, 1e-9);
-  EXPECT_NEAR(steps.balancing.max, 0.4, 1e-9);
-  EXPECT_NEAR(steps.whole.mean, 0.65, 1e-9);
+  ASSERT_EQ(summary.balancing.size(), 1u) << "only for the balanced configuration";
+  const BalancingGain& gain = summary.balancing[0];
+  EXPECT_EQ(gain.name, "segmented");
+  EXPECT_EQ(gain.naive, "naive");
+  EXPECT_EQ(gain.unbalanced, "shared-memory");
+  EXPECT_NEAR(gain.to_unbalanced.mean, 0.5, 1e-9);
+  EXPECT_NEAR(gain.balancing.min, 0.2, 1e-9);
+  EXPECT_NEAR(gain.balancing.max, 0.4, 1e-9);
+  EXPECT_NEAR(gain.whole.mean, 0.65, 1e-9);
   const auto json = to_json(summary)["balancing"][0];
   EXPECT_NEAR(json["saved_by_balancing"]["mean"].get<double>(), 0.3, 1e-9);
   EXPECT_NEAR(json["saved_naive_to_unbalanced"]["mean"].get<double>(), 0.5, 1e-9);
   EXPECT_NEAR(json["saved_whole"]["mean"].get<double>(), 0.65, 1e-9);
 }
 
-TEST(CompareSummary, StepsNeedEveryUnbalancedKernelWithTheSameOptions) {
+TEST(CompareSummary, TheGainNeedsEveryUnbalancedKernelWithTheSameOptions) {
   ConfigurationHistory other = trained("shared-memory", {history(5, 5)});
   const std::vector<ConfigurationHistory> same{trained("naive", {history(10, 10)}), other,
                                                trained("adaptive", {history(4, 4)})};
@@ -113,11 +113,11 @@ TEST(CompareSummary, StepsNeedEveryUnbalancedKernelWithTheSameOptions) {
   EXPECT_TRUE(summary.balancing.empty());
   EXPECT_EQ(summary.missing_kernels, (std::vector<std::string>{"shared-memory"}));
   EXPECT_EQ(summary.compared[0].differs_in, (std::vector<std::string>{"culling"}));
-  EXPECT_TRUE(summary.compared[1].differs_in.empty()) << "it differs in the forward kernel alone";
+  EXPECT_TRUE(summary.compared[1].differs_in.empty()) << "it differs only in the forward kernel";
   EXPECT_TRUE(summary.compared[1].has_own_kernel);
 }
 
-TEST(CompareSummary, TheKernelTableSaysWhichOnesBalance) {
+TEST(CompareSummary, KnowsWhichKernelsAreBalanced) {
   EXPECT_FALSE(is_balanced_kernel("naive") || is_balanced_kernel("shared-memory") || is_balanced_kernel("no kernel"));
   for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
     EXPECT_TRUE(is_balanced_kernel(name)) << name;
@@ -126,11 +126,11 @@ TEST(CompareSummary, TheKernelTableSaysWhichOnesBalance) {
   EXPECT_FALSE(may_balance(config_with("shared-memory")));
 }
 
-TEST(CompareSummary, ARepetitionOfTheBaselineSaysWhatTheMachineMakesOfIt) {
+TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
   const ComparisonSummary summary = summarize_comparison(
       {trained("naive", {with_quality(history(10, 10), 25, 1000), with_quality(history(10, 10), 26, 1000)}),
-       trained("ours", {with_quality(with_inflection(history(8, 9.5), 2001), 25.3, 1000),
-                        with_quality(with_inflection(history(8, 9.5), 2001), 26, 1000)}),
+       trained("ours", {with_quality(with_switch(history(8, 9.5), 2001), 25.3, 1000),
+                        with_quality(with_switch(history(8, 9.5), 2001), 26, 1000)}),
        {"again",
         config_with("naive"),
         {with_quality(history(10.1, 10), 25.2, 1000), with_quality(history(10, 9.6), 25.9, 1010)}}},
@@ -148,11 +148,11 @@ TEST(CompareSummary, ARepetitionOfTheBaselineSaysWhatTheMachineMakesOfIt) {
   EXPECT_NEAR(json["compared"][0]["machine_spread"]["after"].get<double>(), 0.04, 1e-9);
   EXPECT_NEAR(json["compared"][0]["quality"][0]["machine_spread"].get<double>(), 0.2, 1e-9);
   EXPECT_EQ(describe_repetition(summary),
-            "naive against itself (again): time 2.0 %, PSNR 0.20, SSIM 0.0000, Gaussians 10");
+            "run-to-run variation of naive: time 2.0 %, PSNR 0.20, SSIM 0.0000, Gaussians 10");
   EXPECT_EQ(summarize_pair({history(10, 10)}, {history(8, 8)}).noise(), std::nullopt);
 }
 
-TEST(CompareSummary, ADifferenceWithinTheMachinesSpreadIsToldFromAnEqualOne) {
+TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNotCalledEqual) {
   const ComparisonSummary summary =
       summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
                             trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
@@ -162,9 +162,9 @@ TEST(CompareSummary, ADifferenceWithinTheMachinesSpreadIsToldFromAnEqualOne) {
   EXPECT_TRUE(summary.compared[0].quality[0].is_within_noise());
 }
 
-TEST(CompareSummary, OnlyWhatIsMeasuredAsThePaperDidStandsBesideIt) {
+TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
   const auto original = [](const std::string& kernel) {
-    ConfigurationHistory own = trained(kernel, {with_inflection(history(8, 9.5), 2001)});
+    ConfigurationHistory own = trained(kernel, {with_switch(history(8, 9.5), 2001)});
     own.name = "original_" + kernel;
     own.config.backward_kernel = "per-pixel";
     return own;
@@ -173,14 +173,14 @@ TEST(CompareSummary, OnlyWhatIsMeasuredAsThePaperDidStandsBesideIt) {
       summarize_comparison({trained("naive", {history(10, 10)}), trained("paper", {history(9, 9)}), original("naive"),
                             original("adaptive"), original("paper"), original("combined")},
                            4000);
-  ASSERT_EQ(summary.beside_paper.size(), 1u) << "not with our backward pass, nor another pair, nor a fixed kernel";
-  EXPECT_EQ(summary.beside_paper[0].baseline, "original_naive");
-  EXPECT_EQ(summary.beside_paper[0].compared.name, "original_paper");
-  EXPECT_TRUE(summary.beside_paper[0].compared.before);
+  ASSERT_EQ(summary.paper_comparisons.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
+  EXPECT_EQ(summary.paper_comparisons[0].baseline, "original_naive");
+  EXPECT_EQ(summary.paper_comparisons[0].compared.name, "original_paper");
+  EXPECT_TRUE(summary.paper_comparisons[0].compared.before);
   EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }
 
-TEST(CompareSummary, QualityIsEqualWithinTheSpreadOfTheSeeds) {
+TEST(CompareSummary, QualityIsEqualWithinTheRangeOverSeeds) {
   const auto quality = [](std::vector<double> naive, std::vector<double> ours) {
     std::vector<TrainHistory> a, b;
     for (const double psnr : naive) a.push_back(with_quality(history(10, 10), psnr, 1000));
@@ -231,21 +231,21 @@ TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
 TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
   const TrainHistory naive = history(10, 10);
   const ComparedConfiguration compared =
-      summarize_pair({naive, naive, naive}, {with_inflection(history(8, 9.5), 2001), with_inflection(history(9, 9), 1),
+      summarize_pair({naive, naive, naive}, {with_switch(history(8, 9.5), 2001), with_switch(history(9, 9), 1),
                                              with_kernel(history(7, 7), "combined")})
           .compared[0];
   ASSERT_TRUE(compared.before && compared.after);
   EXPECT_EQ(compared.before->n, 1);
   EXPECT_EQ(compared.after->n, 1) << "the second seed has an after, but no before";
   EXPECT_NEAR(compared.after->mean, 0.05, 1e-9);
-  EXPECT_EQ(compared.inflection->n, 2);
+  EXPECT_EQ(compared.switch_iteration->n, 2);
   EXPECT_EQ(compared.overall->n, 3);
   EXPECT_EQ(in_seeds(compared.before->n, compared.overall->n), " in 1 of 3 seeds");
   EXPECT_EQ(in_seeds(3, 3), "");
 }
 
 TEST(CompareSummary, IsWrittenAsJson) {
-  const auto json = to_json(summarize_pair({history(10, 10)}, {with_inflection(history(8, 9.5), 2001)}));
+  const auto json = to_json(summarize_pair({history(10, 10)}, {with_switch(history(8, 9.5), 2001)}));
   EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2001);
   EXPECT_EQ(json["compared"][0]["balanced_kernels"]["names"], nlohmann::ordered_json::array({"combined"}));
   EXPECT_EQ(json["compared"][0]["balanced_kernels"]["iterations"]["mean"], 2000);

@@ -1,5 +1,5 @@
-// Checkpoint files. Mutations never meet the header's checksum, so each input is read as it is and with its header's
-// length and checksum mended.
+// Checkpoint files. Mutated headers practically never match their checksum, so each input is read twice: as it is, and
+// with the length and checksum of its header corrected.
 #include <cmath>
 #include <cstring>
 #include <optional>
@@ -18,7 +18,7 @@ constexpr std::size_t kVersionAt = 8, kCrcAt = 12, kLengthAt = 16, kHeaderAt = 2
 void check_header(const CheckpointHeader& header) {
   B3DGS_CHECK(header.iteration >= 0 && header.n_gaussians > 0 && header.adam_steps >= 0 &&
                   header.sh_degree <= header.config.sh_degree && std::isfinite(header.loss_average),
-              "a header out of its ranges was taken");
+              "a header with values out of range was accepted");
   ViewOrder order = header.view_order;
   const std::int64_t n_views = static_cast<std::int64_t>(header.scene.at("train_views").size());
   if (n_views > 0) {
@@ -50,8 +50,8 @@ void read_file(std::string_view bytes) {
   verify_sections(file, layout);
 }
 
-/// The input with a length of its header that the file can hold, and the checksum of those bytes.
-std::optional<std::string> mended(std::string_view bytes) {
+/// The input with a header length that fits the file, and the right checksum.
+std::optional<std::string> corrected(std::string_view bytes) {
   if (bytes.size() < kHeaderAt) return std::nullopt;
   std::string file(bytes);
   std::memcpy(file.data(), kCheckpointMagic.data(), kCheckpointMagic.size());
@@ -59,7 +59,7 @@ std::optional<std::string> mended(std::string_view bytes) {
   std::uint64_t length = 0;
   std::memcpy(&length, file.data() + kLengthAt, sizeof length);
   if (length > file.size() - kHeaderAt) length = file.size() - kHeaderAt;
-  // Behind the header follow tensors: where the mutation moved its end, it is the last brace before a zero byte.
+  // If a mutation moved the end of the header, it is the last brace before a zero byte: the tensors come after it.
   const std::size_t zero = file.find('\0', kHeaderAt);
   const std::size_t brace = file.rfind('}', zero);
   if (brace != std::string::npos && brace >= kHeaderAt) length = brace + 1 - kHeaderAt;
@@ -78,7 +78,7 @@ void read_input(std::string_view bytes) {
   } catch (const InputError& error) {
     refused = error;
   }
-  if (const auto file = mended(bytes); file && *file != bytes) {
+  if (const auto file = corrected(bytes); file && *file != bytes) {
     try {
       read_file(*file);
     } catch (const InputError&) {

@@ -1,11 +1,10 @@
-// What every COLMAP model that is read has to be good for.
+// Checks that the values of a COLMAP model, once read, are usable.
 #pragma once
 
 #include <cmath>
 
 #include "core/check.h"
 #include "scene/cameras/camera.h"
-#include "scene/cameras/distortion.h"
 #include "scene/colmap/colmap_format.h"
 
 namespace b3dgs::fuzz {
@@ -14,18 +13,12 @@ inline bool is_finite_float(double value) {
   return std::isfinite(static_cast<float>(value));
 }
 
-/// Takes the steps from a model to views. @throws InputError for cameras that cannot be used
+/// Turns the model into views. @throws InputError for cameras that cannot be used
 inline void check_model(const ColmapModel& model) {
   for (const ColmapImage& image : model.images) {
     const ColmapCamera& camera = model.cameras.at(image.camera_id);
     const Lens lens = lens_of(camera, "cameras");
-    Camera view;
-    view.width = static_cast<int>(camera.width);
-    view.height = static_cast<int>(camera.height);
-    view.fx = lens.fx;
-    view.fy = lens.fy;
-    view.cx = lens.cx;
-    view.cy = lens.cy;
+    Camera view = lens.pinhole({static_cast<int>(camera.width), static_cast<int>(camera.height)});
     view.cam_from_world.rotation = rotation_from_quaternion(image.quat);
     view.cam_from_world.translation = image.translation;
     const Camera half = view.scaled_to((view.width + 1) / 2, (view.height + 1) / 2);

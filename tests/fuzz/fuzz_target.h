@@ -1,5 +1,5 @@
-// What a fuzz target is: one function that gives bytes to a reader. libfuzzer_main.cpp drives it with libFuzzer's
-// bytes, run_files_main.cpp with files.
+// A fuzz target is one function, read_input(), that passes bytes to a reader. libfuzzer_main.cpp calls it with
+// libFuzzer's inputs, run_files_main.cpp with files.
 #pragma once
 
 #include <string>
@@ -10,26 +10,28 @@
 
 namespace b3dgs::fuzz {
 
-/// Gives `bytes` to the reader under test, and holds what it returns against what the reader promises.
-/// @throws InputError if the reader refuses them. Any other exception is a fault of the reader.
+/// Passes `bytes` to the reader under test and checks what it returns against its documentation. Defined by each
+/// target.
+/// @throws InputError if the reader rejects the bytes. Any other exception is a bug
 void read_input(std::string_view bytes);
 
-/// Whether the reader took the bytes. @throws LogicError if it refused them in several lines or without a word
-inline bool takes_input(std::string_view bytes) {
+/// Whether the reader accepts the bytes. @throws LogicError if its error is empty or longer than one line
+inline bool accepts_input(std::string_view bytes) {
   try {
     read_input(bytes);
     return true;
   } catch (const InputError& error) {
     const std::string message = error.what();
-    B3DGS_CHECK(!message.empty() && message.find('\n') == std::string::npos, "not one line: ", message);
+    B3DGS_CHECK(!message.empty() && message.find('\n') == std::string::npos,
+                "expected an error of one line, found: ", message);
     return false;
   }
 }
 
-/// Several files in one input stand between these.
+/// Separates the files of an input that consists of several.
 inline constexpr std::string_view kFileSeparator = "<<next file>>";
 
-/// The first `n` files of an input; those that are not there are empty.
+/// The first `n` files of an input; missing ones are empty.
 inline std::vector<std::string_view> split_files(std::string_view bytes, std::size_t n) {
   std::vector<std::string_view> files;
   while (files.size() + 1 < n) {

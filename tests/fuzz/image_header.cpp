@@ -1,4 +1,4 @@
-// Sizes and completeness of JPEG and PNG files.
+// Size and completeness of JPEG and PNG files.
 #include "scene/images/image_header.h"
 
 #include "fuzz/fuzz_target.h"

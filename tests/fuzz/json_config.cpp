@@ -1,4 +1,4 @@
-// Configs of a training as JSON: config.json, --config, and what checkpoints hold.
+// Training configurations as JSON: config.json, --config and the header of checkpoints.
 #include "core/json_text.h"
 #include "fuzz/fuzz_target.h"
 #include "train/config/train_config.h"
@@ -6,7 +6,7 @@
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   const nlohmann::ordered_json json = parse_json(bytes);
   TrainConfig config;
-  config_from_json(config, json, "config.json");  // a discarded value is refused as no object
+  config_from_json(config, json, "config.json");  // rejects a discarded value, which is not an object
   TrainConfig again;
   config_from_json(again, config_to_json(config), "again");
   const std::vector<std::string> differences = config_differences(config, again);

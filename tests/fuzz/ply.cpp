@@ -14,16 +14,17 @@ void check_splats(const SplatCloud& cloud) {
   B3DGS_CHECK(cloud.means.size() == 3 * n && cloud.log_scales.size() == 3 * n && cloud.quats.size() == 4 * n &&
                   cloud.sh0.size() == 3 * n &&
                   cloud.shN.size() == 3 * n * static_cast<std::size_t>(sh_coefficient_count(cloud.sh_degree) - 1),
-              "the arrays of ", n, " Gaussians are not of the same length");
+              "the arrays of ", n, " Gaussians differ in length");
   for (const std::vector<float>* values :
        {&cloud.means, &cloud.log_scales, &cloud.quats, &cloud.logit_opacities, &cloud.sh0, &cloud.shN}) {
-    for (const float value : *values) B3DGS_CHECK(std::isfinite(value), "holds ", value);
+    for (const float value : *values) B3DGS_CHECK(std::isfinite(value), "expected a finite value, found ", value);
   }
 }
 
 void check_points(const PointCloud& points) {
-  B3DGS_CHECK(points.positions.size() == points.colors.size(), "positions and colours are not of the same length");
-  for (const float value : points.positions) B3DGS_CHECK(std::isfinite(value), "holds ", value);
+  B3DGS_CHECK(points.positions.size() == points.colors.size(), "positions and colours differ in length");
+  for (const float value : points.positions)
+    B3DGS_CHECK(std::isfinite(value), "expected a finite value, found ", value);
 }
 
 }  // namespace

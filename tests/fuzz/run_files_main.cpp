@@ -1,5 +1,6 @@
-// A fuzz target over files, for ctest and without libFuzzer: FUZZ_TARGET [--accepted FOLDER] [FILE|FOLDER]...
-// Each file has to be taken or refused with an InputError; those of the folder after --accepted have to be taken.
+// Runs a fuzz target on files, without libFuzzer, for ctest: FUZZ_TARGET [--accepted FOLDER] [FILE|FOLDER]...
+// Each file has to be accepted, or rejected with an InputError; those in the folder after --accepted have to be
+// accepted.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -24,28 +25,28 @@ std::vector<fs::path> files_of(const fs::path& path) {
   return files;
 }
 
-/// Whether all went as it should.
-bool run_file(const fs::path& path, bool has_to_be_taken) {
+/// Whether the target behaved as expected.
+bool run_file(const fs::path& path, bool has_to_be_accepted) {
   std::ifstream file(path, std::ios::binary);
   if (!file) {
     std::cerr << path.string() << ": cannot be opened\n";
     return false;
   }
   const std::string bytes{std::istreambuf_iterator<char>(file), {}};
-  // Exactly as long as the input, so that the address sanitizer sees what is read beyond it.
+  // A buffer of the exact size, so that the address sanitizer detects reads beyond its end.
   const std::vector<char> exact(bytes.begin(), bytes.end());
   try {
-    const bool taken = b3dgs::fuzz::takes_input({exact.data(), exact.size()});
-    if (has_to_be_taken && !taken) {
+    const bool is_accepted = b3dgs::fuzz::accepts_input({exact.data(), exact.size()});
+    if (has_to_be_accepted && !is_accepted) {
       try {
         b3dgs::fuzz::read_input({exact.data(), exact.size()});
       } catch (const b3dgs::InputError& error) {
-        std::cerr << path.string() << ": refused: " << error.what() << "\n";
+        std::cerr << path.string() << ": expected to be accepted, but rejected: " << error.what() << "\n";
       }
     }
-    return taken || !has_to_be_taken;
+    return is_accepted || !has_to_be_accepted;
   } catch (const std::exception& error) {
-    std::cerr << path.string() << ": an error of another kind: " << error.what() << "\n";
+    std::cerr << path.string() << ": expected an InputError, found: " << error.what() << "\n";
     return false;
   }
 }
@@ -53,15 +54,15 @@ bool run_file(const fs::path& path, bool has_to_be_taken) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  int n_files = 0, n_faults = 0;
+  int n_files = 0, n_failures = 0;
   for (int i = 1; i < argc; ++i) {
-    const bool has_to_be_taken = std::string(argv[i]) == "--accepted" && i + 1 < argc;
-    if (has_to_be_taken) ++i;
+    const bool has_to_be_accepted = std::string(argv[i]) == "--accepted" && i + 1 < argc;
+    if (has_to_be_accepted) ++i;
     for (const fs::path& path : files_of(argv[i])) {
       ++n_files;
-      n_faults += run_file(path, has_to_be_taken) ? 0 : 1;
+      n_failures += run_file(path, has_to_be_accepted) ? 0 : 1;
     }
   }
-  std::cout << n_files << " files, " << n_faults << " faults\n";
-  return n_files > 0 && n_faults == 0 ? 0 : 1;
+  std::cout << n_files << " files, " << n_failures << " failures\n";
+  return n_files > 0 && n_failures == 0 ? 0 : 1;
 }

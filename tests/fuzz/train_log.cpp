@@ -1,4 +1,4 @@
-// train.jsonl. Damaged lines are left out, so nothing is ever refused.
+// train.jsonl. Damaged lines are skipped, so every input is accepted.
 #include <sstream>
 
 #include "fuzz/fuzz_target.h"
@@ -9,7 +9,8 @@ void b3dgs::fuzz::read_input(std::string_view bytes) {
   const TrainHistory history = parse_train_log(lines);
   int before = 0;
   for (const LogPoint& point : history.points) {
-    B3DGS_CHECK(point.iteration > before, "iteration ", point.iteration, " after ", before);
+    B3DGS_CHECK(point.iteration > before, "expected iterations in ascending order, found ", point.iteration, " after ",
+                before);
     before = point.iteration;
   }
 }

@@ -1,5 +1,5 @@
-// What fuzzing begins with: small files of every kind, made by the writers of this project. write_seeds FOLDER fills
-// FOLDER/TARGET/ for each target; every reader has to take all of them.
+// Writes the seeds of fuzzing: small valid files of every kind, made by the writers of this project. write_seeds FOLDER
+// fills FOLDER/TARGET/ for each target; the readers have to accept all of them.
 #include <fstream>
 #include <iostream>
 
@@ -21,13 +21,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A camera of each model that can be used, each with an image.
+/// A camera of each supported model, each with an image.
 ColmapModel model_of_all_cameras() {
   ColmapModel model;
-  for (const CameraModel kind :
-       {CameraModel::kSimplePinhole, CameraModel::kPinhole, CameraModel::kSimpleRadial, CameraModel::kRadial,
-        CameraModel::kOpenCv, CameraModel::kOpenCvFisheye, CameraModel::kFullOpenCv, CameraModel::kSimpleRadialFisheye,
-        CameraModel::kRadialFisheye}) {
+  for (const CameraModel kind : supported_camera_models()) {
     const auto id = static_cast<std::uint32_t>(kind);
     ColmapCamera camera{id, kind, 64, 48, std::vector<double>(camera_model_param_count(kind), 0.01)};
     const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
@@ -75,7 +72,7 @@ SplatCloud small_cloud(int sh_degree) {
 void write_ply_seeds(const fs::path& folder) {
   for (const int degree : {0, 1, 3}) write_splat_ply(folder / ("splats" + std::to_string(degree)), small_cloud(degree));
   write_point_ply(folder / "points", {{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}});
-  // What other programs write: text, lists, other types.
+  // As other programs write them: text, lists, other types.
   write_file(folder / "text",
              "ply\nformat ascii 1.0\ncomment x\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex "
              "2\nproperty float x\nproperty double y\nproperty int z\nproperty uchar red\nproperty uchar "

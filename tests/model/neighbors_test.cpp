@@ -12,7 +12,7 @@
 namespace b3dgs {
 namespace {
 
-// All pairs, in double.
+// Reference implementation: all pairs, in double precision.
 std::vector<double> brute_force(const std::vector<float>& p) {
   const std::size_t n = p.size() / 3;
   std::vector<double> result(n);
@@ -41,7 +41,7 @@ void expect_as_brute_force(const std::vector<float>& positions) {
     EXPECT_NEAR(found[i], expected[i], 1e-6 * expected[i]) << "point " << i;
 }
 
-// Rings on a ground plane whose spacing grows a hundredfold, walls, and repeated points: a LiDAR in small.
+// Similar to LiDAR: points on a ground plane and walls whose spacing grows a hundredfold, and duplicates.
 std::vector<float> uneven_cloud(int n) {
   std::mt19937 random(3);
   std::uniform_real_distribution<float> uniform(0, 1);
@@ -65,7 +65,7 @@ TEST(Neighbors, FourCornersOfASquare) {
   for (const float value : d) EXPECT_FLOAT_EQ(value, 16.0f / 3.0f);
 }
 
-TEST(Neighbors, FewPointsUseTheNeighboursThereAre) {
+TEST(Neighbors, UseFewerNeighborsInSmallClouds) {
   EXPECT_TRUE(mean_squared_neighbor_distances({}).empty());
   EXPECT_EQ(mean_squared_neighbor_distances({1, 2, 3}), std::vector<float>{1e-7f});
   EXPECT_EQ(mean_squared_neighbor_distances({0, 0, 0, 0, 3, 0}), (std::vector<float>{9, 9}));
@@ -105,7 +105,7 @@ TEST(Neighbors, DoNotDependOnTheNumberOfThreads) {
   EXPECT_EQ(one, three);
 }
 
-TEST(Neighbors, RefusePositionsThatAreNotFinite) {
+TEST(Neighbors, RejectPositionsThatAreNotFinite) {
   EXPECT_THROW(mean_squared_neighbor_distances({0, 0, 0, NAN, 0, 0}), LogicError);
 }
 

@@ -20,7 +20,7 @@ using test::read_bytes;
 using test::TempDir;
 using test::write_bytes;
 
-// Values that tell where each came from.
+// Every value is different, so that misplaced ones are found.
 SplatCloud numbered_cloud(int n, int degree) {
   SplatCloud cloud;
   cloud.sh_degree = degree;
@@ -97,7 +97,7 @@ TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
   EXPECT_THROW(short_one.commit(), LogicError);
 }
 
-TEST_F(SplatPly, OneGaussianOfDegree3HasThisHeaderAndTheseBytes) {
+TEST_F(SplatPly, HasTheDocumentedHeaderAndBytes) {
   SplatCloud cloud;
   cloud.sh_degree = 3;
   cloud.means = {1, 2, 3};
@@ -129,7 +129,7 @@ TEST_F(SplatPly, OneGaussianOfDegree3HasThisHeaderAndTheseBytes) {
   EXPECT_EQ(read_bytes(folder_ / "a.ply"), expected);
 }
 
-TEST_F(SplatPly, GivesEveryDegreeBack) {
+TEST_F(SplatPly, ReadsBackEveryDegree) {
   for (int degree = 0; degree <= 3; ++degree) {
     for (const int n : {0, 1, 5000}) {  // 5000: more than one block
       const SplatCloud cloud = numbered_cloud(n, degree);
@@ -139,7 +139,7 @@ TEST_F(SplatPly, GivesEveryDegreeBack) {
   }
 }
 
-TEST_F(SplatPly, ReadsByNameWhateverTheOrderTypeAndCompany) {
+TEST_F(SplatPly, ReadsByNameInAnyOrderAndType) {
   const std::string text =
       "ply\r\nformat binary_little_endian 1.0\ncomment made by hand\nelement camera 2\nproperty list uchar int a\n"
       "property short b\nelement vertex 1\nproperty double rot_3\nproperty uchar extra\nproperty float rot_2\n"
@@ -180,16 +180,16 @@ TEST_F(SplatPly, ReadsBigEndianAndAscii) {
   expect_equal(from_big, from_ascii);
 }
 
-TEST_F(SplatPly, RefusesOtherFiles) {
-  EXPECT_TRUE(refuses("", {"begins with the line \"ply\""}));
-  EXPECT_TRUE(refuses("PK\x03\x04", {"begins with the line \"ply\""}));
+TEST_F(SplatPly, RejectsOtherFiles) {
+  EXPECT_TRUE(refuses("", {"not a PLY file"}));
+  EXPECT_TRUE(refuses("PK\x03\x04", {"not a PLY file"}));
   EXPECT_TRUE(refuses("ply\nformat binary_little_endian 1.0\nelement vertex 3\n", {"end_header"}));
-  EXPECT_TRUE(refuses("ply\nelement vertex 0\nproperty float x\nend_header\n", {"no line \"format\""}));
+  EXPECT_TRUE(refuses("ply\nelement vertex 0\nproperty float x\nend_header\n", {"expected a line \"format\""}));
   EXPECT_TRUE(refuses("ply\nformat zip 1.0\nend_header\n", {":2:", "zip"}));
   EXPECT_TRUE(refuses("ply\nformat ascii 1.0\nelement vertex many\n", {":3:", "\"many\""}));
   EXPECT_TRUE(refuses("ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\n", {":4:", "\"half\""}));
   EXPECT_TRUE(refuses("ply\nformat ascii 1.0\nelement face 1\nproperty int a\nend_header\n1\n",
-                      {"expected an element vertex", "face"}));
+                      {"expected an element \"vertex\"", "face"}));
   EXPECT_TRUE(fails_with<InputError>({"none.ply", "No such file"}, [&] { read_splat_ply(folder_ / "none.ply"); }));
 }
 
@@ -214,16 +214,16 @@ TEST_F(SplatPly, NamesTheMissingProperty) {
   EXPECT_TRUE(refuses(header("binary_little_endian", 0, names), {"no property rot_2"}));
 }
 
-TEST_F(SplatPly, RefusesACountOfRestCoefficientsThatIsNoDegree) {
+TEST_F(SplatPly, RejectsANumberOfRestCoefficientsOfNoDegree) {
   std::vector<std::string> names = kDegree0;
   for (int i = 0; i < 10; ++i) names.push_back("f_rest_" + std::to_string(i));
   EXPECT_TRUE(refuses(header("binary_little_endian", 0, names), {"0, 9, 24 or 45", "found 10"}));
   names.pop_back();
-  names.back() = "f_rest_9";  // nine of them, but not 0 to 8
+  names.back() = "f_rest_9";  // nine of them, but f_rest_8 is missing
   EXPECT_TRUE(refuses(header("binary_little_endian", 0, names), {"no property f_rest_8"}));
 }
 
-TEST_F(SplatPly, RefusesCountsThatTheFileCannotHold) {
+TEST_F(SplatPly, RejectsCountsThatTheFileCannotHold) {
   const std::string row(14 * 4, '\x3f');
   EXPECT_TRUE(refuses(header("binary_little_endian", 2000000000, kDegree0) + row,
                       {"2000000000 rows of element vertex", "only 56"}));
@@ -255,20 +255,20 @@ TEST_F(SplatPly, ListsOfAnyLengthAreCheckedAgainstTheFile) {
   EXPECT_TRUE(fails_with<InputError>({"a.ply"}, [&] { read_point_ply(path); }));
 }
 
-TEST_F(SplatPly, RefusesAnUnwritablePlace) {
+TEST_F(SplatPly, RejectsAnUnwritablePlace) {
   write_bytes(folder_ / "plain", "x");
   EXPECT_TRUE(fails_with<IoError>({"plain/a.ply"},
                                   [&] { write_splat_ply(folder_ / "plain" / "a.ply", numbered_cloud(1, 0)); }));
 }
 
-TEST_F(SplatPly, IsToldFromPointsByItsHeader) {
+TEST_F(SplatPly, IsDistinguishedFromPointsByItsHeader) {
   write_splat_ply(folder_ / "s.ply", numbered_cloud(1, 0));
   write_point_ply(folder_ / "p.ply", {{1, 2, 3}, {4, 5, 6}});
   EXPECT_TRUE(is_splat_ply(folder_ / "s.ply"));
   EXPECT_FALSE(is_splat_ply(folder_ / "p.ply"));
 }
 
-TEST(PointPly, GivesPointsBack) {
+TEST(PointPly, ReadsBackPoints) {
   TempDir folder;
   const PointCloud points{{1, 2, 3, -4.5f, 5, 6e-9f}, {0, 128, 255, 1, 2, 3}};
   write_point_ply(folder / "p.ply", points);
@@ -281,7 +281,7 @@ TEST(PointPly, GivesPointsBack) {
             "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n");
 }
 
-TEST(PointPly, TakesColoursByTheirTypeAndMidGreyWithoutAny) {
+TEST(PointPly, ScalesColoursByTypeAndDefaultsToMidGrey) {
   TempDir folder;
   write_bytes(folder / "a.ply",
               "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
@@ -296,7 +296,7 @@ TEST(PointPly, TakesColoursByTheirTypeAndMidGreyWithoutAny) {
   EXPECT_TRUE(fails_with<InputError>({"c.ply", "no property z"}, [&] { read_point_ply(folder / "c.ply"); }));
 }
 
-TEST(PointPly, RefusesListsLongerThanTheFile) {
+TEST(PointPly, RejectsListsLongerThanTheFile) {
   const TempDir folder;
   const std::string begin = "element vertex 1\nproperty list ", end =
                                                                     "float more\nproperty float x\nproperty float y\n"
@@ -307,7 +307,7 @@ TEST(PointPly, RefusesListsLongerThanTheFile) {
   }
   write_bytes(folder / "b.ply", "ply\nformat binary_little_endian 1.0\n" + begin + "uint " + end +
                                     bytes_of<std::uint32_t>(4000000000u) + std::string(20, '\0'));
-  EXPECT_TRUE(fails_with<InputError>({"b.ply", "length 4e+09"}, [&] { read_point_ply(folder / "b.ply"); }));
+  EXPECT_TRUE(fails_with<InputError>({"b.ply", "found length 4e+09"}, [&] { read_point_ply(folder / "b.ply"); }));
 }
 
 TEST(PointPly, ClampsColoursOfAnySize) {

@@ -1,4 +1,4 @@
-// Counts of the load against the lists themselves, read entry by entry in double.
+// Load counts compared with the tile lists, evaluated entry by entry in double.
 #include <gtest/gtest.h>
 
 #include "raster/math/blend.h"
@@ -13,8 +13,8 @@ struct PixelCounts {
   std::int32_t processed = 0, contributing = 0;
 };
 
-/// Walks the splats of a tile in the order of the list, by the rules in blend.h's head and no code of it: `hazard` is
-/// set where rounding could decide otherwise.
+/// Walks a tile's list by the rules at the top of blend.h, without its code. Sets `hazard` where float rounding could
+/// lead to another decision.
 PixelCounts count_by_the_rules(const std::vector<const Splat*>& list, double x, double y, bool* hazard) {
   PixelCounts counts;
   double transmittance = 1;
@@ -63,7 +63,7 @@ TEST_P(CountLoadTest, CountsWhatTheListsSay) {
         const PixelCounts wanted = count_by_the_rules(list, x + 0.5, y + 0.5, &hazard);
         const auto pixel =
             static_cast<std::size_t>(y) * static_cast<std::size_t>(grid.image_width) + static_cast<std::size_t>(x);
-        ASSERT_GT(processed[pixel], rasterizer.last_ids()[pixel]) << "the last one blended was looked at";
+        ASSERT_GT(processed[pixel], rasterizer.last_ids()[pixel]) << "the last splat blended must have been evaluated";
         ASSERT_LE(processed[pixel], static_cast<std::int32_t>(list.size()));
         n_hazards += hazard;
         if (hazard) continue;
@@ -72,7 +72,7 @@ TEST_P(CountLoadTest, CountsWhatTheListsSay) {
       }
     }
   }
-  EXPECT_LE(n_hazards, depth.numel() / 2) << "too few pixels were judged; " << n << " Gaussians";
+  EXPECT_LE(n_hazards, depth.numel() / 2) << "too few pixels were compared; " << n << " Gaussians";
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, CountLoadTest, testing::ValuesIn(test_scenes()),
@@ -86,7 +86,7 @@ TEST(CountLoad, OfTheTorchLayerIsTheRasterizersAndItsTileListsAddUp) {
   const CpuView view(scene, settings_of(scene));
   const cpu::Rasterizer& own = view.rasterizer();
   ASSERT_EQ(load.tile_lists.numel(), own.grid().n_tiles());
-  EXPECT_EQ(load.tile_lists.sum().item<std::int64_t>(), own.bins().n_isects);
+  EXPECT_EQ(load.tile_lists.sum().item<std::int64_t>(), own.bins().n_pairs);
   for (std::int64_t tile = 0; tile < own.grid().n_tiles(); ++tile) {
     EXPECT_EQ(load.tile_lists[tile].item<std::int64_t>(),
               own.bins().tile_offsets[tile + 1] - own.bins().tile_offsets[tile]);

@@ -43,7 +43,7 @@ TEST(Covariance, IsDiagonalWithoutRotation) {
 }
 
 TEST(Covariance, TurnsByTheRightHandRule) {
-  // A right angle about +z takes +x to +y: the long first axis then lies along y.
+  // A right angle about +z takes +x to +y: the long first axis is then along y.
   const auto about_z = covariance_of(make_shape<double>({std::log(2), 0, 0}, {1, 0, 0, 1}));
   EXPECT_NEAR(about_z[0], 1, 1e-14);
   EXPECT_NEAR(about_z[4], 4, 1e-14);
@@ -52,7 +52,7 @@ TEST(Covariance, TurnsByTheRightHandRule) {
   const auto about_x = covariance_of(make_shape<double>({0, std::log(3), 0}, {std::cos(half), std::sin(half), 0, 0}));
   EXPECT_NEAR(about_x[4], 5, 1e-14);
   EXPECT_NEAR(about_x[8], 5, 1e-14);
-  EXPECT_NEAR(about_x[5], 4, 1e-14);  // (9 - 1) / 2, positive: the long axis has y and z of one sign
+  EXPECT_NEAR(about_x[5], 4, 1e-14);  // (9 - 1) / 2, positive: along the long axis, y and z have the same sign
 }
 
 TEST(Covariance, DoesNotDependOnTheQuaternionsLength) {

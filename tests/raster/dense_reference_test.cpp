@@ -1,5 +1,4 @@
-// The judge judged: the dense reference against hand calculations, and its autograd gradients against finite
-// differences.
+// The dense reference compared with hand calculations, and its autograd gradients with finite differences.
 #include "support/raster/dense_reference.h"
 
 #include <gtest/gtest.h>
@@ -96,7 +95,7 @@ TEST(DenseReference, ProjectsTheCentreWithPixelCentresAtHalves) {
 }
 
 TEST(DenseReference, TurnsFromFirstToSecondAxis) {
-  // A quarter of a right angle about z takes +x towards +y, which is down: the long axis then runs down to the right.
+  // A positive rotation about z turns +x towards +y, which is down: the long axis then runs down to the right.
   const double angle = 30 * M_PI / 180;
   const GaussianTensors leaves =
       leaves_of({{{0, 0, 1}, {0.3, 0.1, 0.1}, {2 * std::cos(angle / 2), 0, 0, 2 * std::sin(angle / 2)}, 0.9, 0.5}});
@@ -114,14 +113,14 @@ TEST(DenseReference, TurnsFromFirstToSecondAxis) {
 }
 
 TEST(DenseReference, WidensSplatsOffTheAxisByThePerspective) {
-  // At x/z = 0.4 the ray runs along the splat's depth too: variance (f/z)^2 s^2 (1 + 0.4^2).
+  // At x/z = 0.4 the splat's extent in depth contributes, too: variance (f/z)^2 s^2 (1 + 0.4^2).
   const DenseView view =
       dense_render(leaves_of({{{0.8, 0, 2}, {0.4, 0.4, 0.4}, {1, 0, 0, 0}, 0.9, 0.5}}), axis_view(), {});
   EXPECT_NEAR(at(view.alpha, {4, 6}), 0.9 * std::exp(-0.5 * 4 / (4 * 1.16 + 0.3)), 1e-8);
   EXPECT_NEAR(at(view.alpha, {6, 8}), 0.9 * std::exp(-0.5 * 4 / (4 + 0.3)), 1e-8);
 }
 
-TEST(DenseReference, HoldsTheSlopeOfTheProjectionBeyondTheExtendedImage) {
+TEST(DenseReference, ClampsTheSlopeOfTheProjectionBeyondTheExtendedImage) {
   // The image ends at x/z = 0.45 and the projection is linearised up to 0.45 * 1.3; the centre itself is not moved.
   PinholeView camera = axis_view();
   camera.cx = 3.5f;  // now from -0.35 to 0.55, extended by 0.3 * 0.45 on both sides
@@ -143,13 +142,13 @@ TEST(DenseReference, BlendsNearestFirst) {
   EXPECT_EQ(view.last_gaussians[4][4].item<int>(), 0);
 }
 
-TEST(DenseReference, SettlesEqualDepthsByIndex) {
+TEST(DenseReference, OrdersEqualDepthsByIndex) {
   const DenseView view = dense_render(leaves_of({ball(2, 0.5, 0.5, 0.2), ball(2, 0.5, 0.25, 1.0)}), axis_view(), {});
   EXPECT_NEAR(at(view.color, {4, 4, 1}), 0.5 * 0.2 + 0.5 * 0.25 * 1.0, 1e-12);
 }
 
 TEST(DenseReference, EndsThePixelBeforeTheGaussianThatWouldSaturateIt) {
-  // 0.05, 0.0025, 1.25e-4; the fourth would leave 6.25e-6, and the faint one behind comes too late.
+  // 0.05, 0.0025, 1.25e-4; the fourth would leave 6.25e-6, and the faint one is behind the end.
   std::vector<Row> rows;
   for (int i = 0; i < 4; ++i) rows.push_back(ball(2 + i, 50, 0.95, 0.5));
   rows.push_back(ball(9, 50, 0.1, 0.5));
@@ -294,7 +293,7 @@ TEST(DenseReference, MarksPixelsNearADecision) {
   EXPECT_TRUE(view.near_decision[4][4].item<bool>());
   EXPECT_EQ(view.near_decision.sum().item<int>(), 1);
 
-  // Two Gaussians at the cap leave 1e-4 but for rounding, and what follows is behind the stop.
+  // Two Gaussians at the cap leave 1e-4 up to rounding, and the third is behind the stop.
   std::vector<Row> rows{ball(2, 50, 0.9999, 0.5), ball(3, 50, 0.9999, 0.5), ball(4, 0.4, near_cutoff, 0.5)};
   EXPECT_TRUE(dense_render(leaves_of(rows), axis_view(), {}).near_decision.all().item<bool>());
   rows[1].opacity = 0.9;
@@ -302,7 +301,7 @@ TEST(DenseReference, MarksPixelsNearADecision) {
   EXPECT_FALSE(dense_render(leaves_of(rows), axis_view(), {}).near_decision.any().item<bool>());
 }
 
-/// Loss with fixed weights that differ from pixel to pixel, on all three outputs.
+/// Gradients of a loss with different weights for every pixel, on all three outputs.
 RenderedViewGrad uneven_grad(const PinholeView& view) {
   const std::int64_t h = view.height, w = view.width;
   RenderedViewGrad grad;
@@ -351,7 +350,7 @@ TEST(DenseReference, GradientsAgreeWithFiniteDifferences) {
   expect_gradients_of(smooth_scene());
 }
 
-TEST(DenseReference, GradientsAgreeWithFiniteDifferencesWhereTheProjectionIsHeld) {
+TEST(DenseReference, GradientsAgreeWithFiniteDifferencesWhereTheProjectionIsClamped) {
   TestScene scene = smooth_scene();
   // Far to the left and below, and large enough to be seen all over the image.
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};

@@ -13,7 +13,7 @@ namespace {
 using test::gradients_agree;
 using test::numeric_gradient;
 
-/// Turned and moved, with an off-centre principal point: x/z is seen from -0.23 to 0.94, y/z from -0.9 to 0.34.
+/// Rotated and translated, with an off-centre principal point: x/z is seen from -0.23 to 0.94, y/z from -0.9 to 0.34.
 PinholeView turned_view() {
   const Shape<double> shape = make_shape<double>({0, 0, 0}, {0.9, 0.2, -0.3, 0.1});
   PinholeView view{};
@@ -33,12 +33,15 @@ const Mat3<double> kFactor{{0.4, -0.1, 0.05, 0.2, 0.3, -0.15, -0.1, 0.25, 0.2}};
 struct Place {
   const char* name;
   Vec3<double> point;  // camera frame
-  bool x_held, y_held;
+  bool x_clamped, y_clamped;
 };
 const std::vector<Place> kPlaces{
-    {"inside", {0.5, -0.4, 2.0}, false, false},           {"beside the image, not held", {2.1, 0.1, 2.0}, false, false},
-    {"far to the right", {3.0, 0.1, 2.0}, true, false},   {"far to the left", {-1.5, 0.1, 2.0}, true, false},
-    {"far above", {0.1, -4.0, 2.5}, false, true},         {"far below", {0.1, 2.0, 2.5}, false, true},
+    {"inside", {0.5, -0.4, 2.0}, false, false},
+    {"beside the image, not clamped", {2.1, 0.1, 2.0}, false, false},
+    {"far to the right", {3.0, 0.1, 2.0}, true, false},
+    {"far to the left", {-1.5, 0.1, 2.0}, true, false},
+    {"far above", {0.1, -4.0, 2.5}, false, true},
+    {"far below", {0.1, 2.0, 2.5}, false, true},
     {"far off the corner", {-3.0, 4.0, 1.5}, true, true},
 };
 
@@ -62,7 +65,7 @@ TEST(Projection, ProjectsOnTheAxisAsByHand) {
   EXPECT_NEAR(largest_sigma(p.cov), std::sqrt(9.3), 1e-8);
 }
 
-TEST(Projection, HoldsTheSlopeAtTheExtendedImage) {
+TEST(Projection, ClampsTheSlopeAtTheExtendedImage) {
   const auto view = make_view_transform<double>(turned_view());
   EXPECT_NEAR(view.x_min, -9.5 / 41 - 0.3 * 24 / 41, 1e-7);
   EXPECT_NEAR(view.x_max, 38.5 / 41 + 0.3 * 24 / 41, 1e-7);
@@ -70,9 +73,9 @@ TEST(Projection, HoldsTheSlopeAtTheExtendedImage) {
   EXPECT_NEAR(view.y_max, 12.75 / 37 + 0.3 * 23 / 37, 1e-7);
   for (const Place& place : kPlaces) {
     const auto p = project_gaussian(view, place.point, kFactor);
-    EXPECT_EQ(p.slope_x_clamped, place.x_held) << place.name;
-    EXPECT_EQ(p.slope_y_clamped, place.y_held) << place.name;
-    EXPECT_NEAR(p.mean2d.x, 41 * place.point.x / place.point.z + 9.5, 1e-12) << "the centre itself is not held";
+    EXPECT_EQ(p.slope_x_clamped, place.x_clamped) << place.name;
+    EXPECT_EQ(p.slope_y_clamped, place.y_clamped) << place.name;
+    EXPECT_NEAR(p.mean2d.x, 41 * place.point.x / place.point.z + 9.5, 1e-12) << "the centre itself is not clamped";
   }
 }
 
@@ -120,7 +123,7 @@ TEST(Projection, KeepsTheDeterminantOfANeedleInSinglePrecision) {
   EXPECT_NEAR(p.det / (0.3 * (9e6 + 0.3)), 1, 1e-5);
 }
 
-/// Sum over a few pixels of q * ln(alpha), plus the depth: what project_backward has to differentiate.
+/// Sum over a few pixels of q * ln(alpha), plus the depth: the function whose gradient project_backward() computes.
 struct Loss {
   std::vector<Vec3<double>> pixels;  // x, y in px and q
   double depth_weight = 0.4;

@@ -1,5 +1,5 @@
-// The CPU rasterizer against the dense reference: every schedule, culling, tile shape and instruction set, scene by
-// scene.
+// The CPU rasterizer compared with the dense reference: every kernel, culling, tile shape and instruction set, on every
+// test scene.
 #include "raster/cpu/rasterize_cpu.h"
 
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "support/raster/cpu_harness.h"
-#include "support/raster/judge.h"
+#include "support/raster/reference_check.h"
 
 namespace b3dgs::test {
 namespace {
@@ -34,22 +34,23 @@ class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
 TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
-  for (const Judged& binning : kBinnings) {
+  for (const Binning& binning : kBinnings) {
     RenderSettings settings = settings_of(scene);
     settings.culling = binning.culling;
     settings.tile = binning.tile;
-    const Judge judge(scene, settings);
-    ASSERT_TRUE(judge.view.hazards.empty()) << "no judge of float: " << judge.view.hazards.front();
+    const Reference reference(scene, settings);
+    ASSERT_TRUE(reference.view.hazards.empty())
+        << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
     for (const std::int64_t target : targets) {
       const ScopedSimdTarget simd(target);
       for (const ForwardKernelName& kernel : kForwardKernels) {
         SCOPED_TRACE(testing::Message() << kernel.name << ", " << binning.name << ", " << hwy::TargetName(target));
         settings.kernel = kernel.kernel;
         CpuView view(scene, settings);
-        expect_same_image(view, judge.view);
-        expect_same_radii(view.radii(), judge.view);
-        expect_same_gradients(view.backward(judge.grad), judge, judge.gradients);
-        if (HasFailure()) return;  // one case says it all
+        expect_same_image(view, reference.view);
+        expect_same_radii(view.radii(), reference.view);
+        expect_same_gradients(view.backward(reference.grad), reference, reference.gradients);
+        if (HasFailure()) return;  // one failing case is enough
       }
     }
   }
@@ -58,20 +59,39 @@ TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseRefer
 TEST_P(RasterizeCpuTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   const RenderSettings settings = settings_of(scene);
-  const Judge judge(scene, settings);
+  const Reference reference(scene, settings);
   CpuView view(scene, settings);
-  for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{judge.grad.color, {}, {}}),
-                                   std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
-                                   std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
+  for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{reference.grad.color, {}, {}}),
+                                   std::pair("depth", RenderedViewGrad{{}, reference.grad.depth, {}}),
+                                   std::pair("alpha", RenderedViewGrad{{}, {}, reference.grad.alpha})}) {
     SCOPED_TRACE(name);
-    expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad));
+    expect_same_gradients(view.backward(grad), reference, dense_gradients(reference.leaves, reference.view, grad));
+  }
+}
+
+TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
+  const TestScene scene = GetParam().build();
+  for (const Binning& binning : kBinnings) {
+    SCOPED_TRACE(binning.name);
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    const CpuView view(scene, settings);
+    const cpu::Rasterizer& rasterizer = view.rasterizer();
+    const BinnedSplats bins = rasterizer.bins();
+    torch::Tensor listed = torch::zeros({scene.gaussians.size()}, torch::kBool);
+    for (std::int64_t i = 0; i < bins.n_pairs; ++i) {
+      listed[rasterizer.splats()[bins.splat_ids[i]].gaussian] = true;
+    }
+    EXPECT_TRUE(torch::equal(view.radii() > 0, listed));
+    EXPECT_EQ(listed.sum().item<std::int64_t>(), rasterizer.n_splats());
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCpuTest, testing::ValuesIn(test_scenes()),
                          [](const auto& info) { return std::string(info.param.name); });
 
-/// Everything that a view and its backward pass give, bit for bit.
+/// All results of a view and its backward pass.
 std::vector<torch::Tensor> all_results(const TestScene& scene, const RenderSettings& settings) {
   CpuView view(scene, settings);
   const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
@@ -121,7 +141,7 @@ TEST(RasterizeCpu, RunsAreReproducible) {
 }
 
 TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
-  // Larger and smaller, more and fewer Gaussians, through one rasterizer and through fresh ones.
+  // Scenes of different sizes, through one rasterizer and through new ones.
   cpu::Rasterizer reused;
   for (const TestScene& scene : {saturated_pixels(), one_pixel_image(), empty_scene(), anisotropic_cloud(),
                                  behind_the_camera(), odd_image_size(), opaque_front_layer()}) {
@@ -135,7 +155,7 @@ TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
 }
 
 TEST(RasterizeCpu, CullingByEllipseChangesNoImageThatAllTilesWouldGive) {
-  // One tile for the whole image cuts nothing off; small tiles depend on the culling for every pixel.
+  // With one tile for the whole image culling excludes nothing; with small tiles every pixel depends on it.
   for (const TestScene& scene : {anisotropic_cloud(), needles(), far_outside_the_field_of_view()}) {
     RenderSettings settings = settings_of(scene);
     settings.tile = {32, 32};

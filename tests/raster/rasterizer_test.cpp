@@ -1,4 +1,4 @@
-// The torch layer: same results as the rasterizer below it, and tensors checked before anyone reads them.
+// The torch layer: same results as the CPU rasterizer, and tensors are checked before they are read.
 #include "raster/torch/rasterizer.h"
 
 #include <gtest/gtest.h>

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "raster/math/gaussian_grad.h"
 #include "support/finite_difference.h"
 #include "support/raster/dense_reference.h"
 
@@ -16,7 +17,7 @@ using test::numeric_gradient;
 
 const std::vector<Vec3<double>> kOffsets{{0.3, -0.5, 2.0}, {-1.0, 0.2, 0.1}, {0.6, 0.7, -0.4}, {0, 0, 3}, {-2, -3, -1}};
 
-/// [k][channel], the same on every machine and different in every entry.
+/// [k][channel], different in every entry.
 std::vector<float> coefficients() {
   std::vector<float> values(48);
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = 0.3f * std::sin(1.7f * static_cast<float>(i) + 0.4f);
@@ -33,7 +34,7 @@ TEST(Sh, BasisIsThatOfTheDefinition) {
       sh_basis(degree, dir, basis);
       const int n = (degree + 1) * (degree + 1);
       for (int k = 0; k < n; ++k) EXPECT_NEAR(basis[k], expected[k].item<double>(), 1e-14) << "basis " << k;
-      EXPECT_EQ(basis[n], -99) << "degree " << degree << " writes no more than " << n;
+      EXPECT_EQ(basis[n], -99) << "degree " << degree << " must not write more than " << n;
     }
   }
 }
@@ -68,16 +69,14 @@ TEST(Sh, GradientByTheOffsetAgreesWithFiniteDifferences) {
         const auto color = sh_color<double>(degree, {x[0], x[1], x[2]}, sh0, c.data() + 3);
         return dot(weight, color.color);
       };
-      float grad_sh0[3], grad_shN[45];
-      const Vec3<double> grad = sh_color_backward<double>(degree, offset, c.data() + 3, weight, grad_sh0, grad_shN);
-      EXPECT_TRUE(gradients_agree(
-          {1.0, grad.x, grad.y, grad.z},
-          [&] {
-            std::vector<double> numeric = numeric_gradient(value, {offset.x, offset.y, offset.z});
-            numeric.insert(numeric.begin(),
-                           1.0);  // degree 0 has no gradient, so agreement is measured against 1 as well
-            return numeric;
-          }()))
+      const Vec3<double> grad = sh_offset_grad<double>(degree, offset, c.data() + 3, weight).offset;
+      EXPECT_TRUE(
+          gradients_agree({1.0, grad.x, grad.y, grad.z},
+                          [&] {
+                            std::vector<double> numeric = numeric_gradient(value, {offset.x, offset.y, offset.z});
+                            numeric.insert(numeric.begin(), 1.0);  // degree 0 has no gradient: compare relative to 1
+                            return numeric;
+                          }()))
           << "degree " << degree;
       EXPECT_NEAR(dot(grad, offset), 0, 1e-12) << "moving along the ray changes no colour";
     }
@@ -89,15 +88,17 @@ TEST(Sh, GradientByTheCoefficientsIsTheBasis) {
   const Vec3<double> weight{0.8, -1.2, 0.5}, offset{0.3, -0.5, 2.0};
   const Vec3<double> dir = (1 / std::sqrt(dot(offset, offset))) * offset;
   for (int degree = 0; degree <= 3; ++degree) {
-    float grad_sh0[3], grad_shN[48];
+    float grad_shN[48];
     for (float& value : grad_shN) value = -99;
-    sh_color_backward<double>(degree, offset, c.data() + 3, weight, grad_sh0, grad_shN);
+    sh_rest_grad(degree, sh_offset_grad<double>(degree, offset, c.data() + 3, weight).dir, weight, grad_shN);
+    GaussianGrad of_gaussian{};
+    of_gaussian.color = {0.8f, -1.2f, 0.5f};
     double basis[16];
     sh_basis(degree, dir, basis);
     const int n = (degree + 1) * (degree + 1);
-    EXPECT_FLOAT_EQ(grad_sh0[1], static_cast<float>(basis[0] * weight.y));
+    EXPECT_FLOAT_EQ(of_gaussian.sh0().y, static_cast<float>(basis[0] * weight.y));
     for (int k = 1; k < n; ++k) EXPECT_FLOAT_EQ(grad_shN[3 * (k - 1) + 2], static_cast<float>(basis[k] * weight.z));
-    EXPECT_EQ(grad_shN[3 * (n - 1)], -99) << "degree " << degree << " writes no more";
+    EXPECT_EQ(grad_shN[3 * (n - 1)], -99) << "degree " << degree << " must not write beyond its coefficients";
   }
 }
 

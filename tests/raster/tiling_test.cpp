@@ -83,7 +83,7 @@ TEST(Tiling, SubTilesCoverATileOnceInBlocksOfEightByFour) {
   }
 }
 
-/// A splat with its covariance, as projection would hand it to tiling.
+/// A splat with its covariance, as projection produces it.
 struct Ellipse {
   double mean_x, mean_y, xx, xy, yy, opacity;
 
@@ -115,7 +115,7 @@ struct Ellipse {
 
 Ellipse make_ellipse(double x, double y, double sigma_1, double sigma_2, double angle, double opacity) {
   const double a = sigma_1 * sigma_1, b = sigma_2 * sigma_2, c = std::cos(angle), s = std::sin(angle);
-  // Means as float, so that both sides speak of the same ellipse.
+  // Means rounded to float, so that the test and the code use the same ellipse.
   return {static_cast<float>(x), static_cast<float>(y),       a * c * c + b * s * s + 0.3,
           (a - b) * c * s,       a * s * s + b * c * c + 0.3, opacity};
 }
@@ -134,7 +134,7 @@ std::vector<Ellipse> random_ellipses(const TileGrid& grid, int n) {
   return ellipses;
 }
 
-/// Which tiles visit_tile_rows() names, each at most once.
+/// Which tiles visit_tile_rows() visits; checks that it visits none twice.
 std::vector<bool> visited_tiles(const TileGrid& grid, Culling culling, const Ellipse& ellipse) {
   std::vector<bool> visited(static_cast<std::size_t>(grid.n_tiles()));
   const Splat splat = ellipse.splat();
@@ -202,12 +202,12 @@ TEST(Tiling, EllipseVisitsNoTileWhosePixelCentresItClearlyMisses) {
     int n_visited = 0, n_beyond = 0;
     for (const Ellipse& ellipse : random_ellipses(grid, 1500)) {
       const std::vector<bool> visited = visited_tiles(grid, Culling::kEllipse, ellipse);
-      // A hundredth of a pixel, and what rounding adds for ellipses of hundreds of pixels.
+      // A hundredth of a pixel, plus rounding errors for ellipses of hundreds of pixels.
       const double size = std::sqrt(2 * ellipse.rim() * (ellipse.xx + ellipse.yy));
       const double margin = 0.01 + 2e-4 * size;
       for (std::int32_t t = 0; t < grid.n_tiles(); ++t) {
         if (!visited[static_cast<std::size_t>(t)]) continue;
-        // The hull of the tile's pixel centres, those outside the image included.
+        // The hull of the tile's pixel centres, including those outside the image.
         const double x = t % grid.columns * tile.width + 0.5, y = t / grid.columns * tile.height + 0.5;
         const bool touches = least_sigma(ellipse, x - margin, x + tile.width - 1 + margin, y - margin,
                                          y + tile.height - 1 + margin) <= ellipse.rim();

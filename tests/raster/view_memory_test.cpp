@@ -1,4 +1,4 @@
-// What a view takes of a GPU's memory, and where its counts end.
+// Forecast of a view's GPU memory, and the limit of its number of pairs.
 #include "raster/view_memory.h"
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ TEST(PairLimit, EndsBeforeSlotsDo) {
   EXPECT_TRUE(has_too_many_pairs(std::int64_t{1} << 33));
   EXPECT_EQ(too_many_pairs(std::int64_t{1} << 33, {12, 4000}, 5000),
             "the view needs 8,589,934,592 (tile, Gaussian) pairs, more than 2,147,483,646; Gaussian 12 alone touches "
-            "4,000 of 5,000 tiles; take smaller images (-r 2) or fewer Gaussians (--max_gaussians)");
+            "4,000 of 5,000 tiles; use smaller images (-r 2) or fewer Gaussians (--max_gaussians)");
 }
 
 }  // namespace

@@ -55,14 +55,14 @@ TEST(SvgChart, EveryChartIsWellFormed) {
   EXPECT_EQ(test::xml_fault(draw(HistogramRow{})), "");
 }
 
-TEST(SvgChart, FewSeriesAreNamedAtTheirEndAndManyInALegend) {
+TEST(SvgChart, FewSeriesAreLabelledAtTheirEndAndManyInALegend) {
   const std::string few = draw(line_chart_of(3, 10)), many = draw(line_chart_of(6, 10));
   EXPECT_EQ(count(few, "class=\"t"), 3u + count(few, "class=\"tick\""));
   EXPECT_EQ(count(few, "<rect"), 0u);
   EXPECT_EQ(count(many, "<rect"), 6u);
 }
 
-TEST(SvgChart, NumbersThatCannotBeDrawnLeaveNoTrace) {
+TEST(SvgChart, IgnoresNonFiniteNumbers) {
   LineChart chart = line_chart_of(1, 3);
   const std::string before = draw(chart);
   chart.series[0].points.push_back({15, std::numeric_limits<double>::quiet_NaN()});
@@ -106,7 +106,7 @@ TEST(SvgAxis, TicksAreRoundAndInside) {
   EXPECT_EQ(nice_ticks(ScaleKind::kLinear, 3, 3, 5).size(), 1u);
 }
 
-TEST(SvgAxis, FiguresHaveAsManyDigitsAsTheyNeed) {
+TEST(SvgAxis, NumbersHaveAsManyDigitsAsTheyNeed) {
   EXPECT_EQ(format_tick(0, 1), "0");
   EXPECT_EQ(format_tick(30000, 5000), "30,000");
   EXPECT_EQ(format_tick(0.25, 0.05), "0.25");
@@ -131,13 +131,14 @@ TEST(SvgAxis, RangesAreNeverEmpty) {
   }
 }
 
-TEST(HtmlReport, APageIsWellFormedAndNamesNothingOutsideItself) {
+TEST(HtmlReport, APageIsWellFormedAndHasNoExternalLinks) {
   Image8 image(5, 4, 3);
   image.pixels[0] = 255;
   const std::string body = html::section(kHostile, html::paragraph(kHostile) + html::figure("<b>x</b>", kHostile)) +
                            html::table({kHostile, "b"}, {{kHostile, "1"}, {"c", "2"}}, html::Columns::kFigures, 1) +
                            html::table({}, {{"a", "b"}}) +
-                           html::picture_grid({{kHostile, kHostile, html::data_uri(image)}}, 2);
+                           html::picture_grid({{kHostile, kHostile, html::data_uri(image)}}, 2) +
+                           html::folded_section(kHostile, html::paragraph(kHostile));
   const std::string page = html::page(kHostile, kHostile, body);
   EXPECT_EQ(test::xml_fault(page), "");
   EXPECT_EQ(page.find("http"), std::string::npos);

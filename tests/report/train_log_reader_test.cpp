@@ -12,7 +12,7 @@ TrainHistory parse(const std::string& lines) {
   return parse_train_log(stream);
 }
 
-TEST(TrainLogReader, ReadsAllThatALineSays) {
+TEST(TrainLogReader, ReadsAllFieldsOfALine) {
   const TrainHistory history = parse(
       R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"gpu_peak_bytes":2000000000,"kernel":"combined","backward_kernel":"x",)"
       R"("stages_ms":{"bin":1.5,"loss":2},"test_psnr":21.5,"test_ssim":0.7})"
@@ -32,7 +32,7 @@ TEST(TrainLogReader, ReadsAllThatALineSays) {
   EXPECT_EQ(point.test_ssim, 0.7);
 }
 
-TEST(TrainLogReader, SumsUpElapsedTimeWhereItIsNotSaid) {
+TEST(TrainLogReader, ComputesElapsedTimeWhereItIsMissing) {
   const TrainHistory history = parse(R"({"iteration":10,"ms":100}
 {"iteration":30,"ms":50}
 {"iteration":40,"elapsed_s":7}
@@ -44,7 +44,7 @@ TEST(TrainLogReader, SumsUpElapsedTimeWhereItIsNotSaid) {
   EXPECT_DOUBLE_EQ(history.points[3].elapsed_s, 8);
 }
 
-TEST(TrainLogReader, KeepsEventsApartFromPoints) {
+TEST(TrainLogReader, SeparatesEventsFromPoints) {
   const TrainHistory history = parse(
       R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"
       R"("spread_ms":{"combined":0.1},"views":5,"refused":["naive",7],"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
@@ -62,7 +62,8 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   EXPECT_EQ(history.checks[0].times_ms, (NamedTimes{{"combined", 2}, {"shared-memory", 1.5}}));
   EXPECT_EQ(history.checks[0].spread_ms, (NamedTimes{{"combined", 0.1}}));
   EXPECT_EQ(history.checks[0].views, 5);
-  EXPECT_EQ(history.checks[0].refused, (std::vector<std::string>{"naive"})) << "what is no name is left out";
+  EXPECT_EQ(history.checks[0].disabled, (std::vector<std::string>{"naive"}))
+      << "values that are not strings are ignored";
   EXPECT_EQ(history.checks[0].before, "combined");
   EXPECT_EQ(history.checks[0].after, "shared-memory");
   EXPECT_EQ(history.checks[0].cost_ms, 12.5);
@@ -78,22 +79,23 @@ TEST(TrainLogReader, KeepsEventsApartFromPoints) {
   EXPECT_FALSE(history.loads[0].pixel_processed);
 }
 
-TEST(TrainLogReader, MakesOneSeriesOfTheCandidatesTimes) {
+TEST(TrainLogReader, CollectsTheTimesOfCandidateKernels) {
   const TrainHistory history = parse(R"({"iteration":1,"event":"kernel_check","pass":"forward","times_ms":{"a":2,"b":1}}
 {"iteration":1,"event":"kernel_check","pass":"backward","times_ms":{"c":5}}
 {"iteration":1,"event":"kernel_times","pass":"forward","times_ms":{"a":3,"b":3}}
 {"iteration":1000,"event":"kernel_times","pass":"forward","times_ms":{"a":4,"b":1.5}}
 {"iteration":2000,"event":"kernel_times","pass":"forward"})");
-  EXPECT_EQ(history.checks.size(), 2u) << "what is timed for the record decides nothing";
+  EXPECT_EQ(history.checks.size(), 2u) << "kernel_times lines are not checks";
   ASSERT_EQ(history.candidate_times.size(), 4u);
-  EXPECT_EQ(history.candidate_times[0].times_ms, (NamedTimes{{"a", 2}, {"b", 1}})) << "the check's, of two at once";
+  EXPECT_EQ(history.candidate_times[0].times_ms, (NamedTimes{{"a", 2}, {"b", 1}}))
+      << "of two timings at one iteration, that of the check";
   EXPECT_EQ(history.candidate_times[1].pass, "backward");
   EXPECT_EQ(history.candidate_times[2].iteration, 1000);
   EXPECT_EQ(history.candidate_times[2].times_ms, (NamedTimes{{"a", 4}, {"b", 1.5}}));
   EXPECT_TRUE(history.candidate_times[3].times_ms.empty());
 }
 
-TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
+TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
   const TrainHistory history = parse(R"(no json
 {"loss":1}
 {"iteration":"ten"}
@@ -103,7 +105,7 @@ TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
 {"iteration":20,"event":"kernel_check"}
 {"iteration":20,"event":"load_statistics","tile_lists":3}
 {"iteration":20,"lo)");
-  ASSERT_EQ(history.points.size(), 1u) << "an iteration that goes back belongs to another course";
+  ASSERT_EQ(history.points.size(), 1u) << "lines whose iteration does not increase are ignored";
   EXPECT_FALSE(history.points[0].loss);
   EXPECT_FALSE(history.points[0].count);
   EXPECT_TRUE(history.points[0].stages_ms.empty());
@@ -115,7 +117,7 @@ TEST(TrainLogReader, CopesWithAnythingMissingOrDamaged) {
   EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
 }
 
-TEST(TrainLogReader, LeavesOutNumbersThatDoNotFit) {
+TEST(TrainLogReader, IgnoresNumbersOutOfRange) {
   const TrainHistory history = parse(R"({"iteration":4294967297,"loss":1}
 {"iteration":-3,"loss":1}
 {"iteration":10,"loss":1,"count":1e300}

@@ -1,4 +1,4 @@
-// Damaged models: each is refused with the file, the place and what was expected.
+// Damaged models are refused with an error that names the file, the place and what was expected.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -36,13 +36,13 @@ class DamagedModel : public testing::Test {
 };
 
 TEST_F(DamagedModel, NamesAFolderWithoutAModel) {
-  EXPECT_TRUE(refuses({folder_.path().string(), "found none"}));
+  EXPECT_TRUE(refuses({folder_.path().string(), "no COLMAP model found"}));
 }
 
 TEST_F(DamagedModel, NamesTheMissingFile) {
   write(sample_model());
   fs::remove(folder_ / "points3D.bin");
-  EXPECT_TRUE(refuses({file("points3D.bin"), "is missing"}));
+  EXPECT_TRUE(refuses({file("points3D.bin"), "file not found"}));
 }
 
 TEST_F(DamagedModel, RejectsEveryTruncationOfEveryBinaryFile) {
@@ -56,7 +56,7 @@ TEST_F(DamagedModel, RejectsEveryTruncationOfEveryBinaryFile) {
   }
 }
 
-TEST_F(DamagedModel, SaysInWhichRecordAFileEnds) {
+TEST_F(DamagedModel, NamesTheRecordInWhichAFileEnds) {
   write(sample_model());
   const std::string whole = content("images.bin");
   replace("images.bin", whole.substr(0, whole.size() - 3));
@@ -67,7 +67,7 @@ TEST_F(DamagedModel, RejectsTruncatedPointsFile) {
   ColmapModel model = sample_model();
   model.points.resize(1);
   write(model);
-  // A track of two elements is announced and one is there.
+  // The track should have two elements and has one.
   std::string bytes = content("points3D.bin");
   bytes.replace(bytes.size() - 8, 8, bytes_of<std::uint64_t>(2));
   replace("points3D.bin", bytes + std::string(8, '\1'));
@@ -100,7 +100,7 @@ TEST_F(DamagedModel, RejectsAnUnknownCameraModelByNumber) {
   EXPECT_TRUE(refuses({file("cameras.bin"), "camera 3", "unknown camera model 42"}));
 }
 
-TEST_F(DamagedModel, RejectsANewerCameraModelByNameWithTheRemedy) {
+TEST_F(DamagedModel, NamesAnUnsupportedCameraModelAndTheRemedy) {
   write(sample_model());
   std::string bytes = content("cameras.bin");
   bytes.replace(8 + 4, 4, bytes_of<std::int32_t>(16));
@@ -137,53 +137,53 @@ TEST_F(DamagedModel, RejectsAQuaternionOfLengthZero) {
   ColmapModel model = sample_model();
   model.images[1].quat = {0, 0, 0, 0};
   write(model);
-  EXPECT_TRUE(refuses({"image 0 (a.png)", "length 0"}));
+  EXPECT_TRUE(refuses({"image 0 (a.png)", "found length 0"}));
 }
 
-TEST_F(DamagedModel, RejectsPosesBeyondAllScenes) {
+TEST_F(DamagedModel, RejectsPosesThatAreTooLarge) {
   ColmapModel model = sample_model();
   model.images[1].quat = {1e200, 0, 0, 0};  // finite, but its square is not
   write(model);
-  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (a.png)", "quaternion of length inf"}));
+  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (a.png)", "quaternion of length 1, found length inf"}));
   model = sample_model();
   model.images[0].translation[2] = -1e300;
   write(model);
   EXPECT_TRUE(refuses({file("images.bin"), "image 20", "-1e+300", "1e+12"}));
 }
 
-TEST_F(DamagedModel, RejectsNamesThatLeadOutOfTheImageFolder) {
+TEST_F(DamagedModel, RejectsNamesThatPointOutsideTheImageFolder) {
   for (const char* name : {"../a.png", "b/../../a.png", "/etc/a.png", "..\\a.png"}) {
     ColmapModel model = sample_model();
     model.images[1].name = name;
     write(model);
-    EXPECT_TRUE(refuses({file("images.bin"), "image 0", "below the image folder"})) << name;
+    EXPECT_TRUE(refuses({file("images.bin"), "image 0", "inside the image folder"})) << name;
   }
   ColmapModel model = sample_model();
-  model.images[1].name = "b..c/a..png";  // only looks like it
+  model.images[1].name = "b..c/a..png";  // no parent folder
   write(model);
   EXPECT_EQ(read_colmap_model(folder_.path()).images[1].name, "b..c/a..png");
 }
 
-TEST_F(DamagedModel, SaysInOneLineWhatAnyNameHolds) {
+TEST_F(DamagedModel, KeepsErrorsToOneLineWhateverTheName) {
   ColmapModel model = sample_model();
   model.images[1].name = "a\nb\x1b[31m.png";
   model.images[1].quat = {0, 0, 0, 0};
   write(model);
-  EXPECT_TRUE(refuses({"image 0 (a?b?[31m.png)", "length 0"}));
+  EXPECT_TRUE(refuses({"image 0 (a?b?[31m.png)", "found length 0"}));
 }
 
-TEST_F(DamagedModel, NamesTheCameraThatAnImageMisses) {
+TEST_F(DamagedModel, NamesTheMissingCameraOfAnImage) {
   ColmapModel model = sample_model();
   model.images[1].camera_id = 12;
   write(model);
   EXPECT_TRUE(refuses({file("images.bin"), "image 0 (a.png)", "camera 12", "has 3, 7"}));
 }
 
-TEST_F(DamagedModel, RejectsIdsAndNamesThatOccurTwice) {
+TEST_F(DamagedModel, RejectsDuplicateIdsAndNames) {
   ColmapModel model = sample_model();
   model.images[1].id = 20;
   write(model);
-  EXPECT_TRUE(refuses({file("images.bin"), "two images have the id 20"}));
+  EXPECT_TRUE(refuses({file("images.bin"), "two images have the ID 20"}));
   model = sample_model();
   model.images[1].name = model.images[0].name;
   write(model);
@@ -191,13 +191,13 @@ TEST_F(DamagedModel, RejectsIdsAndNamesThatOccurTwice) {
   model = sample_model();
   model.points[1].id = model.points[0].id;
   write(model);
-  EXPECT_TRUE(refuses({file("points3D.bin"), "two points have the id 0"}));
+  EXPECT_TRUE(refuses({file("points3D.bin"), "two points have the ID 0"}));
   write(sample_model());
   std::string bytes = content("cameras.bin");
   const std::size_t second = 8 + 24 + 8 * 8;  // after the OPENCV camera 3
   bytes.replace(second, 4, bytes_of<std::uint32_t>(3));
   replace("cameras.bin", bytes);
-  EXPECT_TRUE(refuses({file("cameras.bin"), "two cameras have the id 3"}));
+  EXPECT_TRUE(refuses({file("cameras.bin"), "two cameras have the ID 3"}));
 }
 
 TEST_F(DamagedModel, NamesThePointThatIsNotFinite) {
@@ -225,7 +225,7 @@ TEST_F(DamagedModel, NamesTheLineWithTheWrongNumberOfCameraParameters) {
   replace("cameras.txt", "7 PINHOLE 64 48 50 50 32\n3 PINHOLE 64 48 50 50 32 24\n");
   EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "the 4 parameters fx, fy, cx, cy of PINHOLE"}));
   replace("cameras.txt", "3 PINHOLE 64 48 50 50 32 24\n7 PINHOLE 64 48 50 50 32 24 0.5\n");
-  EXPECT_TRUE(refuses({file("cameras.txt") + ":2:", "and no more", "0.5"}));
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":2:", "expected only the 4 parameters", "0.5"}));
 }
 
 TEST_F(DamagedModel, RejectsAnUnknownCameraModelByName) {
@@ -236,7 +236,7 @@ TEST_F(DamagedModel, RejectsAnUnknownCameraModelByName) {
   EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "DIVISION", "image_undistorter"}));
 }
 
-TEST_F(DamagedModel, NoticesTextImagesWithoutTheirLineOf2dPoints) {
+TEST_F(DamagedModel, RejectsTextImagesWithoutTheirLineOf2dPoints) {
   write(sample_model(), ColmapFormat::kText);
   replace("images.txt", "1 1 0 0 0 0 0 1 7 a.png\n2 1 0 0 0 0 0 1 7 b.png\n");
   EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "b.png"}));

@@ -48,7 +48,7 @@ void expect_equal(const ColmapModel& a, const ColmapModel& b) {
 
 class ColmapRoundTrip : public testing::TestWithParam<ColmapFormat> {};
 
-TEST_P(ColmapRoundTrip, GivesEveryValueBack) {
+TEST_P(ColmapRoundTrip, ReadsBackEveryValue) {
   TempDir folder;
   write_colmap_model(folder.path(), sample_model(), GetParam());
   EXPECT_EQ(colmap_format(folder.path()), GetParam());
@@ -63,10 +63,10 @@ TEST_P(ColmapRoundTrip, IsAcceptedByColmap) {
   const fs::path log = folder / "log";
   const std::string command = "colmap model_analyzer --path " + folder.path().string() + " > " + log.string() + " 2>&1";
   ASSERT_EQ(std::system(command.c_str()), 0) << read_bytes(log);
-  const std::string said = read_bytes(log);
-  EXPECT_NE(said.find("Cameras: 2"), std::string::npos) << said;
-  EXPECT_NE(said.find("Registered images: 2"), std::string::npos) << said;
-  EXPECT_NE(said.find("Points: 2"), std::string::npos) << said;
+  const std::string output = read_bytes(log);
+  EXPECT_NE(output.find("Cameras: 2"), std::string::npos) << output;
+  EXPECT_NE(output.find("Registered images: 2"), std::string::npos) << output;
+  EXPECT_NE(output.find("Points: 2"), std::string::npos) << output;
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, ColmapRoundTrip, testing::Values(ColmapFormat::kBinary, ColmapFormat::kText),
@@ -107,7 +107,7 @@ TEST(ColmapReader, SkipsObservationsAndTracks) {
   EXPECT_EQ(model.points[0].error, 0.25);
 }
 
-TEST(ColmapReader, TakesTextAsOtherProgramsWriteIt) {
+TEST(ColmapReader, ReadsTextAsOtherProgramsWriteIt) {
   TempDir folder;
   write_bytes(folder / "cameras.txt",
               "# Number of cameras: 99\n 0 PINHOLE 64 48 50 50 32 24 ");  // no newline at the end
@@ -137,7 +137,7 @@ TEST(ColmapReader, IgnoresRigsAndFramesAndPrefersBinary) {
   expect_equal(read_colmap_model(folder.path()), sample_model());
 }
 
-TEST(ColmapReader, TakesTextWhereBinaryIsNotWhole) {
+TEST(ColmapReader, ReadsTextWhereBinaryIsIncomplete) {
   TempDir folder;
   write_colmap_model(folder.path(), sample_model(), ColmapFormat::kText);
   write_bytes(folder / "cameras.bin", "left over");

@@ -41,7 +41,7 @@ std::string png_chunk(const std::string& type, const std::string& data) {
   return big_endian(static_cast<std::uint32_t>(data.size())) + type + data + big_endian(~crc);
 }
 
-// A PNG of one row with the given colour type and bytes, stored without compression.
+// A PNG of one row with the given colour type and bytes, not compressed.
 std::string one_row_png(int width, int bits, int color_type, const std::string& row) {
   const std::string raw = std::string(1, '\0') + row;  // filter 0
   std::uint32_t a = 1, b = 0;
@@ -71,7 +71,7 @@ std::string with_segment(const std::string& jpeg, char marker, const std::string
          jpeg.substr(2);
 }
 
-// EXIF that asks viewers to turn the image by a quarter.
+// EXIF that asks viewers to rotate the image by 90 degrees.
 std::string with_orientation(const std::string& jpeg) {
   const std::string tiff = std::string("II*\0\x08\0\0\0", 8) + std::string("\x01\0", 2) +
                            std::string("\x12\x01\x03\0\x01\0\0\0\x06\0\0\0", 12) + std::string(4, '\0');
@@ -87,7 +87,7 @@ class ImageFile : public testing::Test {
   TempDir folder_;
 };
 
-TEST_F(ImageFile, PngGivesRgbBack) {
+TEST_F(ImageFile, PngIsLossless) {
   const Image8 image = noise(7, 5, 3);
   write_image(folder_ / "sub" / "a.png", image);
   const Image8 back = read_image(folder_ / "sub" / "a.png", false);
@@ -97,7 +97,7 @@ TEST_F(ImageFile, PngGivesRgbBack) {
   EXPECT_EQ(back.pixels, image.pixels);
 }
 
-TEST_F(ImageFile, JpegKeepsRedRed) {
+TEST_F(ImageFile, JpegChannelsAreNotSwapped) {
   Image8 image(16, 16, 3);
   for (std::size_t i = 0; i < image.pixels.size(); i += 3) image.pixels[i] = 250;
   write_image(folder_ / "a.JPEG", image);
@@ -106,7 +106,7 @@ TEST_F(ImageFile, JpegKeepsRedRed) {
   EXPECT_NEAR(back.pixels[2], 0, 3);
 }
 
-TEST_F(ImageFile, GreyIsRepeated) {
+TEST_F(ImageFile, GreyIsCopiedToAllChannels) {
   Image8 grey(2, 1, 1);
   grey.pixels = {10, 200};
   write_image(folder_ / "a.png", grey);
@@ -124,7 +124,7 @@ TEST_F(ImageFile, SixteenBitsAreRoundedToEight) {
 TEST_F(ImageFile, AlphaIsCompositedOnTheBackground) {
   const auto png =
       store("a.png", one_row_png(3, 8, 6, std::string("\x64\xc8\x0a\xff\x64\xc8\x0a\x00\x64\xc8\x0a\x80", 12)));
-  // Opaque; transparent; 128 / 255 of (100, 200, 10) and the rest of the background.
+  // Opaque; transparent; 128 / 255 of (100, 200, 10), the rest is background.
   EXPECT_EQ(read_image(png, false).pixels, (std::vector<std::uint8_t>{100, 200, 10, 0, 0, 0, 50, 100, 5}));
   EXPECT_EQ(read_image(png, true).pixels, (std::vector<std::uint8_t>{100, 200, 10, 255, 255, 255, 177, 227, 132}));
 }
@@ -138,14 +138,14 @@ TEST_F(ImageFile, GreyWithAlphaIsCompositedToo) {
 
 TEST_F(ImageFile, ExifOrientationIsIgnored) {
   const auto path = store("a.jpg", with_orientation(jpeg_of(noise(32, 16, 3))));
-  ASSERT_EQ(cv::imread(path.string(), cv::IMREAD_COLOR).cols, 16) << "the test's EXIF is not understood";
+  ASSERT_EQ(cv::imread(path.string(), cv::IMREAD_COLOR).cols, 16) << "OpenCV does not read the EXIF of this test";
   EXPECT_EQ(read_image(path, false).width, 32);
   EXPECT_EQ(read_image(path, false).height, 16);
   EXPECT_EQ(read_image_size(path).width, 32);
   EXPECT_EQ(read_image_size(path).height, 16);
 }
 
-TEST_F(ImageFile, TruncatedJpegIsRefusedWhereverItEnds) {
+TEST_F(ImageFile, JpegTruncatedAnywhereIsRejected) {
   const std::string jpeg = jpeg_of(noise(64, 64, 3));
   for (const double share : {0.02, 0.1, 0.5, 0.9}) {
     const auto path =
@@ -157,21 +157,22 @@ TEST_F(ImageFile, TruncatedJpegIsRefusedWhereverItEnds) {
   EXPECT_TRUE(fails_with<InputError>({last.string()}, [&] { read_image(last, false); }));
 }
 
-TEST_F(ImageFile, TheEndMarkerOfAThumbnailDoesNotCount) {
+TEST_F(ImageFile, EndMarkersOfThumbnailsAreIgnored) {
   const std::string jpeg = with_segment(jpeg_of(noise(64, 64, 3)), '\xe1', std::string("thumbnail \xff\xd9 end", 16));
   EXPECT_NO_THROW(read_image(store("whole.jpg", jpeg), false));
   const auto path = store("cut.jpg", jpeg.substr(0, jpeg.size() / 2));
   EXPECT_TRUE(fails_with<InputError>({path.string(), "end marker"}, [&] { read_image(path, false); }));
 }
 
-TEST_F(ImageFile, AJpegWhoseTailIsZeroIsRefused) {
+TEST_F(ImageFile, AJpegWhoseTailIsZeroIsRejected) {
   std::string jpeg = jpeg_of(noise(64, 64, 3));
-  std::fill(jpeg.begin() + static_cast<std::ptrdiff_t>(jpeg.size() / 2), jpeg.end(), '\0');  // a download that stopped
+  std::fill(jpeg.begin() + static_cast<std::ptrdiff_t>(jpeg.size() / 2), jpeg.end(),
+            '\0');  // as after an interrupted download
   const auto path = store("zero.jpg", jpeg);
   EXPECT_TRUE(fails_with<InputError>({path.string(), "end marker"}, [&] { read_image(path, false); }));
 }
 
-TEST_F(ImageFile, TruncatedPngIsRefused) {
+TEST_F(ImageFile, TruncatedPngIsRejected) {
   const std::string png = one_row_png(3, 8, 2, "abcdefghi");
   for (std::size_t length = 9; length < png.size(); length += 5) {
     const auto path = store("cut.png", png.substr(0, length));
@@ -179,14 +180,14 @@ TEST_F(ImageFile, TruncatedPngIsRefused) {
   }
 }
 
-TEST_F(ImageFile, DamagedPngIsRefused) {
+TEST_F(ImageFile, DamagedPngIsRejected) {
   std::string png = one_row_png(3, 8, 2, "abcdefghi");
-  png[50] ^= 1;  // in the pixels
+  png[50] ^= 1;  // in the pixel data
   const auto path = store("a.png", png);
   EXPECT_TRUE(fails_with<InputError>({path.string(), "cannot be decoded"}, [&] { read_image(path, false); }));
 }
 
-TEST_F(ImageFile, OtherContentIsRefused) {
+TEST_F(ImageFile, OtherContentIsRejected) {
   const auto page = store("a.jpg", "<html>not found</html>");
   EXPECT_TRUE(fails_with<InputError>({page.string(), "cannot be decoded"}, [&] { read_image(page, false); }));
   EXPECT_TRUE(fails_with<InputError>({page.string()}, [&] { read_image_size(page); }));
@@ -202,10 +203,10 @@ TEST_F(ImageFile, SizeIsReadFromTheHeader) {
   EXPECT_EQ(read_image_size(folder_ / "a.png").width, 13);
   EXPECT_EQ(read_image_size(folder_ / "a.png").height, 7);
   const std::string jpeg = jpeg_of(noise(33, 17, 3));
-  std::string padded = jpeg;  // the size lies far behind
+  std::string padded = jpeg;  // the size comes far back in the file
   for (int i = 0; i < 4; ++i) padded = with_segment(padded, '\xe2', std::string(60000, '\xff'));
   for (const std::string& bytes :
-       {jpeg, padded, jpeg.substr(0, jpeg.size() - 20)}) {  // whole or not: only the header counts
+       {jpeg, padded, jpeg.substr(0, jpeg.size() - 20)}) {  // truncated or not: only the header counts
     const auto path = store("b.jpg", bytes);
     EXPECT_EQ(read_image_size(path).width, 33);
     EXPECT_EQ(read_image_size(path).height, 17);

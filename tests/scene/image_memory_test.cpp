@@ -4,6 +4,7 @@
 
 #include "core/host_memory.h"
 #include "scene/cameras/undistorter_cache.h"
+#include "scene/colmap/colmap.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 
@@ -16,7 +17,7 @@ using test::write_bytes;
 
 constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 
-TEST(ImageMemory, HoldsAllIfAllFitInTheLimit) {
+TEST(ImageMemory, HoldsAllIfTheyFit) {
   ImageMemory memory({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/100, /*n_readers=*/2});
   for (int i = 0; i < 9; ++i) EXPECT_TRUE(memory.try_hold(100)) << i;
   EXPECT_EQ(memory.used(), 1000);
@@ -26,9 +27,9 @@ TEST(ImageMemory, HoldsAllIfAllFitInTheLimit) {
   EXPECT_EQ(memory.peak(), 1000);
 }
 
-TEST(ImageMemory, LeavesRoomForBuffersWhereNotAllFit) {
+TEST(ImageMemory, ReservesBuffersIfNotAllFit) {
   ImageMemory memory({/*limit=*/4100, /*photographs=*/9000, /*largest=*/100, /*fixed=*/100, /*n_readers=*/2});
-  EXPECT_EQ(memory.n_buffers(), 5);  // a quarter of 4000 for both
+  EXPECT_EQ(memory.n_buffers(), 5);  // a quarter of 4000 for both readers
   int n_held = 0;
   while (memory.try_hold(100)) ++n_held;
   EXPECT_EQ(n_held, 30);
@@ -40,14 +41,14 @@ TEST(ImageMemory, LeavesRoomForBuffersWhereNotAllFit) {
   EXPECT_EQ(memory.peak(), 4100);
 }
 
-TEST(ImageMemory, HasABufferForEachReaderHoweverSmallTheLimit) {
+TEST(ImageMemory, HasAtLeastOneBufferPerReader) {
   ImageMemory memory({/*limit=*/100, /*photographs=*/9000, /*largest=*/100, /*fixed=*/0, /*n_readers=*/2});
   EXPECT_EQ(memory.n_buffers(), 1);
   EXPECT_FALSE(memory.try_hold(100));
   EXPECT_EQ(ImageMemory({kUnknown, 900000, 100, 0, 1}).n_buffers(), ImageMemory::kMaxBuffers);
 }
 
-TEST(ImageMemory, TakesGigabytesOrFourFifthsOfWhatIsAvailable) {
+TEST(ImageMemory, LimitIsInGigabytesOrFourFifthsOfAvailableMemory) {
   EXPECT_EQ(image_memory_limit(1.5, 1000), 1500000000);
   EXPECT_EQ(image_memory_limit(0, 1000), 0);
   EXPECT_EQ(image_memory_limit(-1, 1000), 800);
@@ -55,7 +56,7 @@ TEST(ImageMemory, TakesGigabytesOrFourFifthsOfWhatIsAvailable) {
   EXPECT_GT(image_memory_limit(1e30, 1000), std::int64_t{1} << 60);
 }
 
-TEST(HostMemory, IsTheLeastOfSystemAndControlGroups) {
+TEST(HostMemory, IsTheMinimumOfSystemAndControlGroups) {
   const TempDir root;
   EXPECT_EQ(available_host_memory(root.path()), kUnknown);
   write_bytes(root / "proc/meminfo", "MemTotal:  9000 kB\nMemFree:  10 kB\nMemAvailable:   5000 kB\nCached: 1 kB\n");
@@ -67,7 +68,7 @@ TEST(HostMemory, IsTheLeastOfSystemAndControlGroups) {
   write_bytes(group / "a/b/memory.max", "max\n");
   write_bytes(group / "a/b/memory.current", "1000\n");
   EXPECT_EQ(available_host_memory(root.path()), 5000 * 1024);
-  write_bytes(group / "a/memory.max", "1000000\n");  // the parent's limit counts too
+  write_bytes(group / "a/memory.max", "1000000\n");  // the limit of the parent group applies too
   write_bytes(group / "a/memory.current", "900000\n");
   write_bytes(group / "a/memory.stat", "anon 700000\ninactive_file 200000\nactive_file 50\n");
   EXPECT_EQ(available_host_memory(root.path()), 300000);
@@ -76,7 +77,7 @@ TEST(HostMemory, IsTheLeastOfSystemAndControlGroups) {
   write_bytes(group / "a/b/memory.current", "1600\n");
   EXPECT_EQ(available_host_memory(root.path()), 0);
 
-  // Version 1, in a container that sees its own group at the mount.
+  // Version 1, in a container whose own group is mounted at the root.
   write_bytes(root / "proc/self/cgroup", "12:cpu,cpuacct:/x\n9:memory:/docker/1234\n");
   write_bytes(group / "memory/memory.limit_in_bytes", "3000\n");
   write_bytes(group / "memory/memory.usage_in_bytes", "2000\n");
@@ -84,7 +85,7 @@ TEST(HostMemory, IsTheLeastOfSystemAndControlGroups) {
   EXPECT_EQ(available_host_memory(root.path()), 1400);
 }
 
-TEST(UndistorterCache, KeepsTheMapsUsedLastWithinItsLimit) {
+TEST(UndistorterCache, KeepsTheMostRecentlyUsedMaps) {
   const Lens lens = lens_of({1, CameraModel::kSimpleRadial, 40, 30, {50, 20, 15, 0.1}}, "camera 1");
   constexpr std::int64_t kMap = 9 * 40 * 30;
   UndistorterCache cache(2 * kMap);
@@ -94,7 +95,7 @@ TEST(UndistorterCache, KeepsTheMapsUsedLastWithinItsLimit) {
   EXPECT_EQ(cache.get(0), first.lock());
   const std::weak_ptr<const Undistorter> third = cache.get(2);
   EXPECT_FALSE(first.expired());
-  EXPECT_TRUE(second.expired()) << "not used for the longest time";
+  EXPECT_TRUE(second.expired()) << "the least recently used one";
   EXPECT_FALSE(third.expired());
   UndistorterCache none(kMap - 1);
   none.add_group(lens, {40, 30}, "camera");

@@ -22,11 +22,11 @@ TEST(Resolution, FactorsRoundHalvesToEven) {
   expect_size(training_size({3, 3}, 8), 1, 1);
 }
 
-TEST(Resolution, DefaultCapsTheWidth) {
+TEST(Resolution, DefaultLimitsTheWidth) {
   expect_size(training_size({1600, 1200}, -1), 1600, 1200);
   expect_size(training_size({4946, 3286}, -1), 1600, 1063);  // 3286 * 1600 / 4946 = 1063.001
-  expect_size(training_size({1919, 1079}, -1), 1600, 899);   // 899.6 is truncated
-  expect_size(training_size({1000, 5000}, -1), 1000, 5000);  // only the width counts
+  expect_size(training_size({1919, 1079}, -1), 1600, 899);   // 899.6 is rounded down
+  expect_size(training_size({1000, 5000}, -1), 1000, 5000);  // only the width is limited
 }
 
 TEST(Resolution, OtherNumbersAreTheWidthAndNeverEnlarge) {
@@ -36,13 +36,13 @@ TEST(Resolution, OtherNumbersAreTheWidthAndNeverEnlarge) {
   expect_size(training_size({800, 533}, 2000), 800, 533);
 }
 
-TEST(Resolution, AMissingFolderIsReplacedAsItWouldHaveBeenMade) {
+TEST(Resolution, DividedSizeIsThatOfAReducedFolder) {
   expect_size(divided_size({649, 389}, 2), 325, 195);  // halves up
   expect_size(divided_size({649, 389}, 1), 649, 389);
   expect_size(divided_size({2, 2}, 8), 1, 1);
 }
 
-TEST(Resolution, RefusesWidthsThatNobodyMeans) {
+TEST(Resolution, RejectsImplausiblySmallWidths) {
   for (const int resolution : {3, 5, 6, 7, 9, 16, 31}) {
     EXPECT_TRUE(test::fails_with<InputError>(
         {"-r " + std::to_string(resolution), std::to_string(resolution) + " px wide", "1, 2, 4 or 8"},
@@ -51,7 +51,7 @@ TEST(Resolution, RefusesWidthsThatNobodyMeans) {
   for (const int resolution : {1, 2, 4, 8, 32, 33}) EXPECT_NO_THROW(check_resolution(resolution)) << resolution;
 }
 
-TEST(Resolution, RefusesZeroAndOtherNegativeNumbers) {
+TEST(Resolution, RejectsZeroAndOtherNegativeNumbers) {
   for (const int resolution : {0, -2}) {
     EXPECT_TRUE(
         test::fails_with<InputError>({"-r " + std::to_string(resolution)}, [&] { check_resolution(resolution); }));

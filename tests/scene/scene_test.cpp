@@ -30,7 +30,8 @@ std::string numbered_name(int i) {
   return name;
 }
 
-// n images of a pinhole 40 x 30 on a line along x, their colour their number; the last one first in the file.
+// n images of a 40 x 30 pinhole camera on a line along x, in the file in reverse order. The grey value of each is its
+// ID.
 ColmapModel line_model(int n) {
   ColmapModel model;
   model.cameras[1] = {1, CameraModel::kPinhole, kWidth, kHeight, {50, 60, 21, 14}};
@@ -113,14 +114,14 @@ TEST_F(LoadScene, HoldsOutEveryEighthBySortedName) {
   EXPECT_EQ(scene.test[1].name, "08.png");
   EXPECT_EQ(scene.test[2].name, "16.png");
   EXPECT_EQ(scene.train.size(), 14u);
-  // Centres 1..7 and 9..15 on a line: the mean is 8, the farthest 7 away.
+  // Centres 1..7 and 9..15 on a line: their mean is 8, the farthest are 7 away.
   EXPECT_DOUBLE_EQ(scene.extent, 1.1 * 7);
   EXPECT_TRUE(says(scene, "3 views, every 8th"));
 }
 
-TEST_F(LoadScene, RefusesToHoldOutTheOnlyImage) {
+TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
   write_scene(1);
-  EXPECT_EQ(load().extent, 1);  // one camera has no extent
+  EXPECT_EQ(load().extent, 1);  // one camera: no distances
   options_.eval = true;
   EXPECT_TRUE(refuses({"--eval", "leaves none"}));
 }
@@ -135,7 +136,7 @@ TEST_F(LoadScene, ScalesIntrinsicsPerAxisToTheImageOnDisk) {
   EXPECT_DOUBLE_EQ(camera.fy, 20);
   EXPECT_DOUBLE_EQ(camera.cx, 10.5);
   EXPECT_DOUBLE_EQ(camera.cy, 14.0 / 3);
-  EXPECT_TRUE(says(load(), "another shape than their camera"));
+  EXPECT_TRUE(says(load(), "aspect ratio differs from the camera's"));
 }
 
 TEST_F(LoadScene, ReducesImagesAndCamerasForTraining) {
@@ -152,17 +153,17 @@ TEST_F(LoadScene, ReducesImagesAndCamerasForTraining) {
   EXPECT_TRUE(refuses({"-r 0"}));
 }
 
-TEST_F(LoadScene, ReplacesAMissingReducedFolder) {
+TEST_F(LoadScene, ReducesImagesIfTheReducedFolderIsMissing) {
   write_scene(1);
   options_.images = "images_2";
   const Scene scene = load();
   EXPECT_EQ(scene.train[0].image->size().width, 20);
   EXPECT_EQ(scene.train[0].image->size().height, 15);
   EXPECT_DOUBLE_EQ(scene.train[0].camera.fx, 25);
-  EXPECT_TRUE(says(scene, "images_2/ does not exist"));
+  EXPECT_TRUE(says(scene, "images_2/ not found"));
 }
 
-TEST_F(LoadScene, TakesAReducedFolderThatExistsAsItIs) {
+TEST_F(LoadScene, UsesAnExistingReducedFolderUnchanged) {
   write_scene(1);
   write_images(line_model(1), "images_2", 21, 15);
   options_.images = "images_2";
@@ -174,7 +175,7 @@ TEST_F(LoadScene, TakesAReducedFolderThatExistsAsItIs) {
 TEST_F(LoadScene, ListsTheFoldersWhenTheImageFolderIsMissing) {
   write_scene(1);
   options_.images = "photos";
-  EXPECT_TRUE(refuses({"photos", "does not exist", "images, sparse", "-i"}));
+  EXPECT_TRUE(refuses({"photos", "image folder not found", "images, sparse", "-i"}));
 }
 
 TEST_F(LoadScene, CountsMissingAndUnregisteredImages) {
@@ -188,10 +189,10 @@ TEST_F(LoadScene, CountsMissingAndUnregisteredImages) {
   EXPECT_EQ(scene.train[1].name, "02.png");
   EXPECT_TRUE(says(scene, "4 registered, 2 found"));
   EXPECT_TRUE(says(scene, "2 missing (01.png, 03.png)"));
-  EXPECT_TRUE(says(scene, "1 more there not in the model"));
+  EXPECT_TRUE(says(scene, "1 more not in the model"));
 }
 
-TEST_F(LoadScene, NeedsAtLeastOneImage) {
+TEST_F(LoadScene, RejectsASceneWithoutPhotographs) {
   write(line_model(3));
   EXPECT_TRUE(refuses({(folder_ / "images").string(), "none of the 3 registered images", "00.png"}));
   fs::create_directories(folder_ / "images");
@@ -216,7 +217,7 @@ TEST_F(LoadScene, FindsImagesUnderTheNamesThatToolsGiveThem) {
   EXPECT_TRUE(says(scene, "found under another name: cam1/flat.png as flat.png, shot.JPG as shot.png"));
 }
 
-TEST_F(LoadScene, DoesNotTakeAnImageOfAnotherSubfolder) {
+TEST_F(LoadScene, DoesNotUseAnImageOfAnotherSubfolder) {
   ColmapModel model = line_model(2);
   model.images[0].name = "left/a.png";
   model.images[1].name = "right/a.png";
@@ -228,24 +229,24 @@ TEST_F(LoadScene, DoesNotTakeAnImageOfAnotherSubfolder) {
   EXPECT_TRUE(says(scene, "1 missing (right/a.png)"));
 }
 
-TEST_F(LoadScene, RefusesTwoNamesThatLeadToOneFile) {
+TEST_F(LoadScene, RejectsTwoNamesThatMatchOneFile) {
   ColmapModel model = line_model(2);
   model.images[0].name = "left/a.png";
   model.images[1].name = "right/a.png";
   write(model);
   write_image(folder_ / "images/a.png", flat(kWidth, kHeight, 1));
-  EXPECT_TRUE(refuses({"images/a.png", "left/a.png", "right/a.png", "both lead to this file"}));
+  EXPECT_TRUE(refuses({"images/a.png", "left/a.png", "right/a.png", "both match only this file"}));
 }
 
-TEST_F(LoadScene, LooksInTheSceneFolderWhereThereIsNoImageFolder) {
+TEST_F(LoadScene, SearchesTheSceneFolderIfThereIsNoImageFolder) {
   ColmapModel model = line_model(1);
   model.images[0].name = "left/a.png";
   write(model);
   write_image(folder_ / "left/a.png", flat(kWidth, kHeight, 1));
-  EXPECT_TRUE(says(load(), "images/ does not exist: looked for the images in the scene folder itself"));
+  EXPECT_TRUE(says(load(), "images/ not found: searching the scene folder itself"));
 }
 
-TEST_F(LoadScene, TakesTheModelWithMostImages) {
+TEST_F(LoadScene, ChoosesTheModelWithTheMostImages) {
   write_scene(5);
   write(line_model(2), "sparse/0");
   write(line_model(5), "sparse/10");
@@ -253,25 +254,25 @@ TEST_F(LoadScene, TakesTheModelWithMostImages) {
   const Scene scene = load();
   EXPECT_EQ(scene.train.size(), 5u);
   EXPECT_TRUE(
-      says(scene, "3 models: took sparse/10 with 5 images, the most; left out: sparse/0 with 2, sparse/2 with 4"));
+      says(scene, "3 models: using sparse/10, which has the most images (5); ignoring sparse/0 (2), sparse/2 (4)"));
 }
 
-TEST_F(LoadScene, FindsTheModelWithoutANumberedFolder) {
+TEST_F(LoadScene, FindsAModelOutsideANumberedFolder) {
   write_images(line_model(2));
   write(line_model(2), "sparse");
   EXPECT_EQ(load().train.size(), 2u);
   remove_tree(folder_ / "sparse");
-  EXPECT_TRUE(refuses({folder_.path().string(), "sparse/0", "found none"}));
+  EXPECT_TRUE(refuses({folder_.path().string(), "sparse/0", "no COLMAP model found"}));
   write(line_model(2), "");
   EXPECT_EQ(load().train.size(), 2u);
 }
 
-TEST_F(LoadScene, NamesAFolderThatIsNone) {
+TEST_F(LoadScene, NamesAMissingSceneFolder) {
   options_.source_path = (folder_ / "nowhere").string();
-  EXPECT_TRUE(refuses({"nowhere", "is no folder"}));
+  EXPECT_TRUE(refuses({"nowhere", "scene folder not found"}));
 }
 
-TEST_F(LoadScene, RefusesACorruptImageByName) {
+TEST_F(LoadScene, RejectsACorruptImageByName) {
   write_scene(6);
   const std::string whole = test::read_bytes(folder_ / "images/04.png");
   write_bytes(folder_ / "images/04.png", whole.substr(0, whole.size() - 15));
@@ -325,14 +326,14 @@ TEST_F(LoadScene, UndistortsAndSharesTheMask) {
   for (std::size_t i = 0; i < view.valid->pixels.size(); ++i) {
     if (view.valid->pixels[i] == 0) continue;
     ++n_valid;
-    ASSERT_EQ(image->pixels[3 * i], 200) << "a valid pixel has black of the outside in it";
+    ASSERT_EQ(image->pixels[3 * i], 200) << "a valid pixel contains black from outside the photograph";
   }
   EXPECT_GT(n_valid, view.valid->pixels.size() / 2);
   EXPECT_LT(n_valid, view.valid->pixels.size());
-  EXPECT_TRUE(says(scene, "undone in 3 images"));
+  EXPECT_TRUE(says(scene, "removed from 3 images"));
 }
 
-TEST_F(LoadScene, RefusesAnUnsupportedCameraOnlyIfAnImageUsesIt) {
+TEST_F(LoadScene, RejectsAnUnsupportedCameraOnlyIfAnImageUsesIt) {
   ColmapModel model = line_model(1);
   model.cameras[2] = {2, CameraModel::kFov, 40, 30, {50, 50, 20, 15, 0.9}};
   write(model);
@@ -356,7 +357,7 @@ TEST_F(LoadScene, MixesSizesAndOrientations) {
   EXPECT_EQ(scene.train[1].image->size().height, kWidth);
 }
 
-TEST_F(LoadScene, SaysThatAModelWithoutPointsNeedsThem) {
+TEST_F(LoadScene, NotesThatTheModelHasNoPoints) {
   ColmapModel model = line_model(1);
   model.points.clear();
   write(model);

@@ -1,4 +1,4 @@
-// The real scenes, where they are there: each loads or is refused as their README says.
+// Real scenes, skipped where they are not available: each loads, or is refused, as their README says.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -23,7 +23,7 @@ struct OddScene {
   std::int64_t n_points;
   std::size_t n_sizes;  // different sizes among the views
   bool is_distorted;
-  const char* says;  // in the summary, or in the error
+  const char* says;  // part of the summary, or of the error
 };
 
 class RealScene : public testing::TestWithParam<OddScene> {};
@@ -34,10 +34,10 @@ SceneOptions options_for(const std::string& folder) {
   return options;
 }
 
-TEST_P(RealScene, LoadsOrIsRefused) {
+TEST_P(RealScene, LoadsOrIsRejected) {
   const OddScene& expected = GetParam();
   const SceneOptions options = options_for(expected.folder);
-  if (!fs::exists(options.source_path)) GTEST_SKIP() << options.source_path << " is not there";
+  if (!fs::exists(options.source_path)) GTEST_SKIP() << options.source_path << " not found";
   if (expected.n_views == 0) {
     EXPECT_TRUE(fails_with<InputError>({options.source_path, expected.says}, [&] { load_scene(options); }));
     return;
@@ -86,9 +86,9 @@ INSTANTIATE_TEST_SUITE_P(
       return name;
     });
 
-// fox is what COLMAP's own image_undistorter made of fox_distorted: two pinholes that differ in scale and crop only.
+// fox is fox_distorted after COLMAP's image_undistorter: the two pinhole cameras differ only in scale and crop.
 TEST(RealScenes, UndistortionAgreesWithColmaps) {
-  if (!fs::exists(options_for("fox").source_path)) GTEST_SKIP() << "the real scenes are not there";
+  if (!fs::exists(options_for("fox").source_path)) GTEST_SKIP() << "real scenes not found";
   const Scene ours = load_scene(options_for("fox_distorted")), theirs = load_scene(options_for("fox"));
   ASSERT_EQ(ours.train.size(), theirs.train.size());
   double squared = 0;
@@ -117,7 +117,7 @@ TEST(RealScenes, UndistortionAgreesWithColmaps) {
       }
     }
   }
-  // All but a rim is compared. JPEG noise (quality 74 here) and twice interpolating leave the rest.
+  // All pixels but a border are compared. What remains is JPEG noise (quality 74 here) and interpolating twice.
   EXPECT_GT(n, 5u * 530 * 946 * 3 * 95 / 100);
   const double psnr = 10 * std::log10(255.0 * 255.0 * static_cast<double>(n) / squared);
   RecordProperty("psnr", std::to_string(psnr));

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "core/check.h"
+#include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
 
@@ -23,7 +24,7 @@ struct Point2 {
   double x, y;
 };
 
-// The formulas written out once more, as functions of the ray: judges of the library's ones.
+// Reference implementations: the formulas of the models, as functions of the ray.
 Point2 opencv_pixel(double x, double y) {
   const double r2 = x * x + y * y, radial = 1 - 0.12 * r2 + 0.03 * r2 * r2;
   return {150 * (x * radial + 2 * 0.004 * x * y - 0.003 * (r2 + 2 * x * x)) + 104.5,
@@ -75,7 +76,7 @@ void expect_dots_where_the_pinhole_sees_them(const Lens& lens, Project&& project
       Image8 distorted(kWidth, kHeight, 3);
       paint_dot(distorted, project(x, y));
       const Point2 found = find_dot(undistorter.apply(distorted), pinhole);
-      // The map stretches one side of the dot more than the other, which moves its centre of mass by some hundredths.
+      // The map stretches one side of the dot more than the other, which moves its centre of mass by some 0.01 px.
       EXPECT_NEAR(found.x, pinhole.x, 0.06) << x << ", " << y;
       EXPECT_NEAR(found.y, pinhole.y, 0.06) << x << ", " << y;
       ++n_dots;
@@ -104,7 +105,7 @@ TEST(Undistorter, WithoutNoticeableDistortionChangesNoPixel) {
   EXPECT_EQ(undistorter.valid_share(), 1);
 }
 
-TEST(Undistorter, MarksWhatThePhotographDoesNotShow) {
+TEST(Undistorter, MasksPixelsOutsideThePhotograph) {
   // Pincushion: the corner of the output would come from outside, the middle from inside.
   const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {100, 50, 50, 0.3}), 100, 100, "camera 1");
   ASSERT_NE(undistorter.valid(), nullptr);
@@ -122,7 +123,7 @@ TEST(Undistorter, MarksWhatThePhotographDoesNotShow) {
   for (std::size_t i = 0; i < valid.pixels.size(); ++i) ASSERT_EQ(undistorted.pixels[3 * i], valid.pixels[i]);
 }
 
-TEST(Undistorter, DoesNotShowThePhotographAgainBeyondTheFold) {
+TEST(Undistorter, MasksPixelsBeyondTheMonotonicRadius) {
   // r - r^3 / 2 turns back at r = 0.816: the output at r = 1.2 would come from r = 0.336, which is inside.
   const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {40, 50, 50, -0.5}), 100, 100, "camera 1");
   ASSERT_NE(undistorter.valid(), nullptr);
@@ -130,14 +131,13 @@ TEST(Undistorter, DoesNotShowThePhotographAgainBeyondTheFold) {
   EXPECT_EQ(undistorter.valid()->pixels[50 * 100 + 50 + 31], 255);  // r = 0.79
 }
 
-TEST(Undistorter, RefusesALensThatShowsNothing) {
+TEST(Undistorter, RejectsALensThatLeavesNoValidPixel) {
   Lens lost = lens(CameraModel::kSimpleRadial, {100, 50, 50, 0.1});
   lost.cx = -100000;
-  EXPECT_TRUE(
-      fails_with<InputError>({"camera 1", "no pixel is left"}, [&] { Undistorter(lost, 100, 100, "camera 1"); }));
+  EXPECT_TRUE(fails_with<InputError>({"camera 1", "no valid pixel"}, [&] { Undistorter(lost, 100, 100, "camera 1"); }));
 }
 
-TEST(ShrinkMask, KeepsOnlyPixelsThatAreValidAllOver) {
+TEST(ShrinkMask, KeepsOnlyPixelsThatAreEntirelyValid) {
   Image8 mask(5, 2, 1);
   mask.pixels = {255, 255, 255, 255, 255,  //
                  255, 255, 255, 255, 0};

@@ -15,9 +15,9 @@ GaussianTensors random_tensors(std::int64_t n) {
           torch::randn({n}),    torch::randn({n, 1, 3}), torch::randn({n, 15, 3})};
 }
 
-TEST(Adam, FollowsTheTextbookInDouble) {
+TEST(Adam, EqualsTheFormulasInDouble) {
   torch::manual_seed(1);
-  GaussianTensors gaussians = random_tensors(37);  // no group is a whole number of vectors
+  GaussianTensors gaussians = random_tensors(37);  // no group is a multiple of the vector length
   const AdamRates rates{0.1, 0.02, 0.003, 0.04, 0.005, 0.006};
   std::array<torch::Tensor, 6> param, m, v;
   for (std::size_t i = 0; i < 6; ++i) {
@@ -50,7 +50,7 @@ TEST(Adam, FollowsTheTextbookInDouble) {
   }
 }
 
-TEST(Adam, FirstStepMovesByTheRateWhateverTheGradient) {
+TEST(Adam, FirstStepHasTheSizeOfTheRateForAnyGradient) {
   GaussianTensors gaussians = random_tensors(5);
   const GaussianTensors before = [&] {
     GaussianTensors copy;
@@ -58,14 +58,14 @@ TEST(Adam, FirstStepMovesByTheRateWhateverTheGradient) {
     return copy;
   }();
   GaussianTensors grads = random_tensors(5);
-  grads.means.fill_(-1e-9f);  // such is the size of a gradient of a mean over a million pixels
+  grads.means.fill_(-1e-9f);  // typical of the mean over a million pixels
   AdamState state = make_adam_state(gaussians);
   adam_step({0.01, 0, 0, 0, 0, 0}, grads, gaussians, state);
   EXPECT_TRUE(test::within(gaussians.means - before.means, torch::full({5, 3}, 0.01), 1e-6));
   EXPECT_TRUE(torch::equal(gaussians.quats, before.quats)) << "rate 0";
 }
 
-TEST(Adam, LeavesRowsAloneThatNeverHadAGradient) {
+TEST(Adam, DoesNotChangeRowsThatNeverHadAGradient) {
   GaussianTensors gaussians = random_tensors(20), grads = random_tensors(20);
   const torch::Tensor before = gaussians.shN.clone();
   grads.shN.zero_();
@@ -76,7 +76,7 @@ TEST(Adam, LeavesRowsAloneThatNeverHadAGradient) {
 
 TEST(Adam, IsTheSameForAnyNumberOfThreads) {
   torch::manual_seed(2);
-  const std::int64_t n = 3001;  // shN has several blocks and an odd end
+  const std::int64_t n = 3001;  // shN has several blocks and a partial one
   const GaussianTensors start = random_tensors(n), grads = random_tensors(n);
   const auto shN_after = [&](int threads) {
     set_thread_count(threads);

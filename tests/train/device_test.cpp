@@ -1,4 +1,4 @@
-// Which device is taken, and which GPUs are refused.
+// Which device is chosen, and which GPUs are rejected.
 #include "train/device.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ TEST(Device, AutoIsWhatTheMachineHas) {
   EXPECT_TRUE(choose_device("cpu").is_cpu());
 }
 
-TEST(Device, ATrainerAsksForItAsTheProgramDoes) {
+TEST(Device, TheTrainerReportsAMissingGpu) {
   if (choose_device("auto").is_cuda()) GTEST_SKIP() << "this machine has a GPU";
   const Scene scene = test::make_tiny_scene();
   TrainConfig config;

@@ -44,7 +44,7 @@ class Buffers {
   std::vector<std::vector<std::uint8_t>> buffers_;
 };
 
-TEST(ImageReader, GivesImagesInAnyOrderWhateverTheNumberOfBuffersAndThreads) {
+TEST(ImageReader, ReadsInAnyOrderWithAnyNumberOfBuffersAndThreads) {
   const Images images = numbered_images(7);
   for (const int n_buffers : {1, 2, 5, 9}) {
     for (const int n_threads : {1, 4}) {
@@ -62,11 +62,11 @@ TEST(ImageReader, GivesImagesInAnyOrderWhateverTheNumberOfBuffersAndThreads) {
   }
 }
 
-TEST(ImageReader, ForgetsWhatIsNoLongerExpected) {
+TEST(ImageReader, DropsImagesThatAreNoLongerExpected) {
   const Images images = numbered_images(6);
   Buffers buffers(2);
   ImageReader reader({images, buffers.pointers(), 2, {}});
-  for (int round = 0; round < 200; ++round) {  // threads may be at work on what is dropped
+  for (int round = 0; round < 200; ++round) {  // threads may be reading images that are dropped
     reader.expect({0, 1});
     reader.expect({2, 3});
     reader.expect({4, 5});
@@ -76,7 +76,7 @@ TEST(ImageReader, ForgetsWhatIsNoLongerExpected) {
   EXPECT_TRUE(test::fails_with<LogicError>({"image 1 was not expected"}, [&] { reader.wait(1); }));
 }
 
-/// Threads stop before they write until they are let go.
+/// Blocks the threads before they write.
 class Gate {
  public:
   void pass() {
@@ -106,13 +106,13 @@ class Gate {
   bool is_open_ = false;
 };
 
-TEST(ImageReader, ReadsAheadAsFarAsBuffersGoAndNoFurther) {
+TEST(ImageReader, ReadsAheadIntoAllBuffersButNotFurther) {
   const Images images = numbered_images(8);
   Buffers buffers(3);
   Gate gate;
   ImageReader reader({images, buffers.pointers(), 8, [&](int) { gate.pass(); }});
   reader.expect({0, 1, 2, 3, 4, 5, 6, 7});
-  gate.wait_for(3);  // nobody has asked for any of them yet
+  gate.wait_for(3);  // none has been waited for yet
   EXPECT_FALSE(reader.is_ready(0));
   gate.open();
   for (const std::int32_t image : {2, 0, 1}) EXPECT_EQ(*reader.bytes(reader.wait(image)), image);
@@ -123,7 +123,7 @@ TEST(ImageReader, ReadsAheadAsFarAsBuffersGoAndNoFurther) {
 TEST(ImageReader, ReadsTheMostUrgentFirst) {
   const Images images = numbered_images(8);
   Buffers buffers(4);
-  std::vector<int> written;  // by the one thread
+  std::vector<int> written;  // by the only thread
   Gate gate;
   {
     ImageReader reader({images, buffers.pointers(), 1, [&](int buffer) {
@@ -142,7 +142,7 @@ TEST(ImageReader, ReadsTheMostUrgentFirst) {
   }
 }
 
-TEST(ImageReader, EndsWhileItsThreadsRead) {
+TEST(ImageReader, CanBeDestroyedWhileItsThreadsRead) {
   const Images images = numbered_images(40);
   for (int round = 0; round < 50; ++round) {
     Buffers buffers(8);
@@ -153,7 +153,7 @@ TEST(ImageReader, EndsWhileItsThreadsRead) {
   }
 }
 
-TEST(ImageReader, ThrowsForTheImageThatCannotBeReadAndForNoOther) {
+TEST(ImageReader, ThrowsOnlyForTheImageThatCannotBeRead) {
   const test::DiskScene disk;
   const Scene scene = disk.load();
   Images images;
@@ -172,7 +172,7 @@ TEST(ImageReader, ThrowsForTheImageThatCannotBeReadAndForNoOther) {
   EXPECT_NO_THROW(reader.wait(2));
 }
 
-TEST(ReadInOrder, GivesAllAndLeavesNothingBehind) {
+TEST(ReadInOrder, VisitsAllImagesAndReleasesItsBuffers) {
   const test::DiskScene disk;
   for (const double images : {1.0, 2.5, 100.0}) {
     SCOPED_TRACE(std::to_string(images) + " images");

@@ -14,25 +14,25 @@ namespace {
 
 using Views = std::vector<std::int32_t>;
 
-TEST(UploadSlots, BringEachWantedViewOnceAndLeaveItWhereItIs) {
+TEST(UploadSlots, UploadEachWantedViewOnceAndKeepItsSlot) {
   UploadSlots slots(3);
   EXPECT_EQ(slots.slot_of(4), -1);
   const auto first = slots.assign({4, 7, 2});
   ASSERT_EQ(first.size(), 3u);
-  EXPECT_EQ(first[0].view, 4) << "the nearest first";
+  EXPECT_EQ(first[0].view, 4) << "the next view first";
   const int slot_of_7 = slots.slot_of(7), slot_of_4 = slots.slot_of(4);
   EXPECT_TRUE(slots.assign({4, 7, 2}).empty());
   const auto second = slots.assign({7, 2, 9});
   ASSERT_EQ(second.size(), 1u);
   EXPECT_EQ(second[0].view, 9);
-  EXPECT_EQ(second[0].slot, slot_of_4) << "the one that nobody wants any more";
+  EXPECT_EQ(second[0].slot, slot_of_4) << "the slot of the view that is not wanted any more";
   EXPECT_EQ(slots.slot_of(7), slot_of_7);
   EXPECT_EQ(slots.slot_of(4), -1);
   EXPECT_TRUE(test::fails_with<LogicError>({"4 views want 3 slots"}, [&] { slots.assign({1, 2, 3, 4}); }));
 }
 
-TEST(UploadSlots, InAnyOrderOfViewsAnUploadIsMadeTwoStepsAhead) {
-  // As ImageStore asks, over three passes with a view that may come last in one pass and first in the next.
+TEST(UploadSlots, UploadTwoStepsAheadInAnyOrderOfViews) {
+  // The requests of ImageStore over three passes, in which a view may come last in one pass and first in the next.
   constexpr std::int32_t kViews = 7;
   constexpr std::size_t kAhead = ImageStore::kLookAhead;
   ViewOrder order;
@@ -41,7 +41,7 @@ TEST(UploadSlots, InAnyOrderOfViewsAnUploadIsMadeTwoStepsAhead) {
   for (int step = 0; step < 3 * kViews; ++step) {
     const std::int32_t view = order.next(5, kViews);
     const bool was_there = slots.slot_of(view) >= 0;
-    EXPECT_TRUE(step == 0 || was_there) << "step " << step << " has to wait for its photograph";
+    EXPECT_TRUE(step == 0 || was_there) << "step " << step << " must wait for its photograph";
     Views wanted{view};
     for (const std::int32_t next : order.upcoming(5, kViews, kAhead)) {
       if (std::find(wanted.begin(), wanted.end(), next) == wanted.end()) wanted.push_back(next);
@@ -49,7 +49,7 @@ TEST(UploadSlots, InAnyOrderOfViewsAnUploadIsMadeTwoStepsAhead) {
     const int slot_in_use = slots.slot_of(view);
     for (const auto& upload : slots.assign(wanted)) {
       ++n_uploads;
-      EXPECT_FALSE(was_there && upload.slot == slot_in_use) << "written while it is read";
+      EXPECT_FALSE(was_there && upload.slot == slot_in_use) << "overwritten while it is read";
     }
     for (const std::int32_t next : wanted) EXPECT_GE(slots.slot_of(next), 0);
   }
@@ -57,10 +57,10 @@ TEST(UploadSlots, InAnyOrderOfViewsAnUploadIsMadeTwoStepsAhead) {
   EXPECT_GE(n_uploads, 2 * kViews);
 }
 
-TEST(ViewOrder, SaysWhatComesNextAndStaysAsItIs) {
+TEST(ViewOrder, TellsTheUpcomingViewsWithoutTakingThem) {
   ViewOrder order;
   for (int step = 0; step < 23; ++step) {
-    for (const std::size_t n : {0u, 1u, 3u, 12u}) {  // 12: over two refills
+    for (const std::size_t n : {0u, 1u, 3u, 12u}) {  // 12: across two refills
       const ViewOrder before = order;
       const Views upcoming = order.upcoming(3, 5, n);
       EXPECT_EQ(order.remaining, before.remaining);
@@ -74,7 +74,7 @@ TEST(ViewOrder, SaysWhatComesNextAndStaysAsItIs) {
   }
 }
 
-TEST(ImageStore, OnTheCpuIsTheScenesOwnImagesWhateverTheBudget) {
+TEST(ImageStore, OnTheCpuSharesTheImagesOfTheSceneWhateverTheBudget) {
   test::TinySceneOptions options;
   options.masked = true;
   const Scene scene = test::make_tiny_scene(options);
@@ -93,7 +93,7 @@ TEST(ImageStore, OnTheCpuIsTheScenesOwnImagesWhateverTheBudget) {
   }
 }
 
-TEST(ImageStore, OnTheCpuHoldsWhatHasRoomAndReadsTheRestAhead) {
+TEST(ImageStore, OnTheCpuKeepsWhatFitsAndReadsTheRestAhead) {
   const test::DiskScene disk(/*distorted=*/true);
   const Scene whole = disk.load();
   for (const double photographs : {0.0, 1.0, 4.5, 100.0}) {
@@ -123,7 +123,7 @@ TEST(ImageStore, OnTheCpuHoldsWhatHasRoomAndReadsTheRestAhead) {
   }
 }
 
-TEST(ImageStore, SaysWhereThePhotographsAre) {
+TEST(ImageStore, TellsWhereThePhotographsAreStored) {
   ImagePlaces places;
   EXPECT_EQ(describe(places), "none");
   places.on_device = {1200, 6150000000};
@@ -140,7 +140,7 @@ TEST(ImageStore, CountsItsBudgetInDecimalGigabytes) {
   EXPECT_GT(image_budget(1e30, torch::kCPU), std::int64_t{1} << 60);
 }
 
-TEST(ImageStore, RefusesPhotographsOfAnotherSizeThanTheCamera) {
+TEST(ImageStore, RejectsPhotographsThatDifferInSizeFromTheCamera) {
   Scene scene = test::make_tiny_scene();
   scene.train[1].camera.width += 1;
   EXPECT_TRUE(test::fails_with<LogicError>({scene.train[1].name, "61 x 44"},

@@ -1,4 +1,4 @@
-// Checks of the kernels on a tiny scene, with a timer whose times are invented, and what counts as the same image.
+// Kernel checks on a tiny scene with a timer that returns made-up times, and the comparison of kernels' results.
 #include "train/selection/kernel_chooser.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@
 namespace b3dgs {
 namespace {
 
-/// Does the work, and says that it took as long as is written down for the kernel in use and for the other one.
+/// Does the work, and returns the given times for the kernel in use and the other one.
 class InventedTimer final : public KernelTimer {
  public:
   InventedTimer(double in_use_ms, double other_ms) : ms_{in_use_ms, other_ms} {}
@@ -36,7 +36,7 @@ class InventedTimer final : public KernelTimer {
   int n_views_ = 0;
 };
 
-/// Every kernel computes nothing, but for some: each of those something of its own.
+/// All kernels compute the same, except for some that each compute something different.
 class WrongBlend final : public BlendPass {
  public:
   explicit WrongBlend(std::set<std::string> wrong) : wrong_(std::move(wrong)) {}
@@ -50,7 +50,7 @@ class WrongBlend final : public BlendPass {
   std::string image_, kept_;
 };
 
-/// Before a step of a long training; no step has been timed, unless said.
+/// Before a step of a long training; the duration of a step is not known unless given.
 CheckMoment at(int iteration, double step_ms = 0) {
   return {iteration, 1 << 30, step_ms};
 }
@@ -66,7 +66,7 @@ class KernelChooserTest : public testing::Test {
   KernelChooser chooser(double in_use_ms, double other_ms) {
     return KernelChooser(config, torch::kCPU, {std::make_unique<InventedTimer>(in_use_ms, other_ms)});
   }
-  /// As chooser(), where some kernels compute something else than the rest.
+  /// Like chooser(), but some kernels compute something different.
   KernelChooser chooser_with_wrong(const std::set<std::string>& kernels, double in_use_ms, double other_ms) {
     KernelCheckTools tools{std::make_unique<InventedTimer>(in_use_ms, other_ms)};
     tools.make_forward = [=](const BlendInput&) { return std::make_unique<WrongBlend>(kernels); };
@@ -80,64 +80,64 @@ class KernelChooserTest : public testing::Test {
   std::vector<PinholeView> cameras;
 };
 
-TEST_F(KernelChooserTest, GoesOverToTheKernelThatTakesLessTime) {
+TEST_F(KernelChooserTest, SwitchesToTheFasterKernel) {
   KernelChooser own = chooser(2.0, 1.0);
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSegmented);
   ASSERT_TRUE(own.is_due(at(1)));
   const std::vector<KernelCheck> done = own.check(at(1), input());
-  ASSERT_EQ(done.size(), 1u) << "the CPU has one backward kernel";
+  ASSERT_EQ(done.size(), 1u) << "the CPU has only one backward kernel";
   EXPECT_STREQ(done[0].pass, "forward");
-  EXPECT_EQ(done[0].decision.views, 3) << "no more are needed to see twice the time";
+  EXPECT_EQ(done[0].decision.views, 3) << "three are enough to find a factor of two";
   EXPECT_EQ(done[0].decision.times_ms.at("segmented"), 2.0);
   EXPECT_EQ(done[0].decision.times_ms.at("shared-memory"), 1.0);
-  EXPECT_EQ(done[0].message, "iteration 1: segmented 2 ms, shared-memory 1 ms: shared-memory from here on");
+  EXPECT_EQ(done[0].message, "iteration 1: segmented 2 ms, shared-memory 1 ms: using shared-memory, permanently");
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
   EXPECT_EQ(own.forward_name(), "shared-memory");
   EXPECT_EQ(own.backward_name(), "");
   EXPECT_FALSE(own.is_due(at(1000, 1e6)));
 }
 
-TEST_F(KernelChooserTest, StaysWithTheBalancedKernelWhileItIsFaster) {
+TEST_F(KernelChooserTest, KeepsTheBalancedKernelWhileItIsFaster) {
   KernelChooser own = chooser(1.0, 2.0);
   EXPECT_EQ(own.check(at(1), input())[0].message, "");
   EXPECT_EQ(own.forward_name(), "segmented");
   EXPECT_TRUE(own.is_due(at(1000, 1e6)));
 }
 
-TEST_F(KernelChooserTest, TakesAllViewsWhereThereIsDoubt) {
+TEST_F(KernelChooserTest, UsesAllViewsIfTimesAreInconclusive) {
   EXPECT_EQ(chooser(1.015, 1.0).check(at(1), input()).front().decision.views, 5);
 }
 
-TEST_F(KernelChooserTest, TakesFewerViewsWhereManyWouldCostTooMuch) {
-  // Only the price can end this check early: of so small a lead more views would say more.
+TEST_F(KernelChooserTest, UsesFewerViewsIfMoreWouldCostTooMuch) {
+  // Only the budget can end this check early: with so small a lead more views would help.
   const KernelDecision decision = chooser(1.015, 1.0).check(at(1, 1e-9), input()).front().decision;
   EXPECT_EQ(decision.views, KernelSelector::kMinViews);
   EXPECT_GT(decision.cost_ms, 0);
 }
 
-TEST_F(KernelChooserTest, RefusesAFasterKernelWhoseImageIsWrong) {
+TEST_F(KernelChooserTest, DisablesAFasterKernelWithAWrongImage) {
   KernelChooser own = chooser_with_wrong({"shared-memory"}, 2.0, 1.0);
   const KernelDecision decision = own.check(at(1), input()).front().decision;
-  EXPECT_EQ(decision.refused, (std::vector<std::string>{"shared-memory"}));
-  EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "times of a wrong image say nothing";
-  EXPECT_NE(decision.reason.find("shared-memory is refused: its image differs"), std::string::npos);
+  EXPECT_EQ(decision.disabled, (std::vector<std::string>{"shared-memory"}));
+  EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "a disabled kernel is not timed";
+  EXPECT_NE(decision.reason.find("shared-memory is disabled: its image differs"), std::string::npos);
   EXPECT_EQ(own.forward_name(), "segmented");
-  EXPECT_FALSE(own.is_due(at(1000, 1e6))) << "nothing is left to choose from";
+  EXPECT_FALSE(own.is_due(at(1000, 1e6))) << "only one candidate is left";
 }
 
-TEST_F(KernelChooserTest, LeavesAKernelInUseWhoseImageIsWrong) {
+TEST_F(KernelChooserTest, ReplacesTheKernelInUseIfItsImageIsWrong) {
   KernelChooser own = chooser_with_wrong({"segmented"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.refused, (std::vector<std::string>{"segmented"}));
+  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled, (std::vector<std::string>{"segmented"}));
   EXPECT_EQ(own.forward_name(), "shared-memory");
 }
 
-TEST_F(KernelChooserTest, UsesTheReferenceWhereAllImagesAreWrong) {
+TEST_F(KernelChooserTest, UsesTheReferenceIfAllImagesAreWrong) {
   KernelChooser own = chooser_with_wrong({"segmented", "shared-memory"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.refused.size(), 2u);
+  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled.size(), 2u);
   EXPECT_EQ(own.forward_name(), "naive");
 }
 
-TEST_F(KernelChooserTest, LeavesTheRasterizerAsGoodAsNew) {
+TEST_F(KernelChooserTest, DoesNotAffectLaterRenders) {
   const RenderedView before = rasterizer.forward(gaussians, cameras[0], {});
   const torch::Tensor color = before.color.clone();
   KernelChooser own = chooser(2.0, 1.0);
@@ -169,15 +169,15 @@ TEST_F(KernelChooserTest, DoesAsThePaperIfToldSo) {
   EXPECT_EQ(own.forward_name(), "combined");
   EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_FALSE(own.is_due(at(999)));
-  ASSERT_TRUE(own.is_due(at(1000, 1e-9))) << "whatever it costs";
+  ASSERT_TRUE(own.is_due(at(1000, 1e-9))) << "regardless of its cost";
   const KernelDecision decision = own.check(at(1000, 1e-9), input()).front().decision;
-  EXPECT_EQ(decision.views, 5) << "all of them";
+  EXPECT_EQ(decision.views, 5) << "all views";
   EXPECT_EQ(decision.times_ms.at("combined"), 2.0);
   EXPECT_EQ(own.forward_name(), "shared-memory");
   EXPECT_FALSE(own.is_due(at(2000, 1e6)));
 }
 
-TEST_F(KernelChooserTest, ChoosesNothingByTimesIfTheBytesHaveToBeTheSame) {
+TEST_F(KernelChooserTest, DoesNotTimeKernelsInDeterministicTraining) {
   config.deterministic = true;
   KernelChooser paper(
       [&] {
@@ -207,7 +207,7 @@ TEST_F(KernelChooserTest, ContinuesFromACheckpoint) {
   }));
 }
 
-/// An image that looks like none, and a copy of it.
+/// A random image and a copy of it.
 struct TwoImages {
   TwoImages() {
     torch::manual_seed(3);
@@ -235,9 +235,9 @@ TEST(ImageFault, GrowsWithTheRangeOfTheImage) {
   EXPECT_EQ(image_fault(two.image, two.reference), "");
 }
 
-TEST(ImageFault, NamesWhatRoundingDoesNotExplain) {
+TEST(ImageFault, ReportsWhatRoundingCannotExplain) {
   TwoImages off, flipped, wrong, faded, hole;
-  off.image.color += 1e-3;  // a little, but everywhere
+  off.image.color += 1e-3;  // small, but at all pixels
   EXPECT_NE(image_fault(off.image, off.reference).find("20000 pixels"), std::string::npos);
   flipped.image.color[10] += 0.004;  // a flip in each pixel of a row
   EXPECT_NE(image_fault(flipped.image, flipped.reference), "");
@@ -249,7 +249,7 @@ TEST(ImageFault, NamesWhatRoundingDoesNotExplain) {
   EXPECT_NE(image_fault(hole.image, hole.reference), "");
 }
 
-TEST(GradientFault, JudgesEachColumnByItsNorm) {
+TEST(GradientFault, ComparesEachColumnRelativeToItsNorm) {
   torch::manual_seed(4);
   const torch::Tensor scale = torch::logspace(-6, 6, 10, 10);
   const torch::Tensor reference = torch::randn({5000, 10}) * scale;

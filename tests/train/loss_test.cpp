@@ -1,4 +1,4 @@
-// The loss against a naive implementation in double: one pixel and one window at a time, 121 taps.
+// The loss, compared with a reference implementation in double that sums the 121 taps of each window directly.
 
 #include "train/loss/loss.h"
 
@@ -19,7 +19,7 @@ struct Images {
   int width, height;
   std::vector<double> rendered;
   std::vector<std::uint8_t> truth;
-  std::vector<std::uint8_t> valid;  // empty: all
+  std::vector<std::uint8_t> valid;  // empty = all
 };
 
 Images make_images(int width, int height, bool masked) {
@@ -102,7 +102,7 @@ FusedLoss fused_loss(const Images& images, double lambda) {
   args.truth = images.truth.data();
   args.valid = images.valid.empty() ? nullptr : images.valid.data();
   args.n_valid = n_valid(images);
-  args.lambda_dssim = lambda;
+  args.weights.dssim = lambda;
   args.grad = result.grad.data();
   args.workspace = workspace.data() + (16 - reinterpret_cast<std::uintptr_t>(workspace.data()) / 4 % 16) % 16;
   result.value = cpu::compute_loss(args);
@@ -110,7 +110,7 @@ FusedLoss fused_loss(const Images& images, double lambda) {
   args.workspace = nullptr;
   const double value_alone = cpu::compute_loss(args).loss;
   EXPECT_EQ(std::memcmp(&value_alone, &result.value.loss, sizeof value_alone), 0)
-      << "depends on whether a gradient is wanted";
+      << "the value depends on whether a gradient is computed";
   return result;
 }
 
@@ -129,7 +129,7 @@ struct Case {
 
 class LossOfSize : public testing::TestWithParam<Case> {};
 
-TEST_P(LossOfSize, ValueMatchesTheNaiveOne) {
+TEST_P(LossOfSize, ValueMatchesTheReference) {
   const Images images = make_images(GetParam().width, GetParam().height, GetParam().masked);
   const LossValue naive = naive_loss(images, 0.2), fused = fused_loss(images, 0.2).value;
   EXPECT_NEAR(fused.l1, naive.l1, 1e-6);
@@ -166,7 +166,7 @@ TEST(Loss, OfEqualImagesIsZeroAndHasNoGradient) {
   for (const float g : fused.grad) ASSERT_NEAR(g, 0, 1e-7);
 }
 
-TEST(Loss, DoesNotSeeWhatIsMasked) {
+TEST(Loss, IgnoresMaskedPixels) {
   Images images = make_images(33, 21, true);
   const FusedLoss before = fused_loss(images, 0.2);
   for (std::size_t i = 0; i < images.rendered.size(); ++i) {
@@ -201,13 +201,13 @@ TEST(Loss, IsTheSameForAnyNumberOfThreads) {
   set_thread_count(0);
 }
 
-TEST(Loss, ThatIsNotFiniteIsSeen) {
+TEST(Loss, IsNotFiniteIfAPixelIsNot) {
   Images images = make_images(30, 30, false);
   images.rendered[1234] = NAN;
   EXPECT_FALSE(std::isfinite(fused_loss(images, 0.2).value.loss));
 }
 
-TEST(Loss, OnTensorsIsTheSame) {
+TEST(Loss, IsTheSameOnTensors) {
   const Images images = make_images(23, 17, true);
   const FusedLoss expected = fused_loss(images, 0.2);
   const std::vector<float> rendered(images.rendered.begin(), images.rendered.end());
@@ -216,9 +216,9 @@ TEST(Loss, OnTensorsIsTheSame) {
   };
   ImageLoss loss(torch::kCPU);
   loss.compute(tensor(rendered, {17, 23, 3}, torch::kFloat32), tensor(images.truth, {17, 23, 3}, torch::kUInt8),
-               tensor(images.valid, {17, 23}, torch::kUInt8), n_valid(images), 0.2);
+               tensor(images.valid, {17, 23}, torch::kUInt8), n_valid(images), LossWeights{0.2});
   EXPECT_EQ(loss.value().loss, expected.value.loss);
-  EXPECT_TRUE(torch::equal(loss.grad(), tensor(expected.grad, {17, 23, 3}, torch::kFloat32)));
+  EXPECT_TRUE(torch::equal(loss.grad().color, tensor(expected.grad, {17, 23, 3}, torch::kFloat32)));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// A training whose memory is short, without a GPU: the source of memory is handed in.
+// Training with too little memory, simulated by a MemorySource, without a GPU.
 #include "train/memory/memory_source.h"
 
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
 
@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Course {
+struct Outcome {
   TrainResult result;
   std::vector<std::string> messages;
   std::string log;
@@ -31,104 +31,104 @@ TrainConfig growing_config() {
   return config;
 }
 
-Course train_with(const std::shared_ptr<test::ShortMemory>& memory, const TrainConfig& config, const fs::path& folder,
-                  const fs::path& resume = {}) {
+Outcome train_with(const std::shared_ptr<test::ShortMemory>& memory, const TrainConfig& config, const fs::path& folder,
+                   const fs::path& resume = {}) {
   const Scene scene = test::make_tiny_scene();
-  Course course;
+  Outcome outcome;
   TrainHooks hooks;
   hooks.memory = memory;
-  hooks.on_message = [&](const std::string& message) { course.messages.push_back(message); };
+  hooks.on_message = [&](const std::string& message) { outcome.messages.push_back(message); };
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
-  course.result = trainer.run();
-  course.log = test::read_bytes(ModelFolder(folder).log());
-  course.held_at = read_checkpoint_header(course.result.checkpoint).value("held_at", std::int64_t{-1});
-  return course;
+  outcome.result = trainer.run();
+  outcome.log = test::read_bytes(ModelFolder(folder).log());
+  outcome.held_at = read_checkpoint_header(outcome.result.checkpoint).value("held_at", std::int64_t{-1});
+  return outcome;
 }
 
-bool says(const Course& course, const std::string& what) {
-  return std::any_of(course.messages.begin(), course.messages.end(),
+bool says(const Outcome& outcome, const std::string& what) {
+  return std::any_of(outcome.messages.begin(), outcome.messages.end(),
                      [&](const std::string& message) { return message.find(what) != std::string::npos; });
 }
 
 TEST(Memory, WithoutALimitTheCountIsNotHeld) {
   const test::TempDir temp;
-  const Course course = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
-  EXPECT_GT(course.result.n_gaussians, 160);
-  EXPECT_EQ(course.held_at, 0);
-  EXPECT_EQ(course.log.find("held"), std::string::npos);
+  const Outcome outcome = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
+  EXPECT_GT(outcome.result.n_gaussians, 160);
+  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(outcome.log.find("held"), std::string::npos);
 }
 
-TEST(Memory, HoldsTheCountBeforeAGrowthThatWouldNotFitAndTrainsToTheEnd) {
+TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 200000;
   const TrainConfig config = growing_config();
-  const Course course = train_with(memory, config, temp / "model");
-  EXPECT_EQ(course.result.iteration, config.iterations);
-  ASSERT_GT(course.held_at, 0);
-  EXPECT_LE(course.result.n_gaussians, course.held_at);
-  EXPECT_TRUE(says(course, "held at " + std::to_string(course.held_at) + " Gaussians: GPU memory"));
-  EXPECT_NE(course.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
-  EXPECT_NE(course.log.find("\"limit_bytes\":200000"), std::string::npos);
+  const Outcome outcome = train_with(memory, config, temp / "model");
+  EXPECT_EQ(outcome.result.iteration, config.iterations);
+  ASSERT_GT(outcome.held_at, 0);
+  EXPECT_LE(outcome.result.n_gaussians, outcome.held_at);
+  EXPECT_TRUE(says(outcome, "held at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
+  EXPECT_NE(outcome.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
+  EXPECT_NE(outcome.log.find("\"limit_bytes\":200000"), std::string::npos);
   EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
 }
 
-TEST(Memory, AHoldEndsWhereThereIsRoomForMore) {
+TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 200000;
   TrainConfig config = growing_config();
   config.iterations = 25;
-  const Course held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "held");
   ASSERT_GT(held.held_at, 0);
   config.iterations = 40;
-  const Course resumed =
+  const Outcome resumed =
       train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
   EXPECT_EQ(resumed.held_at, 0);
   EXPECT_GT(resumed.result.n_gaussians, held.held_at);
 }
 
-TEST(Memory, AHoldStaysWhereACourseHasToBeTheSameTwice) {
+TEST(Memory, AHoldStaysInDeterministicTraining) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 200000;
   TrainConfig config = growing_config();
   config.deterministic = true;
   config.iterations = 25;
-  const Course held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "held");
   ASSERT_GT(held.held_at, 0);
   config.iterations = 40;
-  const Course resumed =
+  const Outcome resumed =
       train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
-  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but the course is the one that was held";
+  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but a deterministic training keeps the hold";
   EXPECT_LE(resumed.result.n_gaussians, held.held_at);
 }
 
-TEST(Memory, GrowsAllTheSameWhereFreeingHelps) {
+TEST(Memory, GrowsIfFreeingMemoryHelps) {
   const test::TempDir temp;
-  const Course expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
+  const Outcome expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
   auto memory = std::make_shared<test::ShortMemory>();
-  memory->n_failures = 2;  // with room to spare, and without
-  const Course course = train_with(memory, growing_config(), temp / "model");
+  memory->n_failures = 2;  // with spare capacity, and without
+  const Outcome outcome = train_with(memory, growing_config(), temp / "model");
   EXPECT_EQ(memory->n_releases, 1);
-  EXPECT_EQ(course.held_at, 0);
-  EXPECT_EQ(test::read_bytes(course.result.ply), test::read_bytes(expected.result.ply));
+  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(test::read_bytes(outcome.result.ply), test::read_bytes(expected.result.ply));
 }
 
-TEST(Memory, HoldsTheCountWhereFreeingDoesNotHelp) {
+TEST(Memory, HoldsTheCountIfFreeingDoesNotHelp) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->rows_that_fit = 125;  // there are 120 at the start
-  const Course course = train_with(memory, growing_config(), temp / "model");
-  EXPECT_EQ(course.result.iteration, 40);
+  const Outcome outcome = train_with(memory, growing_config(), temp / "model");
+  EXPECT_EQ(outcome.result.iteration, 40);
   EXPECT_GE(memory->n_releases, 1);
-  EXPECT_EQ(course.held_at, 120);
-  EXPECT_LE(course.result.n_gaussians, 120);
-  EXPECT_TRUE(says(course, "held at 120 Gaussians: GPU memory"));
+  EXPECT_EQ(outcome.held_at, 120);
+  EXPECT_LE(outcome.result.n_gaussians, 120);
+  EXPECT_TRUE(says(outcome, "held at 120 Gaussians: GPU memory"));
 }
 
-TEST(Memory, RemediesAreTakenInOrderAndOnlyWhereTheyHaveSomethingToGive) {
+TEST(Memory, RemediesAreTriedInOrderUntilOneFreesMemory) {
   std::vector<std::string> done;
   int n_failures = 2;
   const auto work = [&] {
@@ -145,7 +145,7 @@ TEST(Memory, RemediesAreTakenInOrderAndOnlyWhereTheyHaveSomethingToGive) {
   EXPECT_THROW(with_remedies({first}, []() -> int { throw NumericError("not of memory"); }), NumericError);
 }
 
-TEST(Memory, TheAllocatorMayKeepAQuarterOfWhatIsInUse) {
+TEST(Memory, TheAllocatorMayCacheAQuarterOfWhatIsInUse) {
   const std::int64_t mb = 1 << 20;
   EXPECT_FALSE(keeps_too_much({100 * mb, 356 * mb, 0}));
   EXPECT_TRUE(keeps_too_much({100 * mb, 357 * mb, 0}));
@@ -158,13 +158,13 @@ TEST(MemoryPlan, ForgetsViewsOfEarlierRounds) {
   ratios.add({10, 300}, 10);
   ratios.begin_round();
   ratios.add({10, 100}, 20);
-  EXPECT_EQ(ratios.pairs(), 30) << "the round before counts still";
+  EXPECT_EQ(ratios.pairs(), 30) << "the round before still counts";
   ratios.begin_round();
   EXPECT_EQ(ratios.pairs(), 5);
   EXPECT_EQ(ratios.splats(), 0.5);
 }
 
-TEST(MemoryPlan, CountsWhatAGaussianTakes) {
+TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   TrainState state;
   state.gaussians = to_tensors(splats_from_points({{0, 0, 0, 1, 1, 1}, {9, 9, 9, 9, 9, 9}}, 3), 3, torch::kCPU);
   state.adam = make_adam_state(state.gaussians);
@@ -182,7 +182,7 @@ TEST(MemoryPlan, CountsWhatAGaussianTakes) {
   EXPECT_EQ(memory.all(), 720 + 40 + 583);
   // 15 of 16 parts of 3.2 GB, less 100 MB.
   EXPECT_EQ(largest_count({3200000000, 100000000}, memory), 2900000000 / 1343);
-  EXPECT_EQ(largest_count({1000, 5000}, memory), 1) << "0 would be no limit";
+  EXPECT_EQ(largest_count({1000, 5000}, memory), 1) << "0 would mean no limit";
   EXPECT_EQ(smaller_limit(0, 5), 5);
   EXPECT_EQ(smaller_limit(7, 0), 7);
   EXPECT_EQ(smaller_limit(7, 5), 5);
@@ -217,7 +217,7 @@ RowEdit make_edit(const std::vector<std::int64_t>& sources, std::int64_t n_kept)
   return edit;
 }
 
-TEST(RowEditor, StaysInItsMemoryWhereThereIsRoom) {
+TEST(RowEditor, ReallocatesOnlyIfCapacityIsExceeded) {
   TrainState state = numbered_state(4);
   int n_requests = 0;
   RowEditor editor([&](torch::IntArrayRef sizes, const torch::TensorOptions& options) {
@@ -228,14 +228,14 @@ TEST(RowEditor, StaysInItsMemoryWhereThereIsRoom) {
     editor.reserve(edit, n_room, state.gaussians, state.adam, state.statistics);
     const int n_reserved = n_requests;
     editor.apply(edit, state.gaussians, state.adam, state.statistics);
-    EXPECT_EQ(n_requests, n_reserved) << "asked for memory half way";
+    EXPECT_EQ(n_requests, n_reserved) << "apply() allocated";
   };
   apply(make_edit({0, 2, 3, 0, 2}, 3), 8);
-  EXPECT_EQ(n_requests, 21 + 1) << "all tensors move, and there is scratch";
+  EXPECT_EQ(n_requests, 21 + 1) << "all tensors, and the scratch";
   const void* const place = state.gaussians.sh0.data_ptr();
   EXPECT_TRUE(torch::equal(state.gaussians.quats.select(1, 0), torch::tensor({0.0f, 2.0f, 3.0f, 0.0f, 2.0f})));
   apply(make_edit({1, 3, 4, 0, 4, 1, 4, 3}, 3), 8);  // sources of new rows are overwritten by kept ones
-  EXPECT_EQ(n_requests, 21 + 2) << "scratch alone";
+  EXPECT_EQ(n_requests, 21 + 2) << "only the scratch";
   EXPECT_EQ(state.gaussians.sh0.data_ptr(), place);
   EXPECT_TRUE(torch::equal(state.gaussians.quats.select(1, 0),
                            torch::tensor({2.0f, 0.0f, 2.0f, 0.0f, 2.0f, 2.0f, 2.0f, 0.0f})));
@@ -246,7 +246,7 @@ TEST(RowEditor, StaysInItsMemoryWhereThereIsRoom) {
   EXPECT_TRUE(state.gaussians.shN.is_contiguous());
 }
 
-TEST(RowEditor, LeavesTheModelAsItWasWhereMemoryIsShort) {
+TEST(RowEditor, DoesNotChangeTheModelIfMemoryIsShort) {
   const RowEdit edit = make_edit({1, 2, 3, 1, 1, 2}, 3);
   for (int n_granted = 0; n_granted < 22; ++n_granted) {
     TrainState state = numbered_state(4);
@@ -273,7 +273,7 @@ TEST(RowEditor, MovesMoreRowsThanAPieceHolds) {
   }
   const auto n_kept = static_cast<std::int64_t>(sources.size());
   const RowEdit edit = make_edit(sources, n_kept);
-  RowEditor editor(allocate_tensor, /*piece_elements=*/100);  // 11 rows of harmonics
+  RowEditor editor(allocate_tensor, /*piece_elements=*/100);  // 11 rows of shN
   editor.reserve(edit, kRows, state.gaussians, state.adam, state.statistics);
   editor.apply(edit, state.gaussians, state.adam, state.statistics);
   EXPECT_TRUE(torch::equal(state.gaussians.shN.select(1, 2).select(1, 2), torch::tensor(sources).to(torch::kFloat32)));
@@ -284,10 +284,10 @@ TEST(ImageLoss, KeepsItsMemoryForPhotographsOfSeveralSizes) {
   ImageLoss loss(torch::kCPU);
   const auto grad_at = [&](std::int64_t height, std::int64_t width) {
     const torch::Tensor truth = torch::zeros({height, width, 3}, torch::kUInt8);
-    loss.compute(torch::full({height, width, 3}, 0.5f), truth, {}, height * width, 0.2);
-    EXPECT_EQ(loss.grad().sizes(), (std::vector<std::int64_t>{height, width, 3}));
-    EXPECT_TRUE(loss.grad().is_contiguous());
-    return loss.grad().data_ptr();
+    loss.compute(torch::full({height, width, 3}, 0.5f), truth, {}, height * width, LossWeights{0.2});
+    EXPECT_EQ(loss.grad().color.sizes(), (std::vector<std::int64_t>{height, width, 3}));
+    EXPECT_TRUE(loss.grad().color.is_contiguous());
+    return loss.grad().color.data_ptr();
   };
   const void* const place = grad_at(40, 30);
   for (int i = 0; i < 3; ++i) {

@@ -1,4 +1,4 @@
-// Training from photographs that are not all in memory.
+// Training from photographs that do not all fit in memory.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -41,20 +41,20 @@ TEST(ReadAheadTraining, GivesTheSameBytesWhateverTheMemory) {
       for (std::size_t i = 0; i < 2; ++i) {
         EXPECT_EQ(trained.result.evaluations[i].second.mean.psnr, expected.result.evaluations[i].second.mean.psnr);
       }
-      // A buffer each for training and evaluation is the least.
+      // The minimum: one buffer for training and one for evaluation.
       const ImageMemory& memory = *scene.train.front().image->memory();
       EXPECT_LE(memory.peak(), std::max(memory.limit(), memory.fixed() + 2 * disk.image_bytes()));
       std::int64_t held = memory.fixed();
       for (const auto* views : {&scene.train, &scene.test}) {
         for (const View& view : *views) held += view.image->held() ? view.image->n_bytes() : 0;
       }
-      EXPECT_EQ(memory.used(), held) << "what is counted is what is there";
+      EXPECT_EQ(memory.used(), held) << "counted and actual use differ";
       EXPECT_EQ(photographs >= 4, held > memory.fixed());
     }
   }
 }
 
-TEST(ReadAheadTraining, GoesOnFromACheckpointWithAnotherMemory) {
+TEST(ReadAheadTraining, ResumesWithAnotherMemoryLimit) {
   const DiskScene disk;
   const test::TempDir temp;
   TrainConfig config = config_of_some_steps();
@@ -67,7 +67,7 @@ TEST(ReadAheadTraining, GoesOnFromACheckpointWithAnotherMemory) {
   EXPECT_TRUE(test::train(config, disk.load(5), temp / "part", checkpoint).ply == whole);
 }
 
-/// Trains with one photograph in memory; `spoil` is called after step 5, and every photograph is wanted until step 14.
+/// Trains with one photograph in memory. `spoil` is called after step 5; every photograph is used again by step 14.
 void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, const std::string& reason) {
   const DiskScene disk;
   const test::TempDir temp;
@@ -83,7 +83,7 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   Trainer trainer(config, scene, ModelFolder(temp / "model"), hooks);
   EXPECT_TRUE(test::fails_with<InputError>({file.string(), reason}, [&] { trainer.run(); }));
 
-  // What is left is the training after its last step, of which a checkpoint can be written and gone on with.
+  // The state is that after the last complete step: a checkpoint can be written and resumed.
   const int last = trainer.iteration();
   EXPECT_GE(last, 5);
   EXPECT_LT(last, 14);
@@ -95,18 +95,18 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   EXPECT_TRUE(resumed.ply == whole.ply);
 }
 
-TEST(ReadAheadTraining, NamesAPhotographThatIsRemovedAndLeavesTheLastGoodStep) {
+TEST(ReadAheadTraining, NamesAPhotographThatIsRemovedAndKeepsTheLastGoodStep) {
   spoil_in_mid_training([](const fs::path& file) { fs::remove(file); }, "cannot be read");
 }
 
-TEST(ReadAheadTraining, NamesAPhotographThatIsTruncatedAndLeavesTheLastGoodStep) {
+TEST(ReadAheadTraining, NamesAPhotographThatIsTruncatedAndKeepsTheLastGoodStep) {
   spoil_in_mid_training([](const fs::path& file) { fs::resize_file(file, fs::file_size(file) / 2); },
                         "ends before its last chunk");
 }
 
 TEST(ReadAheadTraining, NamesAPhotographThatIsReplacedByOneOfAnotherSize) {
   spoil_in_mid_training([](const fs::path& file) { write_image(file, Image8(30, 20, 3)); },
-                        "60 x 44 px when the scene was loaded, decoded it has 30 x 20");
+                        "expected 60 x 44 px (its size when the scene was loaded), found 30 x 20");
 }
 
 TEST(ReadAheadTraining, NamesATestPhotographThatIsMissingInAnEvaluation) {

@@ -1,4 +1,4 @@
-// Learning rates, view order, random numbers, and what is written when.
+// Schedules: learning rates, view order, random numbers, outputs.
 
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ TEST(LearningRate, FallsLogLinearly) {
   EXPECT_NEAR(log_linear_rate(1e-2, 1e-4, 100, 1000), 1e-4, 1e-15);
 }
 
-TEST(LearningRate, OfZeroAtOneEndIsFinite) {
+TEST(LearningRate, WithZeroAtOneEndIsFinite) {
   EXPECT_EQ(log_linear_rate(0, 0, 100, 30), 0);
   EXPECT_NEAR(log_linear_rate(1e-2, 0, 100, 25), 0.75e-2, 1e-15);
 }
@@ -38,7 +38,7 @@ TEST(LearningRate, OfMeansGrowsWithTheExtent) {
   EXPECT_NEAR(rates[5], 0.000125, 1e-18);
 }
 
-TEST(ViewOrder, ShowsEveryViewOnceBeforeAnyTwice) {
+TEST(ViewOrder, UsesEveryViewOnceBeforeAnyTwice) {
   ViewOrder order;
   std::set<std::vector<std::int32_t>> rounds;
   for (int round = 0; round < 5; ++round) {
@@ -48,7 +48,7 @@ TEST(ViewOrder, ShowsEveryViewOnceBeforeAnyTwice) {
     std::sort(seen.begin(), seen.end());
     for (int i = 0; i < 20; ++i) EXPECT_EQ(seen[i], i);
   }
-  EXPECT_EQ(rounds.size(), 5u) << "rounds have orders of their own";
+  EXPECT_EQ(rounds.size(), 5u) << "each pass has its own order";
 }
 
 TEST(ViewOrder, ContinuesFromItsState) {
@@ -58,10 +58,10 @@ TEST(ViewOrder, ContinuesFromItsState) {
   for (int i = 0; i < 30; ++i) EXPECT_EQ(copy.next(3, 8), order.next(3, 8));
 }
 
-TEST(ViewOrder, TellsWhatIsComingAndStaysAsItIs) {
+TEST(ViewOrder, TellsTheUpcomingViewsWithoutTakingThem) {
   ViewOrder order;
   for (int i = 0; i < 5; ++i) order.next(3, 8);
-  const std::vector<std::int32_t> coming = order.upcoming(3, 8, 20);  // over two refills
+  const std::vector<std::int32_t> coming = order.upcoming(3, 8, 20);  // across two refills
   ASSERT_EQ(coming.size(), 20u);
   EXPECT_EQ(order.remaining.size(), 3u);
   for (const std::int32_t view : coming) EXPECT_EQ(view, order.next(3, 8));
@@ -97,7 +97,7 @@ TEST(Random, IsPhilox) {
             (Words{0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}));
 }
 
-TEST(Random, EveryPartOfTheKeyCounts) {
+TEST(Random, DependsOnEveryPartOfTheKey) {
   const auto base = random_bits({1, RandomStream::kSplit, 2}, 3);
   EXPECT_EQ(random_bits({1, RandomStream::kSplit, 2}, 3), base);
   EXPECT_NE(random_bits({2, RandomStream::kSplit, 2}, 3), base);
@@ -133,7 +133,7 @@ TEST(Random, HasTheMomentsOfItsDistributions) {
   EXPECT_NEAR(neighbors / (2 * n), 0, 0.018);
 }
 
-TEST(OutputPlan, ActsAtTheEndWhateverTheListsSay) {
+TEST(OutputPlan, WritesEverythingAfterTheLastIteration) {
   TrainConfig config;
   config.iterations = 2003;
   const OutputPlan last = output_plan(config, 2003, true);
@@ -143,7 +143,7 @@ TEST(OutputPlan, ActsAtTheEndWhateverTheListsSay) {
   EXPECT_FALSE(before.log || before.evaluate || before.save || before.checkpoint);
 }
 
-TEST(OutputPlan, LooksAtTheLoadAtTheFirstIterationAndAtIntervals) {
+TEST(OutputPlan, LogsTheLoadAfterTheFirstIterationAndAtIntervals) {
   TrainConfig config;
   config.stats_interval = 250;
   for (const int iteration : {1, 250, 500, 30000}) EXPECT_TRUE(output_plan(config, iteration, true).statistics);

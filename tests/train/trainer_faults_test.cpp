@@ -1,4 +1,4 @@
-// What a training leaves when something goes wrong: nothing that was done is lost.
+// What remains when a training fails: no completed iteration is lost.
 
 #include <gtest/gtest.h>
 #include <sys/mount.h>
@@ -19,7 +19,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/density/bad_gaussians.h"
+#include "train/density/invalid_gaussians.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
@@ -38,7 +38,7 @@ class TrainerFaults : public testing::Test {
     hooks.on_warning = [this](const std::string& message) { warnings.push_back(message); };
     return hooks;
   }
-  /// With the parameters of a checkpoint changed.
+  /// Changes the state in a checkpoint.
   template <class Change>
   fs::path spoilt(const fs::path& checkpoint, Change&& change) const {
     Checkpoint read = read_checkpoint(checkpoint, scene, torch::kCPU);
@@ -61,7 +61,7 @@ TrainHooks failing_at(int iteration, const std::string& activity, const std::fun
   return hooks;
 }
 
-TEST_F(TrainerFaults, EachLeavesTheLastIterationToContinueFrom) {
+TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
   TrainConfig config = eventful_config();
   config.test_iterations = config.save_iterations = {10};  // with density control
   const Trained whole = train(config, scene, temp / "whole");
@@ -96,7 +96,7 @@ TEST_F(TrainerFaults, EachLeavesTheLastIterationToContinueFrom) {
         row.fails([&] { Trainer(config, scene, folder, failing_at(row.iteration, row.activity, row.fail)).run(); }));
     ASSERT_EQ(folder.checkpoint_iterations(), (std::vector<int>{row.iteration}));
     const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(row.iteration));
-    EXPECT_TRUE(resumed.ply == whole.ply) << "density control was left out, or done twice";
+    EXPECT_TRUE(resumed.ply == whole.ply) << "density control was skipped, or done twice";
     EXPECT_TRUE(read_bytes(folder.ply(10)) == read_bytes(ModelFolder(temp / "whole").ply(10)));
   }
 }
@@ -108,12 +108,12 @@ TEST_F(TrainerFaults, GaussiansThatCannotBeRenderedAreRemovedAndCounted) {
   const auto make_bad = [](TrainState& state) {
     state.gaussians.means[3][1] = NAN;
     state.gaussians.log_scales[5][0] = INFINITY;
-    state.adam.v.quats[7][2] = NAN;  // the next step would spoil it
+    state.adam.v.quats[7][2] = NAN;  // would make the row invalid in the next step
     state.gaussians.log_scales[9].fill_(60);
   };
   spoilt(first, make_bad);
   const std::int64_t n = read_checkpoint_header(first)["n_gaussians"];
-  // What is left if they had never been there.
+  // The expected result: the same training without these Gaussians.
   const ModelFolder clean(temp / "clean");
   fs::create_directories(clean.root() / "checkpoints");
   fs::copy_file(first, clean.checkpoint(8));
@@ -143,13 +143,13 @@ TEST_F(TrainerFaults, GaussiansThatCannotBeRenderedAreRemovedAndCounted) {
   }
   EXPECT_EQ(n_logged, 4);
 
-  // A run that is stopped after that, and continued, is the same.
+  // Resuming after the removal gives the same result.
   const fs::path later = ModelFolder(temp / "model").checkpoint(13);
   EXPECT_EQ(read_checkpoint_header(later)["n_removed"], 4);
   EXPECT_TRUE(train(config, scene, temp / "model", later).ply == run.ply);
 }
 
-TEST_F(TrainerFaults, WithNoGaussianLeftTheTrainingEnds) {
+TEST_F(TrainerFaults, TrainingEndsIfNoGaussianIsLeft) {
   TrainConfig config = eventful_config();
   config.iterations = 4;
   const fs::path first = train(config, scene, temp / "model").result.checkpoint;
@@ -157,7 +157,7 @@ TEST_F(TrainerFaults, WithNoGaussianLeftTheTrainingEnds) {
   config.iterations = 8;
   EXPECT_TRUE(test::fails_with<NumericError>({"no Gaussian is left", "last checkpoint", first.string()},
                                              [&] { train(config, scene, temp / "model", first); }));
-  EXPECT_EQ(ModelFolder(temp / "model").checkpoint_iterations(), (std::vector<int>{4})) << "no new one";
+  EXPECT_EQ(ModelFolder(temp / "model").checkpoint_iterations(), (std::vector<int>{4})) << "no new checkpoint";
 }
 
 TEST_F(TrainerFaults, ALossThatIsNotFiniteWritesNoCheckpoint) {
@@ -166,19 +166,19 @@ TEST_F(TrainerFaults, ALossThatIsNotFiniteWritesNoCheckpoint) {
   const fs::path first = train(config, scene, temp / "model").result.checkpoint;
   const std::string before = read_bytes(first);
   config.iterations = 8;
-  config.lambda_dssim = NAN;  // what is rendered is always finite, so that only this can spoil the loss
+  config.lambda_dssim = NAN;  // renders are always finite, so only this can make the loss NaN
   EXPECT_TRUE(test::fails_with<NumericError>({"iteration 5, view view", "the loss is", first.string()},
                                              [&] { train(config, scene, temp / "model", first); }));
   EXPECT_EQ(ModelFolder(temp / "model").checkpoint_iterations(), (std::vector<int>{4}));
   EXPECT_TRUE(read_bytes(first) == before);
 }
 
-TEST(BadGaussians, AreTheNamedOneThoseNotFiniteAndThoseAsAbsurdlyLarge) {
+TEST(InvalidGaussians, AreTheNamedOneThoseNotFiniteAndThoseAsAbsurdlyLarge) {
   GaussianTensors gaussians = to_tensors(splats_from_points(test::make_tiny_scene().points, 1), 1, torch::kCPU);
   AdamState adam = make_adam_state(gaussians);
   DensityStatistics statistics = make_density_statistics(gaussians.size(), torch::kCPU);
   for (int i = 0; i < gaussians.size(); ++i) statistics.view_count[i] = i;
-  const auto remove = [&](std::int64_t row) { return remove_bad_gaussians(row, 1.0, gaussians, adam, statistics); };
+  const auto remove = [&](std::int64_t row) { return remove_invalid_gaussians(row, 1.0, gaussians, adam, statistics); };
   EXPECT_EQ(remove(4), 1) << "only the named one";
   EXPECT_EQ(statistics.view_count[4].item<int>(), 5);
   gaussians.log_scales[1][2] = 20;
@@ -186,19 +186,19 @@ TEST(BadGaussians, AreTheNamedOneThoseNotFiniteAndThoseAsAbsurdlyLarge) {
   gaussians.log_scales[3][1] = 5;
   adam.m.shN[6][0][0] = INFINITY;
   EXPECT_EQ(remove(1), 3) << "1, 2 and 6";
-  EXPECT_EQ(gaussians.log_scales[1][1].item<float>(), 5) << "large, but not absurdly so";
+  EXPECT_EQ(gaussians.log_scales[1][1].item<float>(), 5) << "large, but below the limit";
   EXPECT_EQ(gaussians.size(), 116);
   EXPECT_EQ(remove(0), 1);
 }
 
-TEST_F(TrainerFaults, CheckpointsAreWrittenByTimeAndChangeNothing) {
+TEST_F(TrainerFaults, CheckpointsWrittenByTimeDoNotChangeTheTraining) {
   TrainConfig config = eventful_config();
   const Trained whole = train(config, scene, temp / "whole");
   const auto count = [&](double minutes, const std::string& name) {
     config.checkpoint_minutes = minutes;
     TrainHooks hooks;
     hooks.clock_s = [now_s = 0.0]() mutable { return now_s += 20; };
-    hooks.wait_for_files = true;  // none is due while one is being written, which takes as long as the disk pleases
+    hooks.wait_for_files = true;  // no checkpoint is due while one is being written, which depends on the disk
     std::vector<int> iterations;
     hooks.on_progress = [&](const TrainProgress& progress) {
       if (progress.activity == "checkpoint") iterations.push_back(progress.iteration);
@@ -206,7 +206,7 @@ TEST_F(TrainerFaults, CheckpointsAreWrittenByTimeAndChangeNothing) {
     EXPECT_TRUE(train(config, scene, temp / name, {}, hooks).ply == whole.ply) << minutes;
     return iterations;
   };
-  EXPECT_EQ(count(0, "never"), (std::vector<int>{20})) << "the last one only";
+  EXPECT_EQ(count(0, "never"), (std::vector<int>{20})) << "only the last one";
   const std::vector<int> often = count(1, "often"), seldom = count(5, "seldom");
   EXPECT_GE(often.size(), 3u);
   EXPECT_LT(seldom.size(), often.size());
@@ -214,7 +214,7 @@ TEST_F(TrainerFaults, CheckpointsAreWrittenByTimeAndChangeNothing) {
   EXPECT_EQ(ModelFolder(temp / "often").checkpoint_iterations().size(), 2u) << "two are kept";
 }
 
-/// Lets no file of this process grow beyond `bytes`: as on a full disk.
+/// Limits the size of files written by this process, to simulate a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
@@ -232,7 +232,7 @@ class FileSizeLimit {
   void (*handler_)(int);
 };
 
-TEST_F(TrainerFaults, FilesThatCannotBeWrittenOnTheWayDoNotEndTheTraining) {
+TEST_F(TrainerFaults, FilesThatCannotBeWrittenBeforeTheEndDoNotEndTheTraining) {
   TrainConfig config = eventful_config();
   config.checkpoint_iterations = {5, 15};
   config.save_iterations = {5};
@@ -252,7 +252,7 @@ TEST_F(TrainerFaults, FilesThatCannotBeWrittenOnTheWayDoNotEndTheTraining) {
   ASSERT_EQ(warnings.size(), 2u);
   for (const std::string& warning : warnings) {
     EXPECT_NE(warning.find("File too large"), std::string::npos) << warning;
-    EXPECT_NE(warning.find("training goes on"), std::string::npos) << warning;
+    EXPECT_NE(warning.find("training continues"), std::string::npos) << warning;
   }
 }
 
@@ -260,7 +260,7 @@ TEST_F(TrainerFaults, ALastPlyThatCannotBeWrittenFailsAndIsWrittenOnResume) {
   TrainConfig config = eventful_config();
   const Trained whole = train(config, scene, temp / "whole");
   config.checkpoint_iterations = {16};
-  config.densification_interval = 10;  // the last iteration has density control: the PLY is of the model before
+  config.densification_interval = 10;  // the last iteration has density control; the PLY shows the model before it
   const Trained dense = train(config, scene, temp / "dense");
   const ModelFolder folder(temp / "model");
   TrainHooks own = hooks();
@@ -278,7 +278,7 @@ TEST_F(TrainerFaults, ALastPlyThatCannotBeWrittenFailsAndIsWrittenOnResume) {
   EXPECT_TRUE(resumed.checkpoint == dense.checkpoint);
 }
 
-/// A file system in memory, where the system lets this user mount one.
+/// A file system in memory, if this user may mount one.
 class SmallDisk {
  public:
   SmallDisk(const fs::path& folder, const char* options, unsigned long flags = 0) : folder_(folder) {
@@ -326,7 +326,7 @@ TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
   EXPECT_TRUE(read_bytes(resumed.ply) == train(config, scene, temp / "whole").ply);
 }
 
-TEST_F(TrainerFaults, AReadOnlyFolderIsRefusedBeforeTheFirstStep) {
+TEST_F(TrainerFaults, AReadOnlyFolderIsReportedBeforeTheFirstStep) {
   const SmallDisk mounted(temp / "disk", "size=100k", MS_RDONLY);
   if (!mounted.fault().empty()) GTEST_SKIP() << "no file system can be mounted here: " << mounted.fault();
   const fs::path folder = temp / "disk" / "model";

@@ -14,7 +14,7 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -30,7 +30,7 @@ TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
-  ASSERT_TRUE(density_plan(config, 10).densify && density_plan(config, 12).reset_opacities);
+  ASSERT_TRUE(density_plan(config, 10).densify && density_plan(config, 12).lower_opacities);
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_GT(whole.result.n_gaussians, 150) << "no density control happened";
   for (const int stop :
@@ -51,9 +51,9 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   const test::TempDir temp;
   TrainConfig config = eventful_config();
   config.save_iterations = config.checkpoint_iterations = config.test_iterations = {8};
-  config.densify_until_iter = config.iterations;  // the last evaluation is of the model as it stays
+  config.densify_until_iter = config.iterations;  // the last evaluation shows the final model
   const Trained whole = train(config, scene, temp / "whole");
-  // Two trainers that take turns, as a comparison has them.
+  // Two trainers that take turns, as in b3dgs compare.
   const ModelFolder folders[] = {ModelFolder(temp / "a"), ModelFolder(temp / "b")};
   Trainer a(config, scene, folders[0], {}), b(config, scene, folders[1], {});
   for (const int until : {0, 1, 8, 8, 10, 17, 20}) {
@@ -75,7 +75,7 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   EXPECT_THROW(a.run_until(21), LogicError);
 }
 
-TEST(Trainer, APausedRunContinuesFromTheCheckpointItIsToldToWrite) {
+TEST(Trainer, ResumesFromACheckpointWrittenOnRequest) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   const TrainConfig config = eventful_config();
@@ -122,14 +122,14 @@ TEST(Trainer, StopsOnASignalWithACheckpointToContinueFrom) {
   EXPECT_TRUE(train(config, scene, temp / "stopped", stopped.checkpoint).ply == whole.ply);
 }
 
-TEST(Trainer, ComputesOnAsManyThreadsAsAskedFor) {
+TEST(Trainer, UsesTheRequestedNumberOfThreads) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
   for (const int threads : {3, 1, 2}) {
     config.threads = threads;
     train(config, scene, temp.path());
-    EXPECT_EQ(thread_count(), threads) << "LibTorch has taken over";
+    EXPECT_EQ(thread_count(), threads) << "LibTorch changed the number of threads";
   }
   set_compute_threads(0);
 }
@@ -157,8 +157,8 @@ TEST(Trainer, LearnsAScene) {
   EXPECT_GT(after, 31);
 }
 
-TEST(Trainer, IsNotLedAstrayByPixelsThatAreNotValid) {
-  // They are white: a model that had to explain them would be white there in the other views too.
+TEST(Trainer, IgnoresInvalidPixels) {
+  // They are white: a model fitted to them would be white there in the other views too.
   EXPECT_GT(learn(true).second, 29);
 }
 
@@ -179,11 +179,11 @@ TEST(Trainer, NamesIterationViewAndCheckpointIfTheLossIsNotFinite) {
   Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
-  config.lambda_dssim = NAN;  // what is rendered is always finite, so that only this can spoil the loss
+  config.lambda_dssim = NAN;  // renders are always finite, so only this can make the loss NaN
   EXPECT_TRUE(test::fails_with<NumericError>({"iteration 1, view view", "checkpoint: none"},
                                              [&] { train(config, scene, temp / "model"); }));
 
-  // The same after a checkpoint.
+  // The same, but after a checkpoint.
   config = eventful_config();
   config.iterations = 4;
   const Trained run = train(config, scene, temp / "model");
@@ -210,7 +210,7 @@ TEST(Trainer, NeedsPointsOrAPly) {
   EXPECT_EQ(train(config, scene, temp / "b").result.n_gaussians, 120);
 }
 
-TEST(Trainer, RefusesWhatItCannotResume) {
+TEST(Trainer, RejectsCheckpointsThatItCannotResume) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
@@ -230,7 +230,7 @@ TEST(Trainer, RefusesWhatItCannotResume) {
             (std::vector<std::string>{"iterations: 6 -> 8", "opacity_lr: 0.025 -> 0.05"}));
 }
 
-TEST(Trainer, LogsEveryTenthIterationAndGoesBackOnResume) {
+TEST(Trainer, LogsEveryTenthIterationAndDropsLaterLinesOnResume) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
@@ -251,13 +251,13 @@ TEST(Trainer, LogsEveryTenthIterationAndGoesBackOnResume) {
     return list;
   };
   EXPECT_EQ(iterations(), (std::vector<int>{10, 13, 20, 30, 35}));
-  std::ofstream(temp / "train.jsonl", std::ios::app) << "{\"iteration\": 3";  // as a crash leaves it
+  std::ofstream(temp / "train.jsonl", std::ios::app) << "{\"iteration\": 3";  // an incomplete line, as after a crash
   config.iterations = 20;
   train(config, scene, temp.path(), ModelFolder(temp.path()).checkpoint(15));
   EXPECT_EQ(iterations(), (std::vector<int>{10, 13, 20}));
 }
 
-TEST(Trainer, CountsItsTimeOverAllRuns) {
+TEST(Trainer, AddsUpTimeOverAllSessions) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   const auto elapsed_of = [](const fs::path& checkpoint) {
@@ -286,7 +286,7 @@ TEST(Trainer, CountsItsTimeOverAllRuns) {
   EXPECT_LE(last, elapsed_of(second.result.checkpoint));
 }
 
-TEST(Trainer, RendersAsTheOptionsSay) {
+TEST(Trainer, RendersWithTheGivenOptions) {
   TrainConfig config;
   EXPECT_EQ(evaluation_settings(config, 2).tile.height, 16);
   EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerSplat);
@@ -311,12 +311,12 @@ TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) 
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
-  config.densify_until_iter = 0;  // a threshold may fall either way by a last digit
+  config.densify_until_iter = 0;  // rounding could decide at a threshold
   const Trained square = train(config, scene, temp / "square");
   config.deterministic = true;
   config.backward_kernel = "per-pixel";
   config.image_cache_gb = 0;
-  EXPECT_TRUE(train(config, scene, temp / "same").ply == square.ply) << "these options are for the GPU";
+  EXPECT_TRUE(train(config, scene, temp / "same").ply == square.ply) << "these options only affect the GPU";
   config.tile = "16x8";
   const Trained flat = train(config, scene, temp / "flat");
   const auto& expected = square.result.evaluations.back().second.mean;
@@ -341,8 +341,8 @@ std::vector<int> iterations_of(const std::vector<nlohmann::json>& lines) {
   return iterations;
 }
 
-/// Checks before iterations 1, 6, ...; on the CPU these candidates blend the same bits, so that what is chosen does not
-/// show.
+/// Checks before iterations 1, 6, ...; on the CPU these candidates give the same bits, so the choice does not affect
+/// the result.
 TrainConfig checked_config() {
   TrainConfig config = eventful_config();
   config.kernel = "adaptive";
@@ -353,7 +353,7 @@ TrainConfig checked_config() {
   return config;
 }
 
-TEST(Trainer, ChecksOfTheKernelsChangeNothingOfTheModel) {
+TEST(Trainer, KernelChecksDoNotChangeTheModel) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig unchecked = eventful_config();
@@ -367,7 +367,7 @@ TEST(Trainer, ChecksOfTheKernelsChangeNothingOfTheModel) {
   for (const nlohmann::json& line : log_lines(temp / "plain", "")) EXPECT_EQ(line.at("kernel"), "shared-memory");
 }
 
-TEST(Trainer, LogsChecksOfTheKernels) {
+TEST(Trainer, LogsKernelChecks) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   std::vector<std::string> messages;
@@ -398,12 +398,12 @@ TEST(Trainer, LogsChecksOfTheKernels) {
     n_changes += check.at("after") != kernel;
     kernel = check.at("after");
   }
-  EXPECT_EQ(messages.size(), n_changes) << "one for each change";
+  EXPECT_EQ(messages.size(), n_changes) << "one per switch";
   EXPECT_EQ(log_lines(temp.path(), "").back().at("kernel"), kernel);
-  EXPECT_FALSE(log_lines(temp.path(), "").back().contains("backward_kernel")) << "the CPU has one";
+  EXPECT_FALSE(log_lines(temp.path(), "").back().contains("backward_kernel")) << "the CPU has only one";
 }
 
-TEST(Trainer, ResumesTheChoiceOfTheKernels) {
+TEST(Trainer, ResumesTheKernelSelection) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = checked_config();
@@ -421,11 +421,11 @@ TEST(Trainer, ResumesTheChoiceOfTheKernels) {
   for (std::size_t i = 0; i < checks.size(); ++i) {
     EXPECT_EQ(kept[i]["iteration"], checks[i]["iteration"]);
     EXPECT_EQ(kept[i]["times_ms"], checks[i]["times_ms"]);
-    EXPECT_TRUE(i == 0 || checks[i]["iteration"] > checks[i - 1]["iteration"]) << "done twice";
+    EXPECT_TRUE(i == 0 || checks[i]["iteration"] > checks[i - 1]["iteration"]) << "checked twice";
   }
 }
 
-TEST(Trainer, ChecksNoKernelsWhereTheStepsCannotPayForIt) {
+TEST(Trainer, HasNoKernelCheckThatWouldExceedItsShareOfTheTime) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = checked_config();
@@ -434,7 +434,7 @@ TEST(Trainer, ChecksNoKernelsWhereTheStepsCannotPayForIt) {
   EXPECT_EQ(iterations_of(log_lines(temp.path(), "kernel_check")), (std::vector<int>{1}));
 }
 
-TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
+TEST(Trainer, KnowsTheDurationOfAStepAfterALogLineAndAfterAResume) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = checked_config();
@@ -443,7 +443,7 @@ TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
   config.kernel_check_interval = 11;  // right after the line of iteration 10
   const auto train_as_timed = [&](const char* folder, const fs::path& checkpoint) {
     TrainHooks hooks = test::slow_training();
-    hooks.make_kernel_timer = [] { return std::make_unique<test::EqualTimer>(); };  // the policy goes on checking
+    hooks.make_kernel_timer = [] { return std::make_unique<test::EqualTimer>(); };  // the policy keeps checking
     return train(config, scene, temp / folder, checkpoint, hooks).result.checkpoint;
   };
   train_as_timed("whole", {});
@@ -454,12 +454,12 @@ TEST(Trainer, KnowsWhatAStepTakesWhereACheckFollowsALineOfTheLogOrAResume) {
   for (const char* folder : {"whole", "halves"}) {
     const std::vector<nlohmann::json> checks = log_lines(temp / folder, "kernel_check");
     ASSERT_EQ(iterations_of(checks), (std::vector<int>{1, 11})) << folder;
-    EXPECT_FALSE(checks[0].contains("step_ms")) << "no step has been done";
+    EXPECT_FALSE(checks[0].contains("step_ms")) << "no step has been timed";
     EXPECT_GT(checks[1].at("step_ms"), 3.6e6) << folder;
   }
 }
 
-TEST(Trainer, LogsTimesOfTheCandidatesWhateverKernelIsUsed) {
+TEST(Trainer, LogsTimesOfTheCandidatesForAFixedKernel) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
@@ -467,7 +467,7 @@ TEST(Trainer, LogsTimesOfTheCandidatesWhateverKernelIsUsed) {
   EXPECT_TRUE(log_lines(temp / "plain", "kernel_times").empty());
   config.kernel_candidates = {"gaussian-wise", "naive"};
   config.kernel_times_interval = 7;
-  EXPECT_TRUE(train(config, scene, temp / "timed").ply == plain.ply) << "the training is another";
+  EXPECT_TRUE(train(config, scene, temp / "timed").ply == plain.ply) << "timing changed the training";
   const std::vector<nlohmann::json> lines = log_lines(temp / "timed", "kernel_times");
   EXPECT_EQ(iterations_of(lines), (std::vector<int>{7, 14}));
   for (const nlohmann::json& line : lines) {

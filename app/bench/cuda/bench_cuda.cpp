@@ -1,5 +1,5 @@
-// CUDA side of b3dgs bench: the paper's table on the GPU at hand. Medians of event times; every alternative is checked
-// against the first, image and gradients.
+// b3dgs bench on a GPU: median times of all kernels, measured with CUDA events. The image and the gradients of every
+// kernel are compared with those of the first.
 #include <cuda_runtime_api.h>
 
 #include <cstdio>
@@ -21,7 +21,7 @@ using cuda::EventTimer;
 cudaDeviceProp device_properties() {
   int n_devices = 0;
   if (const cudaError_t code = cudaGetDeviceCount(&n_devices); code != cudaSuccess || n_devices == 0) {
-    input_error("--device cuda: no GPU can be used (", cudaGetErrorString(code), "); use --device cpu");
+    input_error("--device cuda: no usable GPU (", cudaGetErrorString(code), "); use --device cpu");
   }
   cuda::require_support(cuda::query_gpu_support());
   cudaDeviceProp properties{};
@@ -31,8 +31,8 @@ cudaDeviceProp device_properties() {
 
 void check_tile(const BenchRun& run) {
   if (run.tile_width != 16 || (run.tile_height != 8 && run.tile_height != 16)) {
-    input_error("command line: CUDA kernels have tiles of 16 x 8 or 16 x 16 px, found ", run.tile_width, " x ",
-                run.tile_height);
+    input_error("tiles of ", run.tile_width, " x ", run.tile_height,
+                " px are not supported on a GPU (expected 16x16 or 16x8)");
   }
 }
 
@@ -43,7 +43,7 @@ const cuda::BackwardRow& row_of(BackwardKernel kernel) {
   return cuda::kBackwardTable[static_cast<std::size_t>(kernel)];
 }
 
-/// The device, one view on it, and its clock.
+/// One view on the GPU and what is needed to time its passes.
 struct Session {
   cuda::DriverMemory memory;
   cuda::LaunchContext context;
@@ -57,7 +57,7 @@ struct Session {
         timer(context),
         repeat(run.repeat) {}
 
-  /// The blend alone, as in the paper's table, without what a training step keeps for its backward pass.
+  /// Blending only, without storing what a backward pass needs.
   Timing time_forward(ForwardKernel kernel) {
     cuda::BlendForwardCudaArgs alone = frame.forward_args;
     alone.parts = {};
@@ -65,7 +65,7 @@ struct Session {
         repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(alone, context); });
   }
 
-  /// As in a training step, where it keeps for each bucket of 32 splats what that adds to each pixel.
+  /// Blending as in a training step, which also stores what each bucket of 32 splats adds to each pixel.
   Timing time_keeping_forward(ForwardKernel kernel) {
     return timer.time(
         repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(frame.forward_args, context); });
@@ -76,7 +76,7 @@ struct Session {
         repeat, [&] { frame.clear_splat_grads(); }, [&] { row_of(kernel).launch(frame.backward_args, context); });
   }
 
-  /// The forward pass that the backward pass is to follow.
+  /// Runs the forward pass that a backward pass needs.
   void run_forward(ForwardKernel kernel) {
     frame.poison_outputs();
     frame.reset_pool();
@@ -144,9 +144,26 @@ void time_passes(Session& session, BenchFile& file) {
 
 bool has_gpu() {
   int n_devices = 0;
-  const bool is_there = cudaGetDeviceCount(&n_devices) == cudaSuccess && n_devices > 0;
-  if (!is_there) cudaGetLastError();
-  return is_there;
+  const bool is_found = cudaGetDeviceCount(&n_devices) == cudaSuccess && n_devices > 0;
+  if (!is_found) cudaGetLastError();  // clears the error
+  return is_found;
+}
+
+std::optional<GpuSpecs> gpu_specs(int device_index) {
+  const auto attribute = [&](cudaDeviceAttr name) {
+    int value = 0;
+    B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&value, name, device_index));
+    return value;
+  };
+  cudaDeviceProp properties{};
+  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device_index));
+  GpuSpecs gpu;
+  gpu.name = properties.name;
+  gpu.n_multiprocessors = attribute(cudaDevAttrMultiProcessorCount);
+  gpu.clock_khz = attribute(cudaDevAttrClockRate);
+  gpu.memory_clock_khz = attribute(cudaDevAttrMemoryClockRate);
+  gpu.memory_bus_bits = attribute(cudaDevAttrGlobalMemoryBusWidth);
+  return gpu;
 }
 
 void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
@@ -156,8 +173,8 @@ void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile&
   B3DGS_CUDA_CHECK(cudaDriverGetVersion(&driver));
   Session session(run, scene);
   const nlohmann::ordered_json lists = session.frame.lists();
-  std::printf("%lld seen; %s, CUDA %d.%d of the driver\n", static_cast<long long>(session.frame.found.n_splats),
-              properties.name, driver / 1000, driver % 1000 / 10);
+  std::printf("%lld visible Gaussians; %s, driver for CUDA %d.%d\n",
+              static_cast<long long>(session.frame.found.n_splats), properties.name, driver / 1000, driver % 1000 / 10);
   print_list_statistics(lists);
   file.set("gpu", properties.name);
   file.set("cuda_driver", driver);

@@ -49,7 +49,7 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
   project_args = {upload_gaussians(scene.cloud), scene.view, degree, kNearPlane, culling, grid, projected};
   project(project_args, context);
   found = download(projected.counts, 1).front();
-  bin_args = {projected, n_, found.n_splats, found.n_isects, grid, culling};
+  bin_args = {projected, n_, found.n_splats, found.n_pairs, grid, culling};
   list_seen(projected, n_, bin_buffers, context);
   binned = bin(bin_args, bin_buffers, bin_scratch, context);
   set_up_blending(grid);
@@ -85,7 +85,7 @@ void CudaFrame::set_up_blending(const TileGrid& grid) {
                   binned.buckets,
                   parts};
   for (const ForwardKernelName& kernel : kForwardKernels) {
-    scratch_.lend(kernel.kernel, forward_args, kernel_scratch_[static_cast<std::size_t>(kernel.kernel)], context_);
+    scratch_.allocate(kernel.kernel, forward_args, kernel_scratch_[static_cast<std::size_t>(kernel.kernel)], context_);
   }
   const std::vector<float> mean(static_cast<std::size_t>(3 * n_pixels_), 1.0f / static_cast<float>(3 * n_pixels_));
   const ImageGradArrays grad{upload(grad_color_, mean), nullptr, nullptr};
@@ -124,7 +124,8 @@ std::vector<float> CudaFrame::image() const {
 
 std::vector<NamedArray> CudaFrame::gradients() const {
   std::vector<float> log_scales = download(grad_log_scales_.data(), 3 * n_);
-  // Turning a ball changes nothing: what rounding leaves there is as large as what it leaves of the scales.
+  // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those in
+  // the gradients of the scales. Differences are therefore taken relative to the latter.
   double by_scale = 0;
   for (const float value : log_scales) by_scale = std::max(by_scale, std::fabs(double{value}));
   return {{"means", download(grad_means_.data(), 3 * n_)},

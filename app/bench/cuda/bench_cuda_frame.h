@@ -1,5 +1,5 @@
-// What the CUDA benchmarks time: one view on the device, pass by pass. The arguments of each pass lie open, outside of
-// the rasterizer, so that any pass can be run alone and again.
+// One view on the GPU for the benchmarks. The arguments of each pass are public, so that any pass can be run alone and
+// repeatedly.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -16,7 +16,7 @@
 
 namespace b3dgs::cuda {
 
-/// Times runs with events; the L2 cache is flushed before each.
+/// Times runs with CUDA events and flushes the L2 cache before each.
 class EventTimer {
  public:
   explicit EventTimer(const LaunchContext& context);
@@ -24,7 +24,7 @@ class EventTimer {
   EventTimer(const EventTimer&) = delete;
   EventTimer& operator=(const EventTimer&) = delete;
 
-  /// Two runs to warm up, then `repeat` timed ones; `prepare` runs before each, untimed.
+  /// Two warm-up runs, then `repeat` timed ones. `prepare` runs before each and is not timed.
   Timing time(int repeat, const std::function<void()>& prepare, const std::function<void()>& body);
 
  private:
@@ -34,10 +34,10 @@ class EventTimer {
   DeviceBuffer<unsigned char> flush_;
 };
 
-/// Memory and arguments of one view on the device. The loss is the mean of the colours.
+/// Buffers and arguments for one view. The loss is the mean of all colour values.
 class CudaFrame {
  public:
-  /// Projects and bins.
+  /// Runs projection and binning.
   CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchContext& context);
 
   ProjectCudaArgs project_args{};
@@ -50,16 +50,16 @@ class CudaFrame {
   BlendBackwardCudaArgs backward_args{};
   ProjectBackwardCudaArgs project_backward_args{};
 
-  /// Fills what a forward pass writes with NaN: what one kernel left must not stand in for what another forgets.
+  /// Fills the outputs of the forward pass with NaN, so that a kernel that does not write a value is noticed.
   void poison_outputs();
-  /// To be called before each run of a forward kernel.
+  /// Call before each run of a forward kernel.
   void reset_pool();
-  /// To be called before each run of a backward kernel.
+  /// Call before each run of a backward kernel.
   void clear_splat_grads();
 
-  // On the host; these wait for the device.
+  // Copies to the host; these wait for the GPU.
   std::vector<float> image() const;           // [H, W, 3]
-  std::vector<NamedArray> gradients() const;  // by each of the six stored parameters
+  std::vector<NamedArray> gradients() const;  // one array per parameter
   nlohmann::ordered_json lists() const;       // list_statistics()
 
  private:
@@ -82,7 +82,8 @@ class CudaFrame {
   DeviceBuffer<float4> part_light_;
   DeviceBuffer<float2> bucket_ends_;
   ForwardScratch scratch_;
-  std::array<PassScratch, kForwardKernels.size()> kernel_scratch_;  // arguments of all kernels are there at once
+  std::array<PassScratch, kForwardKernels.size()>
+      kernel_scratch_;  // separate, since the arguments of all kernels are prepared together
   DeviceBuffer<SplatGradSum> splat_grads_;
 };
 

@@ -1,4 +1,4 @@
-// Times on a CUDA stream, between two events around each piece of work.
+// Times work on a CUDA stream with two events around each piece.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -9,7 +9,7 @@
 
 namespace b3dgs {
 
-/// Borrows the stream, on which all measured work has to run.
+/// Borrows the stream. All timed work must run on it.
 class CudaEventTimer final : public KernelTimer {
  public:
   explicit CudaEventTimer(cudaStream_t stream);
@@ -23,7 +23,7 @@ class CudaEventTimer final : public KernelTimer {
   struct Span;
 
   cudaStream_t stream_;
-  std::vector<Span> spans_;  // events are kept from one finish() to the next
+  std::vector<Span> spans_;  // reused after finish()
   std::size_t n_used_ = 0;
 };
 

@@ -11,7 +11,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::int64_t kMaxGaussians = std::numeric_limits<std::int32_t>::max() - 1;  // as many as 32-bit indices reach
+constexpr std::int64_t kMaxGaussians = std::numeric_limits<std::int32_t>::max() - 1;  // limit of 32-bit indices
 
 double finite_number(const Json& json, const char* what, const std::string& place) {
   if (!json.is_number() || !std::isfinite(json.get<double>())) {
@@ -33,9 +33,10 @@ ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::str
   for (const Json& entry : json.at("remaining").get_ref<const Json::array_t&>()) {
     const auto view = json_integer<std::int32_t>(entry, "a view of view_order.remaining", place, 0);
     if (static_cast<std::size_t>(view) >= n_views) {
-      input_error(place, ": the view order names view ", view, ", there are ", n_views);
+      input_error(place, ": expected views below ", n_views, " in view_order.remaining, found view ", view);
     }
-    if (is_there[static_cast<std::size_t>(view)]) input_error(place, ": the view order names view ", view, " twice");
+    if (is_there[static_cast<std::size_t>(view)])
+      input_error(place, ": expected each view at most once in view_order.remaining, found view ", view, " twice");
     is_there[static_cast<std::size_t>(view)] = true;
     order.remaining.push_back(view);
   }
@@ -43,11 +44,11 @@ ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::str
 }
 
 template <class Number>
-void refuse_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
+void require_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
   const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
   if (bad == values + count) return;
-  input_error(place, ": tensor ", name, " holds ", *bad, " at place ", bad - values,
-              ", expected at least 0; resume from another checkpoint");
+  input_error(place, ": tensor ", name, ": expected values of at least 0, found ", *bad, " at index ", bad - values,
+              "; resume from another checkpoint");
 }
 
 }  // namespace
@@ -61,11 +62,11 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     header.sh_degree = json_integer<int>(json.at("sh_degree"), "sh_degree", place, 0, header.config.sh_degree);
     header.adam_steps = json_integer<std::int64_t>(json.at("adam_steps"), "adam_steps", place, 0, header.iteration);
     header.loss_average = finite_number(json.at("loss_average"), "loss_average", place);
-    if (const auto it = json.find("elapsed_s"); it != json.end()) {  // not in the first checkpoints
+    if (const auto it = json.find("elapsed_s"); it != json.end()) {  // missing in checkpoints of early versions
       header.elapsed_s = finite_number(*it, "elapsed_s", place);
       if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
     }
-    header.course = json.value("course", std::string());
+    header.training_id = json.value("training_id", std::string());
     header.is_density_pending = json.value("is_density_pending", false);
     if (const auto it = json.find("n_removed"); it != json.end()) {
       header.n_removed = json_integer<std::int64_t>(*it, "n_removed", place, 0);
@@ -79,18 +80,18 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     const std::size_t n_views = header.scene.at("train_views").get_ref<const Json::array_t&>().size();
     header.view_order = parse_view_order(json.at("view_order"), n_views, place);
   } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": the header is not what this program writes: ", error.what());
+    input_error(place, ": unexpected checkpoint header: ", error.what());
   }
   return header;
 }
 
 void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place) {
-  refuse_negative(values, count, name, place);
+  require_not_negative(values, count, name, place);
 }
 
 void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
                         const std::string& place) {
-  refuse_negative(values, count, name, place);
+  require_not_negative(values, count, name, place);
 }
 
 }  // namespace b3dgs

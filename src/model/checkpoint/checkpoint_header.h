@@ -1,4 +1,4 @@
-// The header of a training's checkpoint as values: everything but tensors, checked one by one.
+// The header of a checkpoint: everything except the tensors, checked value by value.
 #pragma once
 
 #include <cstdint>
@@ -12,27 +12,27 @@ namespace b3dgs {
 
 struct CheckpointHeader {
   TrainConfig config;
-  int iteration = 0;             // last one done, at least 0
+  int iteration = 0;             // the last completed one, at least 0
   std::int64_t n_gaussians = 0;  // at least 1
-  int sh_degree = 0;             // from 0 to the config's
+  int sh_degree = 0;             // from 0 to config.sh_degree
   std::int64_t adam_steps = 0;   // from 0 to `iteration`
-  ViewOrder view_order;          // views of the scene, each once
+  ViewOrder view_order;          // indices of the scene's training views, each at most once
   double loss_average = 0;       // finite
   double elapsed_s = 0;          // at least 0
-  std::string course;            // "" in the first checkpoints, which had none
+  std::string training_id;       // empty in checkpoints of early versions
   bool is_density_pending = false;
-  std::int64_t n_removed = 0;  // at least 0
-  std::int64_t held_at = 0;    // at least 0
+  std::int64_t n_removed = 0;  // invalid Gaussians removed so far, at least 0
+  std::int64_t held_at = 0;    // number of Gaussians at which GPU memory stopped their growth; 0: it did not
   nlohmann::ordered_json kernel_selection, scene;
 };
 
-/// Takes the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of another
-/// type or out of its range
+/// Reads the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of the
+/// wrong type or out of range
 CheckpointHeader parse_checkpoint_header(const nlohmann::ordered_json& header, const std::string& place);
 
-/// For counts and sums of squares. Numbers that are not finite pass: a step removes the Gaussians that have them, and a
-/// training in which one has gone wrong is not lost for it. @throws InputError that names the tensor and the place of
-/// the first negative value
+/// For counts and sums of squares. Values that are not finite are accepted: training removes Gaussians that have them,
+/// so that a few of these do not make a checkpoint useless. @throws InputError with the tensor and the index of the
+/// first negative value
 void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place);
 void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
                         const std::string& place);

@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto takes the newest valid one)";
+constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto chooses the newest valid one)";
 constexpr std::size_t kMaxDimensions = 8;
 
 CheckpointSection read_section(const Json& json, const std::string& place) {
@@ -28,15 +28,15 @@ CheckpointSection read_section(const Json& json, const std::string& place) {
     section.bytes = json_integer<std::uint64_t>(json.at("bytes"), "a tensor's bytes", place);
     section.crc = json_integer<std::uint32_t>(json.at("crc32"), "a tensor's checksum", place);
   } catch (const nlohmann::json::exception&) {
-    input_error(place, ": a tensor's entry in the header is not complete, found ", json_excerpt(json), kRemedy);
+    input_error(place, ": incomplete tensor entry in the header, found ", json_excerpt(json), kRemedy);
   }
   const auto row = std::find_if(kCheckpointDtypes.begin(), kCheckpointDtypes.end(),
                                 [&](const CheckpointDtypeRow& known) { return known.name == dtype; });
   if (row == kCheckpointDtypes.end()) {
-    input_error(place, ": tensor ", section.name, " has the unknown type ", dtype, kRemedy);
+    input_error(place, ": tensor ", section.name, ": unknown type ", dtype, kRemedy);
   }
   section.dtype = static_cast<CheckpointDtype>(row - kCheckpointDtypes.begin());
-  std::uint64_t count = 1, most = 1;  // `most` with empty dimensions left out, as strides go by it
+  std::uint64_t count = 1, most = 1;  // `most` ignores empty dimensions, as strides do
   bool fits = section.shape.size() <= kMaxDimensions;
   for (const std::int64_t size : section.shape) {
     constexpr std::uint64_t kMaxCount = std::numeric_limits<std::int64_t>::max() / 8;
@@ -45,9 +45,9 @@ CheckpointSection read_section(const Json& json, const std::string& place) {
     most *= factor;
     count *= static_cast<std::uint64_t>(size);
   }
-  if (!fits) input_error(place, ": tensor ", section.name, " has an impossible shape", kRemedy);
+  if (!fits) input_error(place, ": tensor ", section.name, ": impossible shape", kRemedy);
   if (count * row->bytes != section.bytes) {
-    input_error(place, ": tensor ", section.name, " of ", count, " x ", row->bytes, " bytes is said to have ",
+    input_error(place, ": tensor ", section.name, ": expected ", count, " x ", row->bytes, " bytes, found ",
                 section.bytes, kRemedy);
   }
   return section;
@@ -63,51 +63,51 @@ CheckpointLayout read_checkpoint_layout(FileReader& file) {
   const std::string place = file.name();
   std::array<char, kCheckpointMagic.size()> magic{};
   file.begin_record("part", 0, 2);
-  if (file.remaining() < kCheckpointMagic.size())
-    input_error(place, ": is no checkpoint: it has ", file.remaining(), " bytes");
-  file.read_bytes(magic.data(), magic.size());
-  if (magic != kCheckpointMagic)
-    input_error(place, ": is no checkpoint: it does not begin with ",
-                std::string(kCheckpointMagic.data(), kCheckpointMagic.size()));
+  if (file.remaining() >= magic.size()) file.read_bytes(magic.data(), magic.size());
+  if (magic != kCheckpointMagic) {
+    input_error(place, ": not a b3dgs checkpoint (expected it to begin with ",
+                std::string(kCheckpointMagic.data(), kCheckpointMagic.size()), ")");
+  }
   const auto version = file.read<std::uint32_t>();
   if (version != kCheckpointVersion) {
-    input_error(place, ": checkpoint layout ", version, ", this program reads layout ", kCheckpointVersion,
+    input_error(place, ": expected checkpoint format version ", kCheckpointVersion, ", found version ", version,
                 "; resume with the version of b3dgs that wrote it");
   }
   const auto crc = file.read<std::uint32_t>();
   const auto bytes = file.read<std::uint64_t>();
   if (bytes > file.remaining()) {
-    input_error(place, ": is truncated: the header has ", bytes, " bytes, the file ", file.remaining(), " more",
-                kRemedy);
+    input_error(place, ": truncated: expected a header of ", bytes, " bytes, found ", file.remaining(), kRemedy);
   }
   std::string text(bytes, '\0');
   file.read_bytes(text.data(), text.size());
-  if (add_crc(0, text.data(), text.size()) != crc) input_error(place, ": the header's checksum is wrong", kRemedy);
+  if (add_crc(0, text.data(), text.size()) != crc)
+    input_error(place, ": wrong checksum of the header: the file is damaged", kRemedy);
 
   CheckpointLayout layout;
   layout.header = parse_json(text);
   if (!layout.header.is_object() || !layout.header.contains("tensors") || !layout.header["tensors"].is_array()) {
-    input_error(place, ": the header is not what this program writes", kRemedy);
+    input_error(place, ": unexpected checkpoint header (expected a list of tensors)", kRemedy);
   }
   std::uint64_t expected = 0;
   for (const Json& entry : layout.header["tensors"]) {
     layout.sections.push_back(read_section(entry, place));
     const std::uint64_t own = layout.sections.back().bytes;
     if (own > file.remaining() || expected > file.remaining() - own) {
-      input_error(place, ": is truncated: tensor ", layout.sections.back().name, " needs ", expected + own,
-                  " bytes behind the header, found ", file.remaining(), kRemedy);
+      input_error(place, ": truncated: expected at least ", expected + own,
+                  " bytes after the header, for the tensors up to ", layout.sections.back().name, ", found ",
+                  file.remaining(), kRemedy);
     }
     expected += own;
   }
   if (expected != file.remaining()) {
-    input_error(place, ": ", file.remaining(), " bytes follow the header, expected ", expected, kRemedy);
+    input_error(place, ": expected ", expected, " bytes after the header, found ", file.remaining(), kRemedy);
   }
   return layout;
 }
 
 void check_crc(const FileReader& file, const CheckpointSection& section, std::uint32_t crc) {
   if (crc != section.crc) {
-    input_error(file.name(), ": the checksum of tensor ", section.name, " is wrong: the file is damaged", kRemedy);
+    input_error(file.name(), ": wrong checksum of tensor ", section.name, ": the file is damaged", kRemedy);
   }
 }
 

@@ -1,5 +1,5 @@
-// The container of a checkpoint as it is on disk, without the library that its tensors end up in: magic, version,
-// header and where each tensor lies. checkpoint_file.h describes the format.
+// The container format of checkpoints: magic, version, header and the position of each tensor. Without torch, so that
+// tools can read headers. train/checkpoint/checkpoint_file.h describes the format.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ namespace b3dgs {
 inline constexpr std::array<char, 8> kCheckpointMagic{'B', '3', 'D', 'G', 'S', 'C', 'K', 'P'};
 inline constexpr std::uint32_t kCheckpointVersion = 1;
 
-/// Number formats of tensors.
+/// Element types of tensors.
 enum class CheckpointDtype { kFloat32, kInt32, kInt64 };
 struct CheckpointDtypeRow {
   const char* name;
@@ -23,7 +23,7 @@ struct CheckpointDtypeRow {
 };
 inline constexpr std::array<CheckpointDtypeRow, 3> kCheckpointDtypes{{{"float32", 4}, {"int32", 4}, {"int64", 8}}};
 
-/// What the header says of one tensor. Its shape and its size in bytes agree.
+/// The header's entry for one tensor. `shape`, `dtype` and `bytes` agree.
 struct CheckpointSection {
   std::string name;
   CheckpointDtype dtype{};
@@ -37,17 +37,17 @@ struct CheckpointLayout {
   std::vector<CheckpointSection> sections;
 };
 
-/// CRC-32 of what came before, and of `data` after it; 0 to begin with.
+/// Continues a CRC-32 with `data`; starts at 0.
 std::uint32_t add_crc(std::uint32_t crc, const void* data, std::uint64_t bytes);
 
-/// Reads everything but the tensors and leaves the reader at the first of them; what follows has exactly the length
-/// that the header says. @throws InputError with the reason and the remedy
+/// Reads the file up to the first tensor. The rest of the file has exactly the length that the header states. @throws
+/// InputError with the reason and the remedy
 CheckpointLayout read_checkpoint_layout(FileReader& file);
 
-/// @throws InputError if `crc`, of the bytes that were read, is not the section's.
+/// @throws InputError unless `crc`, of the bytes that were read, is that of the section
 void check_crc(const FileReader& file, const CheckpointSection& section, std::uint32_t crc);
 
-/// Reads the tensors after the layout and keeps nothing. @throws InputError if a checksum is wrong
+/// Checks the tensors after read_checkpoint_layout(). @throws InputError if a checksum is wrong
 void verify_sections(FileReader& file, const CheckpointLayout& layout);
 
 }  // namespace b3dgs

@@ -1,5 +1,5 @@
-// The properties of Gaussians and of points in PLY files. The one place that knows that files hold the spherical
-// harmonics channel by channel, the transpose of memory.
+// The properties of Gaussians and of points in PLY files. Files hold the SH coefficients of f_rest channel by channel,
+// the transpose of SplatCloud::shN; only this file deals with that.
 #include "model/formats/ply.h"
 
 #include <algorithm>
@@ -18,7 +18,7 @@ constexpr std::int64_t kRowsPerBlock = 4096;
 constexpr int kMaxShDegree = 3;
 
 #if defined(__BYTE_ORDER__)
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are written as memory is");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
 #endif
 
 std::vector<std::string> numbered(const char* prefix, int count) {
@@ -32,8 +32,8 @@ int rest_count(int degree) {
   return 3 * (sh_coefficient_count(degree) - 1);
 }
 
-// Calls visit(names of properties, their array, row by row) in the order of the files. Normals are not among them: they
-// are written as 0 and not read.
+// Calls visit(names of the properties, array [N, number of names]) in the order of the file. Normals are not included:
+// they are written as 0 and not read.
 template <class Cloud, class Visit>
 void visit_fields(Cloud& cloud, Visit&& visit) {
   visit(std::vector<std::string>{"x", "y", "z"}, cloud.means);
@@ -44,7 +44,7 @@ void visit_fields(Cloud& cloud, Visit&& visit) {
   visit(numbered("rot_", 4), cloud.quats);
 }
 
-// Place in memory of the f_rest property `index`: [coefficient, channel] there, [channel, coefficient] in the file.
+// Index in shN, [coefficient, channel], of the f_rest property `index`, [channel, coefficient].
 int memory_index(int index, int degree) {
   const int n_coefficients = sh_coefficient_count(degree) - 1;
   return (index % n_coefficients) * 3 + index / n_coefficients;
@@ -56,16 +56,17 @@ std::string header(std::int64_t count, const std::vector<std::pair<std::string, 
   return text + "end_header\n";
 }
 
-/// Names the formats of other programs that look like a file of Gaussians. @throws InputError
+/// @throws InputError for formats of other programs that resemble a PLY of Gaussians
 void refuse_other_formats(const PlyReader& reader) {
   const PlyElement& vertices = reader.vertices();
   if (vertices.find("packed_position")) {
-    input_error(reader.name(), ": is a compressed PLY as SuperSplat writes it; open it there and export it as PLY");
+    input_error(reader.name(), ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY");
   }
   if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
-    input_error(reader.name(),
-                ": holds Gaussians with two scales, a model of 2D Gaussian Splatting; expected one of 3D Gaussian "
-                "Splatting, with scale_0 to scale_2");
+    input_error(
+        reader.name(),
+        ": expected scale_0, scale_1 and scale_2 of 3D Gaussian Splatting, found two scales: it is a model of 2D "
+        "Gaussian Splatting");
   }
 }
 
@@ -91,8 +92,8 @@ void check_splat_row(const PlyReader& reader, const std::vector<std::string>& co
   }
   const double* quat = values + columns.size() - 4;
   if (quat[0] == 0 && quat[1] == 0 && quat[2] == 0 && quat[3] == 0) {
-    input_error(reader.name(), ": row ", row, " (counted from 0): its rotation rot_0..3 is a quaternion of length 0",
-                remedy);
+    input_error(reader.name(), ": row ", row,
+                " (counted from 0): expected a rotation quaternion rot_0..3, found one of length 0", remedy);
   }
 }
 
@@ -116,12 +117,12 @@ SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t c
 void SplatPlyWriter::append(const SplatCloud& rows) {
   constexpr std::size_t kNormals = 3;
   const std::int64_t n = rows.size();
-  B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "a PLY of ", count_, " rows of SH degree ",
-              sh_degree_, " is given ", n_written_ + n, " of degree ", rows.sh_degree);
+  B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "expected ", count_, " rows of SH degree ",
+              sh_degree_, ", found ", n_written_ + n, " of SH degree ", rows.sh_degree);
   std::size_t n_properties = kNormals;
   visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), "a cloud of ", n, " has ", values.size(),
-                " values for ", names.size(), " properties");
+    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), n, " Gaussians have ", values.size(),
+                " values of ", names.size(), " properties");
     n_properties += names.size();
   });
   std::vector<float> block;
@@ -137,7 +138,7 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
           block[static_cast<std::size_t>(row - begin) * n_properties + column] = values[row * width + source];
         }
       }
-      if (&values == &rows.means) column += kNormals;  // they stay 0
+      if (&values == &rows.means) column += kNormals;  // normals stay 0
     });
     file_.write(block.data(), block.size() * sizeof(float));
   }
@@ -145,7 +146,7 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
 }
 
 void SplatPlyWriter::commit() {
-  B3DGS_CHECK(n_written_ == count_, "a PLY of ", count_, " rows was given ", n_written_);
+  B3DGS_CHECK(n_written_ == count_, "expected ", count_, " rows, found ", n_written_);
   file_.commit();
 }
 

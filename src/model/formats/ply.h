@@ -1,4 +1,4 @@
-// PLY files: Gaussians in the layout of the 3DGS viewers, and plain point clouds.
+// PLY files of Gaussians, with the properties that 3DGS viewers read, and of plain points.
 #pragma once
 
 #include <cstdint>
@@ -12,20 +12,20 @@
 namespace b3dgs {
 
 /// Writes binary_little_endian float32 properties in the order x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*
-/// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. The file appears whole or
-/// not at all. @throws IoError
+/// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. The file appears complete
+/// or not at all. @throws IoError
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
 
-/// The same file, written in blocks of rows, for Gaussians that are in host memory in blocks only.
+/// Writes the same file in blocks of rows, so that not all Gaussians have to be in host memory at once.
 class SplatPlyWriter {
  public:
   /// @throws IoError
   SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree);
 
-  /// The next rows. @throws IoError
+  /// Writes the next rows. @throws IoError
   void append(const SplatCloud& rows);
 
-  /// After the last row. @throws IoError
+  /// Makes the file appear; call after the last row. @throws IoError
   void commit();
 
  private:
@@ -34,19 +34,20 @@ class SplatPlyWriter {
   AtomicFile file_;
 };
 
-/// Reads by property name, in any order and of any scalar type, binary (both byte orders) or ASCII. The SH degree
-/// follows from the number of f_rest properties; normals are not read. @throws InputError, also for values that are not
-/// finite and quaternions of length 0
+/// Reads properties by name, in any order and of any scalar type, from binary (both byte orders) or ASCII files. The SH
+/// degree follows from the number of f_rest properties; normals are ignored. @throws InputError, also for values that
+/// are not finite and quaternions of length 0
 SplatCloud read_splat_ply(const std::filesystem::path& path);
 SplatCloud read_splat_ply(FileReader& file);
 
-/// Whether the file holds Gaussians rather than plain points, by its header. @throws InputError if it is no PLY
+/// Whether the header is one of Gaussians rather than plain points. @throws InputError if the file is not a PLY
 bool is_splat_ply(const std::filesystem::path& path);
 
-/// x y z as float, red green blue as uchar.
+/// Writes x y z as float, red green blue as uchar. @throws IoError
 void write_point_ply(const std::filesystem::path& path, const PointCloud& points);
 
-/// As read_splat_ply. Colours of a real type count from 0 to 1, 16-bit ones are reduced; points without are mid-grey.
+/// Reads points as read_splat_ply() reads Gaussians. Colours of type float and double range from 0 to 1, 16-bit colours
+/// are reduced to 8 bits, and points without colours become mid-grey. @throws InputError
 PointCloud read_point_ply(const std::filesystem::path& path);
 PointCloud read_point_ply(FileReader& file);
 

@@ -10,7 +10,7 @@ namespace b3dgs {
 namespace {
 
 constexpr std::uint64_t kRowsPerBlock = 4096;
-constexpr int kMaxHeaderLines = 4096;  // more, and the file is no PLY that was made on purpose
+constexpr int kMaxHeaderLines = 4096;  // far more than any real file has
 
 struct PlyTypeRow {
   PlyType type;
@@ -74,7 +74,7 @@ double decode(PlyType type, const char* bytes, PlyFormat format) {
   return decode(type, swapped.data());
 }
 
-// Smallest number of bytes that a row takes: lists empty, ASCII values of one digit with a separator.
+// Smallest size of a row: empty lists, ASCII values of one digit with a separator.
 std::uint64_t min_row_bytes(const PlyElement& element, PlyFormat format) {
   std::uint64_t bytes = 0;
   for (const PlyProperty& property : element.properties) {
@@ -89,7 +89,8 @@ PlyProperty parse_property(TextFields& fields, const std::string& place) {
   property.is_list = type == "list";
   if (property.is_list) {
     property.count_type = type_from_name(fields.word(), place);
-    if (property.count_type >= PlyType::kFloat32) input_error(place, ": the length of a list must be a whole number");
+    if (property.count_type >= PlyType::kFloat32)
+      input_error(place, ": expected an integer type for the length of a list");
     type = fields.word();
   }
   property.type = type_from_name(type, place);
@@ -98,10 +99,11 @@ PlyProperty parse_property(TextFields& fields, const std::string& place) {
   return property;
 }
 
-/// `most` is how many entries there can be.
+/// `most` is the number of elements that the rest of the file could hold.
 std::uint64_t list_length(double length, std::uint64_t most, const FileReader& file) {
   if (!(length >= 0 && length <= static_cast<double>(most))) {
-    input_error(file.name(), ": a list has the length ", length, ", expected 0 to ", most, "; the file is damaged");
+    input_error(file.name(), ": expected a list of length 0 to ", most, ", found length ", length,
+                "; the file is damaged");
   }
   return static_cast<std::uint64_t>(length);
 }
@@ -122,12 +124,13 @@ PlyReader::PlyReader(FileReader& file) : file_(file) {
 void PlyReader::read_header() {
   std::string_view line;
   if (!file_.read_line(line) || line != "ply") {
-    input_error(name(), ": expected a PLY file, which begins with the line \"ply\"; it is of another kind or damaged");
+    input_error(name(), ": not a PLY file (expected the first line to be \"ply\"); it is of another format or damaged");
   }
   bool has_format = false;
   for (int n_lines = 0;; ++n_lines) {
     if (n_lines == kMaxHeaderLines || !file_.read_line(line)) {
-      input_error(file_.place(), ": the PLY header has no line \"end_header\"; the file is truncated or damaged");
+      input_error(file_.place(),
+                  ": expected the PLY header to end with a line \"end_header\"; the file is truncated or damaged");
     }
     TextFields fields(line);
     const std::string_view keyword = fields.word();
@@ -151,19 +154,21 @@ void PlyReader::read_header() {
       element.count = fields.number<std::uint64_t>("the element's count", [this] { return file_.place(); });
       elements_.push_back(std::move(element));
     } else if (keyword == "property") {
-      if (elements_.empty()) input_error(file_.place(), ": a property stands before the first element");
+      if (elements_.empty())
+        input_error(file_.place(), ": expected an element before the first property; the file is damaged");
       elements_.back().properties.push_back(parse_property(fields, file_.place()));
     } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
       input_error(file_.place(), ": expected a PLY header line, found \"", keyword.substr(0, 40), "\"");
     }
   }
-  if (!has_format) input_error(name(), ": the PLY header has no line \"format\"");
+  if (!has_format) input_error(name(), ": expected a line \"format\" in the PLY header; the file is damaged");
 }
 
 void PlyReader::check_size() const {
   for (const PlyElement& element : elements_) {
     if (element.count == 0) continue;
-    if (element.properties.empty()) input_error(name(), ": element ", element.name, " has no properties");
+    if (element.properties.empty())
+      input_error(name(), ": element ", element.name, " has no properties; the file is damaged");
     file_.expect_records(("rows of element " + element.name).c_str(), element.count, min_row_bytes(element, format_));
   }
 }
@@ -174,7 +179,7 @@ const PlyElement& PlyReader::vertices() const {
     if (element.name == "vertex") return element;
     names += (names.empty() ? "" : ", ") + element.name;
   }
-  input_error(name(), ": expected an element vertex, found ", names.empty() ? "none" : names);
+  input_error(name(), ": expected an element \"vertex\", found ", names.empty() ? "none" : names);
 }
 
 std::vector<PlyReader::Column> PlyReader::layout(const PlyElement& element,
@@ -187,7 +192,7 @@ std::vector<PlyReader::Column> PlyReader::layout(const PlyElement& element,
     const PlyProperty* property = element.find(columns[i]);
     if (!property || property->is_list) {
       input_error(name(), ": element ", element.name, property ? " has a list as property " : " has no property ",
-                  columns[i], property ? ", expected a number" : "; the file is damaged or of another kind");
+                  columns[i], property ? ", expected a number" : "; the file is damaged or of another format");
     }
     layout[static_cast<std::size_t>(property - element.properties.data())].target = static_cast<std::ptrdiff_t>(i);
   }
@@ -252,8 +257,8 @@ void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Colu
   std::string_view line;
   do {
     if (!file_.read_line(line)) {
-      input_error(file_.place(), ": ends at row ", row + 1, " of ", element.count, " of element ", element.name,
-                  "; the file is truncated: copy or export it again");
+      input_error(file_.place(), ": file ends in row ", row + 1, " of ", element.count, " of element ", element.name,
+                  "; it is truncated: copy or export it again");
     }
   } while (line.find_first_not_of(" \t") == std::string_view::npos);
   TextFields fields(line);

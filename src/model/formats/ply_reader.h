@@ -1,4 +1,4 @@
-// The PLY container: header, and columns of numbers by name, whatever their type, order and company.
+// The PLY container: the header, and columns of numbers by name, of any type and in any order.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, 
 
 struct PlyProperty {
   std::string name;
-  PlyType type = PlyType::kFloat32;  // of the value, or of a list's entries
+  PlyType type = PlyType::kFloat32;  // of the value, or of a list's elements
   bool is_list = false;
   PlyType count_type = PlyType::kUint8;  // of a list's length
 };
@@ -25,7 +25,7 @@ struct PlyElement {
   std::uint64_t count = 0;
   std::vector<PlyProperty> properties;
 
-  /// Null if there is none of that name.
+  /// Null if there is no such property.
   const PlyProperty* find(const std::string& property) const;
 };
 
@@ -36,20 +36,20 @@ class PlyReader {
 
   std::string name() const { return file_.name(); }
 
-  /// The element "vertex". @throws InputError if the file has none.
+  /// The element "vertex". @throws InputError if the file has none
   const PlyElement& vertices() const;
 
-  /// `values` is [n_rows, columns.size()] for the rows from `first_row` on.
+  /// `values` is [n_rows, columns.size()], starting at row `first_row`.
   using RowsFn = std::function<void(std::uint64_t first_row, std::uint64_t n_rows, const double* values)>;
 
-  /// Reads the vertices once, front to back, and hands them over in blocks of some thousand rows.
-  /// @throws InputError if a column is missing, is a list, or the file ends too early or too late.
+  /// Reads the vertices once, front to back, and passes them to `on_rows` in blocks of some thousand rows.
+  /// @throws InputError if a column is missing or a list, or the file is too short or too long
   void read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows);
 
  private:
   struct Column {
     PlyType type;
-    std::ptrdiff_t target;  // among the columns asked for; -1: not asked for
+    std::ptrdiff_t target;  // index in the requested columns; -1: not requested
     bool is_list;
     PlyType count_type;
   };

@@ -1,4 +1,5 @@
-// Host copy of a model's stored (pre-activation) parameters: what a PLY holds and what training starts from.
+// The stored (pre-activation) parameters of Gaussians in host memory: the contents of a PLY, and what training starts
+// from.
 #pragma once
 
 #include <cstdint>

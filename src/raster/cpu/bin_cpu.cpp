@@ -1,5 +1,5 @@
 // Binning: a stable radix sort of the splats by depth, then a stable counting sort of the (tile, splat) pairs by tile.
-// Both are split into chunks that keep their order, so the lists do not depend on the number of threads.
+// Both are split into consecutive chunks, so the lists do not depend on the number of threads.
 
 #include <cstring>
 #include <vector>
@@ -12,10 +12,10 @@
 namespace b3dgs::cpu {
 namespace {
 
-constexpr int kDigitBits = 11;
+constexpr int kDigitBits = 11;  // three passes sort 32 bits, and a chunk's counters fit into the first-level cache
 constexpr int kDigits = 1 << kDigitBits;
-constexpr std::int64_t kGrain = 8192;
-constexpr std::int64_t kPrefetch = 16;
+constexpr std::int64_t kGrain = 8192;   // splats per chunk
+constexpr std::int64_t kPrefetch = 16;  // splats to fetch ahead
 
 /// Sorts keys by their upper 32 bits. Returns the array that holds the result.
 std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int64_t n) {
@@ -56,7 +56,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
   std::uint64_t* keys = buffers.keys.resize(n);
   parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      std::uint32_t depth_bits;  // depths are positive, so their bit patterns are ordered as they are
+      std::uint32_t depth_bits;  // positive floats compare like their bit patterns
       std::memcpy(&depth_bits, &args.splats[m].depth, sizeof depth_bits);
       keys[m] = std::uint64_t{depth_bits} << 32 | static_cast<std::uint64_t>(m);
     }
@@ -65,7 +65,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
 
   const auto visit_splat = [&](std::int64_t rank, auto&& visit) {
-    // In depth order the splats lie scattered in memory: ask for them some ranks ahead.
+    // In depth order the splats are scattered in memory, so fetch them some ranks ahead.
     const std::uint64_t ahead = keys[std::min(rank + kPrefetch, n - 1)] & 0xffffffffu;
     __builtin_prefetch(&args.splats[ahead]);
     __builtin_prefetch(&args.extents[ahead]);
@@ -76,7 +76,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
                     [&](std::int32_t row, TileSpan span) { visit(m, row * args.grid.columns, span); });
   };
 
-  // Pairs of each tile, chunk by chunk, and of each splat.
+  // Count pairs, per chunk and tile and per splat.
   const Chunks chunks = make_chunks(n, kGrain);
   std::int64_t* const counts = buffers.tile_counts.resize(chunks.count * n_tiles);
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
@@ -92,18 +92,19 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
     }
   });
 
+  // Counts to offsets: where each chunk writes in each tile's list, and each splat's first slot.
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1);
-  std::int64_t n_isects = 0;
+  std::int64_t n_pairs = 0;
   for (std::int64_t tile = 0; tile < n_tiles; ++tile) {
-    tile_offsets[tile] = n_isects;
+    tile_offsets[tile] = n_pairs;
     for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
       std::int64_t& count = counts[chunk * n_tiles + tile];
-      const std::int64_t first = n_isects;
-      n_isects += count;
+      const std::int64_t first = n_pairs;
+      n_pairs += count;
       count = first;
     }
   }
-  tile_offsets[n_tiles] = n_isects;
+  tile_offsets[n_tiles] = n_pairs;
   std::int64_t slots = 0;
   for (std::int64_t m = 0; m < n; ++m) {
     const std::int64_t pairs = slot_offsets[m];
@@ -111,10 +112,11 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
     slots += pairs;
   }
   slot_offsets[n] = slots;
-  B3DGS_CHECK(slots == n_isects, "pairs by splat: ", slots, ", by tile: ", n_isects);
+  B3DGS_CHECK(slots == n_pairs, "pairs counted by splat: ", slots, ", by tile: ", n_pairs);
 
-  std::int32_t* const splat_ids = buffers.splat_ids.resize(n_isects);
-  std::int64_t* const isect_slots = buffers.isect_slots.resize(n_isects);
+  // Write the pairs.
+  std::int32_t* const splat_ids = buffers.splat_ids.resize(n_pairs);
+  std::int64_t* const pair_slots = buffers.pair_slots.resize(n_pairs);
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const next = counts + chunk * n_tiles;
     for (std::int64_t rank = chunks.begin(chunk); rank < chunks.end(chunk); ++rank) {
@@ -123,12 +125,12 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
         for (std::int32_t column = span.begin; column < span.end; ++column) {
           const std::int64_t position = next[row_start + column]++;
           splat_ids[position] = m;
-          isect_slots[position] = slot++;
+          pair_slots[position] = slot++;
         }
       });
     }
   });
-  return {tile_offsets, splat_ids, isect_slots, slot_offsets, n_isects};
+  return {tile_offsets, splat_ids, pair_slots, slot_offsets, n_pairs};
 }
 
 }  // namespace b3dgs::cpu

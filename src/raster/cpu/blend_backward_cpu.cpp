@@ -1,13 +1,13 @@
-// Backward blend: tiles from the pool, lanes over pixels, splats back to front. Each (tile, splat)
-// pair sums its gradient over the tile's pixels in registers and writes one record; nothing is stored per pixel and
-// splat, and no two threads write to the same place.
+// Backward blend. Threads take tiles from an atomic counter; SIMD lanes are pixels; a tile's splats are visited back to
+// front. The gradient of a (tile, splat) pair is summed over the tile's pixels in registers and written once, to the
+// pair's slot: nothing is stored per pixel and splat, and no two threads write to the same place.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/blend_backward_cpu.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/lanes-inl.h"
-// Highway's order: lanes first, then what computes on them.
+// After lanes-inl.h, whose SIMD type it computes on.
 #include "raster/math/blend.h"
 
 #include <algorithm>
@@ -22,7 +22,7 @@ namespace b3dgs {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Pixels of one tile in planes, rows padded to whole vectors; padding has no last splat and no gradient.
+/// Pixels of one tile as planes. Rows are padded to whole vectors; padding has no last splat and no gradient.
 struct TileGradients {
   static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
   HWY_ALIGN float transmittance[kCapacity], behind[kCapacity];  // ReverseState
@@ -70,17 +70,23 @@ struct TileGradients {
   }
 };
 
-/// Sum over the pixels of the rows for the splat at `position` of the list. Returns false if it is blended nowhere.
+/// SplatGrad, spread over lanes until the last row is done.
+struct SplatGradLanes {
+  Lanes q, q_x, q_y, q_xx, q_xy, q_yy;
+  Lanes red, green, blue;
+  Lanes depth;
+};
+
+/// Sums the gradient of the splat at `position` of the list over rows [row_begin, row_end). Returns false if no pixel
+/// of them blended it.
 HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_begin, int row_end,
                               std::int32_t position, SplatGrad& out) {
-  const SplatShape<Lanes> shape{Lanes(splat.mean_x),   Lanes(splat.mean_y),   Lanes(splat.log2_opacity),
-                                Lanes(splat.conic_xx), Lanes(splat.conic_xy), Lanes(splat.conic_yy)};
+  const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const IntTag di;
   const IntVec own_position = hn::Set(di, position);
   const Lanes zero(0.0f);
-  Lanes q = zero, q_x = zero, q_y = zero, q_xx = zero, q_xy = zero, q_yy = zero;
-  Lanes sum_red = zero, sum_green = zero, sum_blue = zero, sum_depth = zero;
+  SplatGradLanes sums{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   bool any = false;
   const int lanes = lane_count();
   for (int row = row_begin; row < row_end; ++row) {
@@ -104,22 +110,12 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       pixel.transmittance.store(tile.transmittance + p);
       pixel.behind.store(tile.behind + p);
 
-      const Lanes along_x = grad.q * reach.pull_x, along_y = grad.q * reach.pull_y;
-      q = q + grad.q;
-      q_x = q_x + along_x;
-      q_y = q_y + along_y;
-      q_xx = multiply_add(along_x, reach.pull_x, q_xx);
-      q_xy = multiply_add(along_x, reach.pull_y, q_xy);
-      q_yy = multiply_add(along_y, reach.pull_y, q_yy);
-      sum_red = multiply_add(grad.weight, grad_red, sum_red);
-      sum_green = multiply_add(grad.weight, grad_green, sum_green);
-      sum_blue = multiply_add(grad.weight, grad_blue, sum_blue);
-      sum_depth = multiply_add(grad.weight, grad_depth, sum_depth);
+      accumulate(sums, reach, grad, grad_red, grad_green, grad_blue, grad_depth);
     }
   }
   if (!any) return false;
-  out = {q.sum(),    q_x.sum(),     q_y.sum(),       q_xx.sum(),     q_xy.sum(),
-         q_yy.sum(), sum_red.sum(), sum_green.sum(), sum_blue.sum(), sum_depth.sum()};
+  out = {sums.q.sum(),    sums.q_x.sum(), sums.q_y.sum(),   sums.q_xx.sum(), sums.q_xy.sum(),
+         sums.q_yy.sum(), sums.red.sum(), sums.green.sum(), sums.blue.sum(), sums.depth.sum()};
   return true;
 }
 
@@ -136,12 +132,10 @@ void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
     if (position <= tile.tile_last) {
       const std::int32_t id = args.bins.splat_ids[i];
       const Splat& splat = args.splats[id];
-      const float middle = splat.mean_y - top - 0.5f, reach = args.extents[id].y;
-      const int row_begin = detail::floor_clamped(middle - reach, -1, tile.rows) + 1;
-      const int row_end = detail::floor_clamped(middle + reach, -1, tile.rows - 1) + 1;
-      if (!backward_rows(tile, splat, row_begin, row_end, position, grad)) grad = {};
+      const RowSpan reached = rows_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
+      if (!backward_rows(tile, splat, reached.begin, reached.end, position, grad)) grad = {};
     }
-    args.isect_grads[args.bins.isect_slots[i]] = grad;
+    args.pair_grads[args.bins.pair_slots[i]] = grad;
   }
 }
 

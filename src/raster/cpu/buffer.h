@@ -1,4 +1,4 @@
-// Memory that grows and is never filled: passes write every element they read.
+// Memory that only grows and is not initialised: passes write every element before they read it.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@ namespace b3dgs::cpu {
 template <class T>
 class Buffer {
  public:
-  /// At least n elements, contents undefined; reallocates only to grow.
+  /// At least n elements with undefined contents. Reallocates, with a quarter to spare, only if n exceeds the capacity.
   T* resize(std::int64_t n) {
     if (n > capacity_) {
       const std::int64_t grown = n + n / 4;

@@ -1,5 +1,5 @@
-// Counts what the forward blend looks at: tiles from the pool, one pixel at a time. Asked for once in a thousand steps,
-// so plain code does.
+// Load counting: threads take tiles from an atomic counter and count one pixel at a time. Training calls this only for
+// its statistics, so scalar code is fast enough.
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
@@ -12,9 +12,7 @@ namespace {
 PixelLoad count_pixel(const CountLoadArgs& args, std::int32_t tile, float center_x, float center_y) {
   PixelLoad load;
   for (std::int64_t i = args.bins.tile_offsets[tile]; i < args.bins.tile_offsets[tile + 1]; ++i) {
-    const Splat& splat = args.splats[args.bins.splat_ids[i]];
-    const SplatShape<float> shape{splat.mean_x,   splat.mean_y,   splat.log2_opacity,
-                                  splat.conic_xx, splat.conic_xy, splat.conic_yy};
+    const auto shape = splat_shape<float>(args.splats[args.bins.splat_ids[i]]);
     if (!count_entry(load, shape, center_x, center_y)) break;
   }
   return load;

@@ -1,4 +1,4 @@
-// The passes of the CPU rasterizer. Each is a function of its arguments; the order is rasterize_cpu.cpp's.
+// The passes of the CPU rasterizer, each a function of its arguments. rasterize_cpu.cpp calls them in this order.
 #pragma once
 
 #include <cstdint>
@@ -8,18 +8,18 @@
 
 namespace b3dgs::cpu {
 
-/// Returns M, the number of splats. @throws NumericError naming the first Gaussian whose projection is not finite.
+/// Returns M, the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian
 std::int64_t project(const ProjectArgs& args);
 
-/// Buffers that binning fills and keeps from view to view.
+/// Buffers of binning, reused from view to view.
 struct BinBuffers {
-  Buffer<std::int64_t> tile_offsets, slot_offsets, isect_slots, tile_counts;
+  Buffer<std::int64_t> tile_offsets, slot_offsets, pair_slots, tile_counts;
   Buffer<std::int32_t> splat_ids;
   Buffer<std::uint64_t> keys, keys_swap;
 };
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
 
-/// Runs one of the schedules of forward_table.h.
+/// Runs one of the kernels of forward/forward_table.h.
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
 
 void count_load(const CountLoadArgs& args);

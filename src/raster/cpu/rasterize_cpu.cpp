@@ -1,4 +1,4 @@
-// Order of the passes, and the memory between them.
+// Runs the passes in order and owns the memory between them.
 
 #include "raster/cpu/rasterize_cpu.h"
 
@@ -20,10 +20,10 @@ struct Rasterizer::Impl {
   Buffer<Vec2f> extents;
   Buffer<std::int32_t> radii, last_ids;
   Buffer<float> transmittance;
-  Buffer<SplatGrad> isect_grads;
+  Buffer<SplatGrad> pair_grads;
   BinBuffers bin_buffers;
 
-  // Of the last forward pass.
+  // State of the last forward pass:
   PinholeView view{};
   int sh_degree = 0;
   TileGrid grid{};
@@ -48,11 +48,11 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   check_render_args(gaussians, view, settings);
   B3DGS_CHECK(settings.tile.width > 0 && settings.tile.width <= kMaxTileSide && settings.tile.height > 0 &&
                   settings.tile.height <= kMaxTileSide,
-              "tile is ", settings.tile.width, " x ", settings.tile.height, ", its sides must be from 1 to ",
+              "tile is ", settings.tile.width, " x ", settings.tile.height, " px, expected sides of 1 to ",
               kMaxTileSide);
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
-  s.n_gaussians = -1;  // until this pass has succeeded
+  s.n_gaussians = -1;  // no valid view until this pass has succeeded
   s.view = view;
   s.sh_degree = settings.sh_degree;
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
@@ -79,26 +79,25 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
 
 void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) {
   Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
-              " Gaussians after a forward of ", s.n_gaussians);
+  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+              " Gaussians after a forward() with ", s.n_gaussians, " (-1: none)");
   begin_stage(s.stages, Stage::kBlendBackward);
-  SplatGrad* const isect_grads = s.isect_grads.resize(s.bins.n_isects);
+  SplatGrad* const pair_grads = s.pair_grads.resize(s.bins.n_pairs);
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
-                  s.last_ids.data(), grad, isect_grads});
+                  s.last_ids.data(), grad, pair_grads});
   begin_stage(s.stages, Stage::kProjectBackward);
-  project_backward(
-      {gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, isect_grads, out});
+  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads, out});
   end_stage(s.stages);
 }
 
 void Rasterizer::reblend(ForwardKernel kernel) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend() before any forward()");
   blend_forward(kernel, impl_->blend_args());
 }
 
 void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing) const {
   const Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
   cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
 }
 

@@ -1,5 +1,16 @@
-// Binning with separate sorts: visible splats by depth, then the pairs, which are emitted in that order, stably by
-// tile. Sorting is CUB's; the kernels here emit pairs, find where each tile's list begins and number its buckets.
+// Binning: (tile, splat) pairs sorted by tile and, within a tile, by depth. Splats are sorted by depth first; the pairs
+// are then written in that order and sorted stably by tile, with short keys.
+//
+//   1. list_seen: stream compaction of the Gaussians that the view sees, in their order (CUB).
+//   2. Radix sort of the seen Gaussians by depth (CUB). Its place in this order is a splat's rank.
+//   3. Exclusive scan of the tile counts in rank order: the first slot of each splat (CUB).
+//   4. emit_pairs_kernel: a thread per rank copies its splat and writes its pairs, tile and rank, to its slots. The
+//      whole warp writes the pairs of a splat with many tiles.
+//   5. Radix sort of the pairs by tile (CUB); stable, so lists stay in depth order.
+//   6. find_tiles_kernel: a thread per pair finds where each tile's list begins.
+//   7. number_buckets_kernel: a warp per tile numbers its buckets of 32 entries, for kernels that work on buckets.
+// With `deterministic`, step 5 carries slots instead of ranks, and gather_slots_kernel looks up the ranks afterwards.
+// The kernels here use no shared memory and no barriers.
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>
@@ -18,55 +29,58 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-// A splat with more tiles than this is emitted by its whole warp, or its neighbours in the warp would wait for it.
+// Depths are positive floats: the sign bit is not sorted.
+constexpr int kDepthBits = 31;
+// Splats with more tiles than this are written by the whole warp; otherwise the other lanes would wait for one.
 constexpr int kTilesPerThread = 16;
 
 constexpr unsigned blocks_for(std::int64_t n) {
   return static_cast<unsigned>((n + kThreads - 1) / kThreads);
 }
 
-/// Of an index and depth bits.
+/// Predicate on (index, depth bits).
 struct IsSeen {
   __device__ bool operator()(const thrust::tuple<std::int32_t, std::uint32_t>& gaussian) const {
     return thrust::get<1>(gaussian) != 0;
   }
 };
 
-/// Tiles of the splat at each depth rank, for the scan that gives every splat its slots.
+/// Number of tiles of the splat at each rank, input of the scan; 0 behind the last.
 struct TilesOfRank {
   const std::int32_t* n_tiles;
-  const std::int32_t* visible_sorted;
+  const std::int32_t* seen_by_depth;
   std::int64_t n_splats;
   __device__ std::int64_t operator()(std::int64_t rank) const {
-    return rank < n_splats ? n_tiles[visible_sorted[rank]] : 0;
+    return rank < n_splats ? n_tiles[seen_by_depth[rank]] : 0;
   }
 };
 
 template <class TileKey>
 struct EmitArgs {
   ProjectOutputs projected;
-  const std::int32_t* visible_sorted;  // [M]
-  const std::int64_t* slot_offsets;    // [M + 1]
+  const std::int32_t* seen_by_depth;  // [M]
+  const std::int64_t* slot_offsets;   // [M + 1]
   std::int64_t n_splats;
   TileGrid grid;
   Culling culling;
   Splat* splats;                   // [M] out
   Vec2f* extents;                  // [M] out
   std::int32_t* rank_of_gaussian;  // [N] out
-  TileKey* tiles;                  // [n_isects] out
-  std::int32_t* isect_ranks;       // [n_isects] out
-  std::int32_t* slots;             // [n_isects] out: 0, 1, 2, ...; null if slots are not kept
+  TileKey* tiles;                  // [n_pairs] out
+  std::int32_t* pair_ranks;        // [n_pairs] out
+  std::int32_t* slots;             // [n_pairs] out: 0, 1, 2, ...; null if slots are not kept
 };
 
-/// A splat whose pairs are emitted: what tile_rows asks for, and its slots.
+/// A splat whose pairs are written: the inputs of tile_rows(), and its slots.
 struct Emitted {
   Splat splat{};
   Vec2f extent{};
   std::int32_t radius = 0, rank = 0;
-  std::int64_t first = 0;  // slot
-  std::int32_t pairs = 0;  // as many as the projection counted
+  std::int64_t first = 0;  // first slot
+  std::int32_t pairs = 0;  // number of pairs, as counted by the projection
 };
 
+/// The splat of another lane, in all lanes.
 __device__ __forceinline__ Emitted emitted_of_lane(const Emitted& own, int lane) {
   Emitted other;
   other.splat.mean_x = __shfl_sync(kFullWarp, own.splat.mean_x, lane);
@@ -87,13 +101,13 @@ template <class TileKey>
 __device__ __forceinline__ void emit_pair(const EmitArgs<TileKey>& args, std::int32_t rank, std::int32_t tile,
                                           std::int64_t slot) {
   args.tiles[slot] = static_cast<TileKey>(tile);
-  args.isect_ranks[slot] = rank;
+  args.pair_ranks[slot] = rank;
   if (args.slots != nullptr) args.slots[slot] = static_cast<std::int32_t>(slot);
 }
 
-/// From pair number `pair` of the splat on, and never into the slots of the next splat. Tiles are found here by the
-/// same bits as in the projection (tiling.h), so the numbers agree; were they not to, the splat would lose pairs or get
-/// some of no tile (emit_unused), and no other would notice.
+/// Writes one row of tiles, from pair number `pair` of the splat on, but never beyond its slots. The projection counted
+/// tiles with the same arithmetic and the same bits (tiling.h), so the numbers agree. If they did not, this splat would
+/// lose pairs or get unused ones (emit_unused), and other splats would not be affected.
 template <class TileKey>
 __device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t row,
                                          TileSpan span, std::int32_t pair) {
@@ -102,14 +116,15 @@ __device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, const Em
   }
 }
 
-/// Slots of the splat from `pair` on go to a tile behind the last, every `stride`th.
+/// Assigns every `stride`th remaining slot of the splat, from `pair` on, to a tile behind the last one, where it is
+/// ignored.
 template <class TileKey>
 __device__ __forceinline__ void emit_unused(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t pair,
                                             std::int32_t stride) {
   for (; pair < e.pairs; pair += stride) emit_pair(args, e.rank, args.grid.n_tiles(), e.first + pair);
 }
 
-/// A splat by all lanes: a lane takes a row of tiles, and a prefix sum tells where its pairs go.
+/// Writes a splat's pairs with all lanes of the warp: a lane per row of tiles; a prefix sum gives each row its slots.
 template <class TileKey>
 __device__ __forceinline__ void emit_by_warp(const EmitArgs<TileKey>& args, const Emitted& e) {
   const TileRows rows = tile_rows(args.grid, args.culling, e.splat, e.extent, e.radius);
@@ -125,17 +140,17 @@ __device__ __forceinline__ void emit_by_warp(const EmitArgs<TileKey>& args, cons
   emit_unused(args, e, pair + lane_id(), kWarpSize);
 }
 
-/// Copies each splat to its rank and writes its pairs to its slots. A warp takes runs of ranks that lie far apart:
-/// splats at one depth are often of one size, and a warp of large ones would be the last to end.
+/// Copies each splat to its rank and writes its pairs to its slots. A warp takes four runs of ranks that are far apart:
+/// splats of similar depth often have similar sizes, and a warp with only large ones would finish last.
 template <class TileKey>
 __global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<TileKey> args) {
-  constexpr int kRun = 8;  // ranks: 32 bytes of indices
+  constexpr int kRun = 8;  // ranks per run: 32 bytes of indices, one memory sector
   const std::int64_t warps = (args.n_splats + kWarpSize - 1) / kWarpSize;
   const std::int64_t warp = (static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x) / kWarpSize;
   const std::int64_t rank = (lane_id() / kRun * warps + warp) * kRun + lane_id() % kRun;
   Emitted own;
   if (warp < warps && rank < args.n_splats) {
-    const std::int32_t gaussian = args.visible_sorted[rank];
+    const std::int32_t gaussian = args.seen_by_depth[rank];
     own = {args.projected.splats[gaussian], args.projected.extents[gaussian], args.projected.radii[gaussian],
            static_cast<std::int32_t>(rank), args.slot_offsets[rank]};
     own.pairs = static_cast<std::int32_t>(args.slot_offsets[rank + 1] - own.first);
@@ -156,32 +171,32 @@ __global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<Til
   }
 }
 
-/// Slots of the sorted pairs to what the lists hold: splats and, beside them, slots.
+/// From the sorted slots to the splat and the slot of each list entry.
 __global__ void __launch_bounds__(kThreads)
-    gather_slots_kernel(const std::int32_t* slots, const std::int32_t* isect_ranks, std::int64_t n_isects,
-                        std::int32_t* splat_ids, std::int64_t* isect_slots) {
+    gather_slots_kernel(const std::int32_t* slots, const std::int32_t* pair_ranks, std::int64_t n_pairs,
+                        std::int32_t* splat_ids, std::int64_t* pair_slots) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  if (i >= n_isects) return;
-  splat_ids[i] = isect_ranks[slots[i]];
-  isect_slots[i] = slots[i];
+  if (i >= n_pairs) return;
+  splat_ids[i] = pair_ranks[slots[i]];
+  pair_slots[i] = slots[i];
 }
 
-/// Position t of tile_offsets: the first pair whose tile is at least t; tile n_tiles has what is unused. Resets the
-/// count of buckets.
+/// tile_offsets[t] becomes the first pair whose tile is at least t; unused pairs are in tile n_tiles. Also resets the
+/// number of buckets.
 template <class TileKey>
 __global__ void __launch_bounds__(kThreads)
-    find_tiles_kernel(const TileKey* tiles, std::int64_t n_isects, std::int32_t n_tiles, std::int64_t* tile_offsets,
+    find_tiles_kernel(const TileKey* tiles, std::int64_t n_pairs, std::int32_t n_tiles, std::int64_t* tile_offsets,
                       unsigned long long* n_buckets) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i == 0) *n_buckets = 0;
-  if (i > n_isects) return;
+  if (i > n_pairs) return;
   const std::int32_t before = i > 0 ? static_cast<std::int32_t>(tiles[i - 1]) : -1;
-  const std::int32_t here = i < n_isects ? static_cast<std::int32_t>(tiles[i]) : n_tiles;
+  const std::int32_t here = i < n_pairs ? static_cast<std::int32_t>(tiles[i]) : n_tiles;
   for (std::int32_t tile = before + 1; tile <= here; ++tile) tile_offsets[tile] = i;
 }
 
-/// A warp numbers the buckets of its tile from the next free number on: no scan, and no gaps, which would be idle warps
-/// in the passes that take a bucket each.
+/// A warp per tile takes a contiguous range of bucket numbers from an atomic counter: needs no scan, and leaves no
+/// gaps, which would be idle warps in kernels that process a bucket per warp.
 __global__ void __launch_bounds__(kThreads)
     number_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int64_t* bucket_offsets,
                           std::int32_t* tile_of_bucket, unsigned long long* n_buckets) {
@@ -197,7 +212,7 @@ __global__ void __launch_bounds__(kThreads)
   for (std::int64_t k = lane_id(); k < n; k += kWarpSize) tile_of_bucket[static_cast<std::int64_t>(first) + k] = tile;
 }
 
-/// CUB's convention in one place: ask for the size, make room, run.
+/// Runs a CUB algorithm: queries the size of its temporary memory, allocates it, runs.
 template <class Call>
 void run_cub(BinBuffers& buffers, const LaunchContext& context, Call&& call) {
   std::size_t bytes = 0;
@@ -220,12 +235,12 @@ int bits_for(std::int64_t n) {
   return bits;
 }
 
-/// `emit` without the arrays of pairs, which are scratch.
+/// Writes the pairs, sorts them by tile and finds the lists. The arrays of pairs in `emit` are null and allocated here.
 template <class TileKey>
 void sort_pairs_by_tile(const BinCudaArgs& args, EmitArgs<TileKey> emit, BinBuffers& buffers, PassScratch& scratch,
                         std::int64_t* tile_offsets, const LaunchContext& context) {
   const std::int32_t n_tiles = args.grid.n_tiles();
-  const std::int64_t n = args.n_isects;
+  const std::int64_t n = args.n_pairs;
   std::int32_t* const splat_ids = buffers.splat_ids.resize(n, context);
   TileKey* sorted = nullptr;
   std::int32_t *values = nullptr, *sorted_values = nullptr;
@@ -236,28 +251,27 @@ void sort_pairs_by_tile(const BinCudaArgs& args, EmitArgs<TileKey> emit, BinBuff
   std::size_t sort_bytes = 0;
   B3DGS_CUDA_CHECK(sort(nullptr, sort_bytes));
   unsigned char* temporary = nullptr;
-  scratch.lend(context, [&](ScratchArrays& arrays) {
+  scratch.allocate(context, [&](ScratchArrays& arrays) {
     emit.tiles = arrays.take<TileKey>(n);
-    emit.isect_ranks = arrays.take<std::int32_t>(n);
+    emit.pair_ranks = arrays.take<std::int32_t>(n);
     emit.slots = args.keep_slots ? arrays.take<std::int32_t>(n) : nullptr;
     sorted = arrays.take<TileKey>(n);
     sorted_values = args.keep_slots ? arrays.take<std::int32_t>(n) : splat_ids;
     temporary = arrays.take<unsigned char>(static_cast<std::int64_t>(sort_bytes));
   });
-  values = args.keep_slots ? emit.slots : emit.isect_ranks;
+  values = args.keep_slots ? emit.slots : emit.pair_ranks;
   if (args.n_splats > 0) {
     emit_pairs_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(emit);
     B3DGS_CUDA_CHECK_LAUNCH();
     B3DGS_CUDA_CHECK(sort(temporary, sort_bytes));
     if (args.keep_slots) {
-      gather_slots_kernel<<<blocks_for(args.n_isects), kThreads, 0, context.stream>>>(
-          sorted_values, emit.isect_ranks, args.n_isects, splat_ids,
-          buffers.isect_slots.resize(args.n_isects, context));
+      gather_slots_kernel<<<blocks_for(args.n_pairs), kThreads, 0, context.stream>>>(
+          sorted_values, emit.pair_ranks, args.n_pairs, splat_ids, buffers.pair_slots.resize(args.n_pairs, context));
       B3DGS_CUDA_CHECK_LAUNCH();
     }
   }
-  find_tiles_kernel<<<blocks_for(args.n_isects + 1), kThreads, 0, context.stream>>>(
-      sorted, args.n_isects, n_tiles, tile_offsets, buffers.n_buckets.resize(1, context));
+  find_tiles_kernel<<<blocks_for(args.n_pairs + 1), kThreads, 0, context.stream>>>(
+      sorted, args.n_pairs, n_tiles, tile_offsets, buffers.n_buckets.resize(1, context));
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
@@ -265,16 +279,16 @@ void sort_pairs_by_tile(const BinCudaArgs& args, EmitArgs<TileKey> emit, BinBuff
 
 void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
                const LaunchContext& context) {
-  std::int32_t* const visible = buffers.visible.resize(n_gaussians + 1, context);
+  std::int32_t* const seen = buffers.seen.resize(n_gaussians + 1, context);
   std::uint32_t* const depths = buffers.depths.resize(n_gaussians, context);
   if (n_gaussians == 0) return;
   const auto all =
       thrust::make_zip_iterator(thrust::make_tuple(thrust::counting_iterator<std::int32_t>(0), projected.depth_bits));
-  const auto seen = thrust::make_zip_iterator(thrust::make_tuple(visible, depths));
-  // In their own order, so that equal depths keep it and results repeat. The view's counts have the number too; CUB
-  // writes it once more, behind the list.
+  const auto listed = thrust::make_zip_iterator(thrust::make_tuple(seen, depths));
+  // In the order of the Gaussians, so that equal depths keep it and results are reproducible. ViewCounts also has the
+  // number; CUB writes it a second time, behind the list.
   run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-    return cub::DeviceSelect::If(temporary, bytes, all, seen, visible + n_gaussians, n_gaussians, IsSeen{},
+    return cub::DeviceSelect::If(temporary, bytes, all, listed, seen + n_gaussians, n_gaussians, IsSeen{},
                                  context.stream);
   });
 }
@@ -283,16 +297,16 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   const std::int64_t n = args.n_splats;
   const std::int32_t n_tiles = args.grid.n_tiles();
 
-  std::int32_t* const visible_sorted = buffers.visible_sorted.resize(n, context);
+  std::int32_t* const seen_by_depth = buffers.seen_by_depth.resize(n, context);
   std::uint32_t* const depths_sorted = buffers.depths_sorted.resize(n, context);
   if (n > 0) {
     run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
       return cub::DeviceRadixSort::SortPairs(temporary, bytes, buffers.depths.data(), depths_sorted,
-                                             buffers.visible.data(), visible_sorted, n, 0, 31, context.stream);
+                                             buffers.seen.data(), seen_by_depth, n, 0, kDepthBits, context.stream);
     });
   }
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1, context);
-  exclusive_scan<std::int64_t>(TilesOfRank{args.projected.n_tiles, visible_sorted, n}, n + 1, slot_offsets, buffers,
+  exclusive_scan<std::int64_t>(TilesOfRank{args.projected.n_tiles, seen_by_depth, n}, n + 1, slot_offsets, buffers,
                                context);
 
   Splat* const splats = buffers.splats.resize(n, context);
@@ -300,18 +314,18 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   std::int32_t* const rank_of_gaussian = buffers.rank_of_gaussian.resize(args.n_gaussians, context);
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
   const auto sort = [&](auto key) {
-    const EmitArgs<decltype(key)> emit{args.projected,   visible_sorted, slot_offsets, n,
-                                       args.grid,        args.culling,   splats,       extents,
-                                       rank_of_gaussian, nullptr,        nullptr,      nullptr};
+    const EmitArgs<decltype(key)> emit{args.projected,   seen_by_depth, slot_offsets, n,
+                                       args.grid,        args.culling,  splats,       extents,
+                                       rank_of_gaussian, nullptr,       nullptr,      nullptr};
     sort_pairs_by_tile(args, emit, buffers, scratch, tile_offsets, context);
   };
-  if (n_tiles < 1 << 16) {  // the tile behind the last has to fit too
+  if (n_tiles < 1 << 16) {  // the tile behind the last must fit, too
     sort(std::uint16_t{});
   } else {
     sort(std::uint32_t{});
   }
 
-  const std::int64_t n_buckets_max = args.n_isects / kWarpSize + n_tiles;
+  const std::int64_t n_buckets_max = args.n_pairs / kWarpSize + n_tiles;
   std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
   std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);
   unsigned long long* const n_buckets = buffers.n_buckets.data();
@@ -321,8 +335,8 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   return {splats,
           extents,
           rank_of_gaussian,
-          {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.isect_slots.data() : nullptr, slot_offsets,
-           args.n_isects},
+          {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.pair_slots.data() : nullptr, slot_offsets,
+           args.n_pairs},
           {bucket_offsets, tile_of_bucket, n_buckets, n_buckets_max}};
 }
 

@@ -1,4 +1,5 @@
-// Device memory that grows and is never filled, and where it comes from.
+// Device memory: where it comes from, buffers that only grow, and scratch memory that passes share. None is
+// initialised.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -9,8 +10,8 @@
 
 namespace b3dgs::cuda {
 
-/// Source of device memory. Blocks are aligned to 256 bytes; reuse is ordered on the stream they were asked for on.
-/// What does not fit is an OutOfMemoryError.
+/// Allocator of device memory. Blocks are aligned to 256 bytes, and their reuse is ordered on the stream on which they
+/// were allocated. Throws OutOfMemoryError.
 class DeviceMemory {
  public:
   virtual ~DeviceMemory() = default;
@@ -18,7 +19,7 @@ class DeviceMemory {
   virtual void free(void* memory, cudaStream_t stream) noexcept = 0;
 };
 
-/// Straight from the driver; for programs without LibTorch's allocator.
+/// Memory from the CUDA driver, for programs without LibTorch's allocator.
 class DriverMemory final : public DeviceMemory {
  public:
   void* allocate(std::size_t bytes, cudaStream_t stream) override {
@@ -29,7 +30,7 @@ class DriverMemory final : public DeviceMemory {
   void free(void* memory, cudaStream_t stream) noexcept override { cudaFreeAsync(memory, stream); }
 };
 
-/// What every pass runs on: borrowed, never owned.
+/// Stream and allocator for the passes. Does not own them.
 struct LaunchContext {
   cudaStream_t stream = nullptr;
   DeviceMemory* memory = nullptr;
@@ -45,7 +46,8 @@ inline LaunchContext make_launch_context(cudaStream_t stream, DeviceMemory& memo
   return context;
 }
 
-/// Takes a quarter more than asked where there is room for it, so that a slowly growing model stops allocating.
+/// A growing array in device memory. Allocates a quarter more than asked if there is enough memory, so that a slowly
+/// growing model does not allocate in every step.
 template <class T>
 class DeviceBuffer {
  public:
@@ -54,7 +56,7 @@ class DeviceBuffer {
   DeviceBuffer& operator=(const DeviceBuffer&) = delete;
   ~DeviceBuffer() { release(); }
 
-  /// At least n elements, contents undefined.
+  /// At least n elements with undefined contents; reallocates if n exceeds the capacity.
   T* resize(std::int64_t n, const LaunchContext& context) {
     if (n > capacity_) {
       release();
@@ -66,7 +68,7 @@ class DeviceBuffer {
     }
     return data_;
   }
-  /// Gives the memory back. What is queued on the buffer's stream may still use it.
+  /// Frees the memory. Work already queued on the buffer's stream may still use it.
   void release() {
     if (data_ != nullptr) memory_->free(data_, stream_);
     data_ = nullptr;
@@ -90,12 +92,12 @@ class DeviceBuffer {
   cudaStream_t stream_ = nullptr;
 };
 
-/// Takes arrays out of a block, each aligned to 256 bytes. Without a block it counts what they need.
+/// Assigns arrays within a block of memory, each aligned to 256 bytes. Without a block, only counts the bytes.
 class ScratchArrays {
  public:
   explicit ScratchArrays(unsigned char* block = nullptr) : block_(block) {}
 
-  /// n elements, contents undefined; null while counting.
+  /// n elements with undefined contents; null while counting.
   template <class T>
   T* take(std::int64_t n) {
     constexpr std::int64_t kAlignment = 256;
@@ -110,16 +112,16 @@ class ScratchArrays {
   std::int64_t used_ = 0;
 };
 
-/// Memory that passes work in one after the other: each overwrites what the one before has left there.
+/// Scratch memory that passes use in turn: each overwrites what the pass before has left there.
 class PassScratch {
  public:
-  /// `layout` takes the pass's arrays from a ScratchArrays; it is called once to count and once to get them.
+  /// Calls layout(ScratchArrays&) twice: first to count the bytes of the pass's arrays, then to assign them.
   template <class Layout>
-  void lend(const LaunchContext& context, Layout&& layout) {
+  void allocate(const LaunchContext& context, Layout&& layout) {
     ScratchArrays counted;
     layout(counted);
-    ScratchArrays lent(block_.resize(counted.used(), context));
-    layout(lent);
+    ScratchArrays assigned(block_.resize(counted.used(), context));
+    layout(assigned);
   }
   void release() { block_.release(); }
   std::int64_t bytes() const { return block_.bytes(); }

@@ -21,7 +21,7 @@ GpuSupport query_gpu_support() {
   const cudaError_t code = cudaFuncGetAttributes(&attributes, probe);
   gpu.has_code = code != cudaErrorNoKernelImageForDevice && code != cudaErrorInvalidDeviceFunction &&
                  code != cudaErrorUnsupportedPtxVersion;
-  if (!gpu.has_code) cudaGetLastError();  // or the next check would report it
+  if (!gpu.has_code) cudaGetLastError();  // clears the error, which the next check would report
   return gpu;
 }
 

@@ -1,4 +1,4 @@
-// Whether the kernels of this build can run on the GPU that is there. Plain C++: the message is tested without CUDA.
+// Whether this build has code for the GPU of this machine. Plain C++, so that the message is tested without CUDA.
 #pragma once
 
 #include <string>
@@ -10,15 +10,15 @@ namespace b3dgs::cuda {
 
 struct GpuSupport {
   std::string name;
-  int capability = 0;              // compute capability, 10 x major + minor
-  std::vector<int> architectures;  // that the kernels were compiled for, likewise
-  bool has_code = true;            // the driver found code of the kernels that this GPU can run
+  int capability = 0;              // compute capability: 10 * major + minor
+  std::vector<int> architectures;  // compute capabilities that the kernels were compiled for
+  bool has_code = true;            // the driver found kernel code that this GPU can run
 };
 
-/// Of GPU 0, which has to be there. @throws Error if the driver does not answer
+/// Queries GPU 0, which must exist. @throws Error if the driver reports an error
 GpuSupport query_gpu_support();
 
-/// @throws InputError if the GPU has no code to run
+/// @throws InputError if this build has no code for the GPU
 inline void require_support(const GpuSupport& gpu) {
   if (gpu.has_code) return;
   const auto version = [](int capability) {

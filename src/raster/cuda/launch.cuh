@@ -1,5 +1,4 @@
-// How kernels are launched: the tile's size or the degree of harmonics as a template argument, and as many blocks as
-// fit for pools.
+// Launch helpers: tile size or SH degree as a template argument; number of resident blocks; resources of a kernel.
 #pragma once
 
 #include "core/check.h"
@@ -9,26 +8,28 @@
 
 namespace b3dgs::cuda {
 
-/// Calls body(std::integral_constant<int, pixels>) for the tile's number of pixels, which is a block's number of
-/// threads.
+/// Calls body(std::integral_constant<int, pixels>) with the number of pixels of a tile, which is also the number of
+/// threads of a block in most kernels.
 template <class Body>
 void with_tile_pixels(const TileShape& tile, Body&& body) {
-  B3DGS_CHECK(tile.width == 16 && (tile.height == 8 || tile.height == 16),
-              "CUDA tiles are 16 x 8 or 16 x 16 px, found ", tile.width, " x ", tile.height);
+  B3DGS_CHECK(tile.width == kCudaTileWidth && (tile.height == 8 || tile.height == 16), "tile is ", tile.width, " x ",
+              tile.height, " px, expected 16 x 8 or 16 x 16 on CUDA");
   if (tile.height == 8) {
-    body(std::integral_constant<int, 128>());
+    body(std::integral_constant<int, kCudaTileWidth * 8>());
   } else {
-    body(std::integral_constant<int, 256>());
+    body(std::integral_constant<int, kCudaTileWidth * 16>());
   }
 }
 
-/// Calls body(std::integral_constant<int, degree>): where a kernel knows the degree, harmonics stay in registers.
-template <class Body>
+/// Calls body(std::integral_constant<int, degree>): with a constant degree, SH basis values stay in registers. Degrees
+/// below kMin are not instantiated.
+template <int kMin = 0, class Body>
 void with_sh_degree(int degree, Body&& body) {
-  static_assert(kShDegreeMax == 3, "a case for each degree");
+  static_assert(kShDegreeMax == 3, "one case per degree");
   switch (degree) {
     case 0:
-      return body(std::integral_constant<int, 0>());
+      if constexpr (kMin <= 0) return body(std::integral_constant<int, 0>());
+      break;
     case 1:
       return body(std::integral_constant<int, 1>());
     case 2:
@@ -36,11 +37,12 @@ void with_sh_degree(int degree, Body&& body) {
     case 3:
       return body(std::integral_constant<int, 3>());
     default:
-      B3DGS_CHECK(false, "harmonics of degree ", degree);
+      break;
   }
+  B3DGS_CHECK(false, "SH degree is ", degree, ", expected ", kMin, " to ", kShDegreeMax);
 }
 
-/// Blocks that are resident at once on the whole device.
+/// Number of blocks that are resident at the same time on the whole device.
 template <class Kernel>
 int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
   int per_multiprocessor = 0;
@@ -48,7 +50,7 @@ int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
   return per_multiprocessor * context.n_multiprocessors;
 }
 
-/// What blocks of `threads` threads of a __global__ function take on the current device.
+/// Resources of a __global__ function on the current device, in blocks of `threads` threads.
 template <class Kernel>
 KernelResources kernel_resources(Kernel kernel, int threads) {
   cudaFuncAttributes attributes{};

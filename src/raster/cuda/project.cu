@@ -1,5 +1,10 @@
-// Projection: one thread per Gaussian writes its splat, its box and the number of tiles it touches; blocks add up the
-// view's totals before they touch the global counters.
+// Projection: Gaussians to splats.
+//   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
+//     splat, colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
+//   Shared memory: the block's numbers of splats and pairs. Warps add to them, and one thread adds them to the global
+//     counters: two global atomics per block.
+//   Barriers: two, around the block's sums.
+//   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 
@@ -13,10 +18,10 @@ namespace {
 
 constexpr int kThreads = 128;
 
-/// In place of a degree of harmonics: a ColorPass finds the colours.
+/// Instead of an SH degree: a ColorPass computes the colours.
 constexpr int kNoColors = -1;
 
-/// Projects Gaussian i and writes its row. Returns the number of tiles that it touches.
+/// Projects Gaussian i and writes its row. Returns the number of tiles that its splat touches, 0 if it is not seen.
 template <int kShDegree>
 __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
@@ -24,14 +29,14 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
   const ProjectedGaussian projected =
       project_splat<TileCount::kAll>(g, i, view, args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
-  bool is_finite = projected.outcome != Outcome::kNotFinite;
+  bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
     float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
     words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
     words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
     if constexpr (kShDegree != kNoColors) {
       const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
-      is_finite = is_usable_color(color.x, color.y, color.z);
+      is_valid = is_usable_color(color.x, color.y, color.z);
       words[2] = color;
     }
     args.out.extents[i] = projected.extent;
@@ -39,29 +44,29 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
   args.out.radii[i] = is_seen ? projected.radius : 0;
   args.out.n_tiles[i] = projected.n_tiles;
   args.out.depth_bits[i] = is_seen ? __float_as_uint(projected.splat.depth) : 0;
-  if (!is_finite) note_not_finite(args.out.counts, i);
+  if (!is_valid) note_invalid(args.out.counts, i);
   return projected.n_tiles;
 }
 
 template <int kShDegree>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
-  __shared__ unsigned long long block_splats, block_isects;
-  if (threadIdx.x == 0) block_splats = block_isects = 0;
+  __shared__ unsigned long long block_splats, block_pairs;
+  if (threadIdx.x == 0) block_splats = block_pairs = 0;
   __syncthreads();
 
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   const std::int32_t n_tiles = i < args.gaussians.n_gaussians ? project_one<kShDegree>(args, i) : 0;
-  // One Gaussian touches at most all tiles, so a warp's sum can pass 32 bits only beyond 2^27 tiles.
+  // A splat touches at most all tiles, so a warp's sum fits 32 bits up to 2^27 tiles.
   const int seen = __popc(__ballot_sync(kFullWarp, n_tiles > 0));
   const unsigned pairs = warp_sum(static_cast<unsigned>(n_tiles));
   if (lane_id() == 0 && seen > 0) {
     atomicAdd(&block_splats, static_cast<unsigned long long>(seen));
-    atomicAdd(&block_isects, static_cast<unsigned long long>(pairs));
+    atomicAdd(&block_pairs, static_cast<unsigned long long>(pairs));
   }
   __syncthreads();
   if (threadIdx.x == 0 && block_splats > 0) {
     atomicAdd(reinterpret_cast<unsigned long long*>(&args.out.counts->n_splats), block_splats);
-    atomicAdd(reinterpret_cast<unsigned long long*>(&args.out.counts->n_isects), block_isects);
+    atomicAdd(reinterpret_cast<unsigned long long*>(&args.out.counts->n_pairs), block_pairs);
   }
 }
 

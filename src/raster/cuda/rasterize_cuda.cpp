@@ -1,4 +1,4 @@
-// Order of the passes on the GPU, and the memory between them.
+// Runs the passes in order and owns the memory between them.
 
 #include "raster/cuda/rasterize_cuda.h"
 
@@ -10,7 +10,7 @@
 #include "raster/cuda/forward/forward_scratch.h"
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/passes.h"
-#include "raster/math/bad_gaussian.h"
+#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/pair_limit.h"
@@ -18,7 +18,7 @@
 namespace b3dgs::cuda {
 namespace {
 
-/// A host value that the device can write to directly.
+/// A value in pinned host memory, for asynchronous copies from the device.
 template <class T>
 class PinnedValue {
  public:
@@ -32,7 +32,7 @@ class PinnedValue {
   T* value_ = nullptr;
 };
 
-/// A place in a stream that the host can wait for.
+/// A point in a stream that the host can wait for.
 class StreamMark {
  public:
   StreamMark() { B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming)); }
@@ -46,7 +46,7 @@ class StreamMark {
   cudaEvent_t event_ = nullptr;
 };
 
-/// Waits.
+/// For the error message about too many pairs. Waits for the device.
 WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, const LaunchContext& context) {
   std::vector<std::int32_t> host(static_cast<std::size_t>(n));
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(host.data(), n_tiles, host.size() * sizeof(std::int32_t), cudaMemcpyDeviceToHost,
@@ -67,16 +67,16 @@ struct Rasterizer::Impl {
   DeviceBuffer<std::int32_t> radii, n_tiles, last_ids;
   DeviceBuffer<std::uint32_t> depth_bits;
   DeviceBuffer<ViewCounts> counts;
-  DeviceBuffer<float4> part_light;
+  DeviceBuffer<float4> part_color;
   DeviceBuffer<float> part_depth, transmittance;
   ForwardScratch forward_scratch;
   PassScratch pass_scratch;
-  DeviceBuffer<SplatGradSum> splat_grads, isect_grads;
+  DeviceBuffer<SplatGradSum> splat_grads, pair_grads;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
   StreamMark counts_copied;
 
-  // Of the last forward pass.
+  // State of the last forward pass:
   PinholeView view{};
   int sh_degree = 0;
   BackwardKernel backward_kernel{};
@@ -84,8 +84,8 @@ struct Rasterizer::Impl {
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
-  BucketParts parts{};       // memory for what it keeps
-  BucketParts kept_parts{};  // what it has kept
+  BucketParts parts{};       // memory for the bucket parts
+  BucketParts kept_parts{};  // what the last blend stored there
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
@@ -93,21 +93,21 @@ struct Rasterizer::Impl {
   std::int64_t n_bucket_pixels() const {
     return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
   }
-  float2* lend_bucket_ends(const LaunchContext& context) {
+  float2* allocate_bucket_ends(const LaunchContext& context) {
     float2* ends = nullptr;
-    pass_scratch.lend(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
+    pass_scratch.allocate(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
     return ends;
   }
   /// Takes what the backward pass needs while this one can still be repeated.
   void make_room_for_backward(const LaunchContext& context) {
-    lend_bucket_ends(context);
+    allocate_bucket_ends(context);
     splat_grads.resize(n_splats, context);
-    if (deterministic) isect_grads.resize(binned.bins.n_isects, context);
+    if (deterministic) pair_grads.resize(binned.bins.n_pairs, context);
   }
   template <class Visit>
   void visit_buffers(Visit&& visit) {
     visit(splats), visit(extents), visit(radii), visit(n_tiles), visit(last_ids), visit(depth_bits), visit(counts);
-    visit(part_light), visit(part_depth), visit(transmittance), visit(splat_grads), visit(isect_grads);
+    visit(part_color), visit(part_depth), visit(transmittance), visit(splat_grads), visit(pair_grads);
     visit(pass_scratch);
     forward_scratch.visit_buffers(visit);
     bin_buffers.visit_buffers(visit);
@@ -120,7 +120,7 @@ void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& 
   const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
                                background,    rendered,       transmittance.data(), last_ids.data()};
   BlendForwardCudaArgs args{blend, binned.buckets, parts};
-  forward_scratch.lend(kernel, args, pass_scratch, context);
+  forward_scratch.allocate(kernel, args, pass_scratch, context);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
   kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
   kept_parts = parts_after(kernel, args);
@@ -128,8 +128,9 @@ void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& 
 
 void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
                                       const LaunchContext& context) {
-  B3DGS_CHECK(parts.light != nullptr, "backward after a forward that kept nothing for it");
-  B3DGS_CHECK(grad.depth == nullptr || parts.depth != nullptr, "gradient by depth after a forward without it");
+  B3DGS_CHECK(parts.color != nullptr, "backward() after a forward() without keep_for_backward");
+  B3DGS_CHECK(grad.depth == nullptr || parts.depth != nullptr,
+              "gradient by depth after a forward() without depth_gradient");
   const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
     SplatGradSum* const records = buffer.resize(count, context);
     B3DGS_CUDA_CHECK(
@@ -141,11 +142,11 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
                 rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
   args.buckets = binned.buckets;
   args.parts = kept_parts;
-  args.bucket_ends = lend_bucket_ends(context);
+  args.bucket_ends = allocate_bucket_ends(context);
   args.splat_grads = zeroed(splat_grads, n_splats);
-  if (deterministic) args.isect_grads = zeroed(isect_grads, binned.bins.n_isects);
+  if (deterministic) args.pair_grads = zeroed(pair_grads, binned.bins.n_pairs);
   kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
-  if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.isect_grads, args.splat_grads}, context);
+  if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
 }
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -154,14 +155,14 @@ Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const ImageArrays& out, const LaunchContext& context) {
+                         const ImageArrays& out, const LaunchContext& context, ColorPass* colors) {
   check_render_args(gaussians, view, settings);
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
-      "sums in a fixed order need the per-splat backward pass");
+      "deterministic gradients need the per-splat backward kernel");
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
-  s.n_gaussians = -1;  // until this pass has succeeded
+  s.n_gaussians = -1;  // no valid view until this pass has succeeded
   s.view = view;
   s.sh_degree = settings.sh_degree;
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
@@ -173,26 +174,25 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   const ProjectOutputs projected{s.splats.resize(n, context),     s.extents.resize(n, context),
                                  s.radii.resize(n, context),      s.n_tiles.resize(n, context),
                                  s.depth_bits.resize(n, context), s.counts.resize(1, context)};
-  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected,
-           settings.color_pass},
+  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected, colors},
           context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
   s.counts_copied.record(context.stream);
   begin_stage(s.stages, Stage::kBin);
-  list_seen(projected, n, s.bin_buffers, context);  // the device does this while the host learns of the counts
+  list_seen(projected, n, s.bin_buffers, context);  // the device works on this while the host waits for the counts
   s.counts_copied.wait();
   const ViewCounts counts = *s.host_counts.get();
-  if (counts.not_finite < n) {
-    throw BadGaussianError(counts.not_finite, detail::concat("Gaussian ", counts.not_finite, kNotFiniteText));
+  if (counts.first_invalid < n) {
+    throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
   }
-  if (has_too_many_pairs(counts.n_isects)) {
+  if (has_too_many_pairs(counts.n_pairs)) {
     throw NumericError(
-        too_many_pairs(counts.n_isects, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles()));
+        too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles()));
   }
   s.n_splats = counts.n_splats;
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
-  s.binned = bin({projected, n, counts.n_splats, counts.n_isects, s.grid, settings.culling, keep_slots}, s.bin_buffers,
+  s.binned = bin({projected, n, counts.n_splats, counts.n_pairs, s.grid, settings.culling, keep_slots}, s.bin_buffers,
                  s.pass_scratch, context);
 
   begin_stage(s.stages, Stage::kBlendForward);
@@ -200,7 +200,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.backward_kernel = settings.backward_kernel;
   s.deterministic = settings.deterministic;
   if (settings.keep_for_backward) {
-    s.parts.light = s.part_light.resize(s.n_bucket_pixels(), context);
+    s.parts.color = s.part_color.resize(s.n_bucket_pixels(), context);
     if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
     s.make_room_for_backward(context);
   }
@@ -215,8 +215,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
 ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                                    const LaunchContext& context) {
   Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward of ", gaussians.n_gaussians,
-              " Gaussians after a forward of ", s.n_gaussians);
+  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+              " Gaussians after a forward() with ", s.n_gaussians, " (-1: none)");
   begin_stage(s.stages, Stage::kBlendBackward);
   s.blend_backward(s.backward_kernel, grad, context);
   end_stage(s.stages);
@@ -234,18 +234,18 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
 }
 
 void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend before any forward");
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend() before any forward()");
   impl_->blend_forward(kernel, context);
 }
 
 void Rasterizer::reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend_backward before any forward");
+  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend_backward() before any forward()");
   impl_->blend_backward(kernel, grad, context);
 }
 
 void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const {
   const Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "count_load before any forward");
+  B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
   cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
 }
 

@@ -1,4 +1,4 @@
-// The whole rasterizer on the GPU, without torch. Mirrors cpu/rasterize_cpu.h.
+// The whole rasterizer on the GPU, without torch. Counterpart of cpu/rasterize_cpu.h.
 #pragma once
 
 #include <memory>
@@ -14,44 +14,45 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  /// Renders one view into `out` (device memory) and, if settings.keep_for_backward, keeps what backward() needs. Waits
-  /// once, for the numbers of splats and pairs.
-  /// @throws NumericError naming the first Gaussian whose projection is not finite; CudaError
+  /// Renders one view into `out` (device memory) and, with settings.keep_for_backward, keeps what backward() needs.
+  /// Waits for the device once, for the numbers of splats and pairs. `colors` computes the colours; null: the
+  /// projection does.
+  /// @throws InvalidGaussianError naming the first invalid Gaussian; NumericError for too many pairs; CudaError
   void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-               const ImageArrays& out, const LaunchContext& context);
+               const ImageArrays& out, const LaunchContext& context, ColorPass* colors = nullptr);
 
-  /// Gradients of the last forward(). `gaussians` and the arrays it rendered into must be unchanged since. Does not
-  /// wait.
+  /// Gradients of the last forward(). `gaussians` and the images that forward() wrote must be unchanged. Does not wait
+  /// for the device, and neither do the functions below.
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
                 const LaunchContext& context);
 
-  /// The first half of backward(), to the splats' sums. Returns what project_backward() still has to do, without the
-  /// arrays for gradients; valid until the next forward(). Does not wait.
+  /// The first half of backward(): the backward blend. Returns the arguments of project_backward() without the gradient
+  /// arrays; valid until the next forward().
   ProjectBackwardCudaArgs backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                          const LaunchContext& context);
 
-  /// The blends of the last forward() alone, again with another kernel: into the same arrays, or into splat_grads().
-  /// Neither waits.
+  /// Runs a blending pass of the last forward() again with another kernel: into the same images, or into splat_grads().
   void reblend(ForwardKernel kernel, const LaunchContext& context);
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 
-  /// Of the last forward(), into device arrays [H, W] each (CountLoadArgs). Does not wait.
+  /// Counts the load of the last forward() into two device arrays, [H, W] each (CountLoadArgs).
   void count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const;
 
-  /// [M] what the last backward blend summed per splat, 12 floats each of which 10 count (SplatGrad); device memory.
+  /// [M, 12] floats in device memory: the splats' sums of the last backward blend, of which the first 10 are used
+  /// (SplatGrad).
   const float* splat_grads() const;
 
-  /// Device arrays of the last forward().
+  /// Device arrays of the last forward():
   const std::int32_t* radii() const;     // [N]
   const std::int32_t* last_ids() const;  // [H, W]
-  const Splat* splats() const;           // [M] nearest first: what bins().splat_ids index
+  const Splat* splats() const;           // [M] in depth order, indexed by bins().splat_ids
   BinnedSplats bins() const;
   TileGrid grid() const;
   std::int64_t n_splats() const;
 
-  /// Of all buffers that are kept from view to view (view_memory.h says what a view needs).
+  /// GPU memory of all buffers, which are kept from view to view (view_memory.h forecasts it).
   std::int64_t memory_bytes() const;
-  /// Gives them back; a forward() has to come next. Does not wait.
+  /// Frees all buffers. The next call must be forward().
   void release_memory();
 
   struct Impl;

@@ -1,4 +1,4 @@
-// Sums, products and votes within a warp; nothing about splats.
+// Sums, products and bit operations across the lanes of a warp. All lanes must call them.
 #pragma once
 
 namespace b3dgs::cuda {
@@ -16,7 +16,7 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
-// Integers have instructions of their own from compute capability 8.0 on.
+// From compute capability 8.0 on, integers have reduction instructions.
 
 __device__ __forceinline__ unsigned warp_sum(unsigned value) {
 #if __CUDA_ARCH__ >= 800
@@ -50,7 +50,8 @@ __device__ __forceinline__ int warp_max(int value) {
 #endif
 }
 
-/// Four sums at once, in half the exchanges: lanes give away two of the values they have, then one, and at last gather.
+/// Four sums at once with half the shuffles: in the first two rounds lanes exchange two values, then one, so that each
+/// lane continues with one of the four sums; the last step broadcasts them.
 __device__ __forceinline__ float4 warp_sum(float4 value) {
   const int lane = lane_id();
   const bool upper = (lane & 1) != 0, far = (lane & 2) != 0;
@@ -66,7 +67,7 @@ __device__ __forceinline__ float4 warp_sum(float4 value) {
                      __shfl_sync(kFullWarp, sum, 3));
 }
 
-/// Bit l of what lane k gets is bit k of what lane l brings.
+/// Transposes a 32 x 32 bit matrix, a row per lane: bit l of lane k's result is bit k of lane l's argument.
 __device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
   const int lane = lane_id();
   unsigned mask = 0x0000ffffu;
@@ -80,7 +81,7 @@ __device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
   return bits;
 }
 
-/// Sum of the lanes up to and including each.
+/// Inclusive prefix sum over the lanes.
 __device__ __forceinline__ int warp_prefix_sum(int value) {
 #pragma unroll
   for (int distance = 1; distance < kWarpSize; distance *= 2) {
@@ -90,7 +91,7 @@ __device__ __forceinline__ int warp_prefix_sum(int value) {
   return value;
 }
 
-/// Product of the lanes up to and including each.
+/// Inclusive prefix product over the lanes.
 __device__ __forceinline__ float warp_prefix_product(float value) {
 #pragma unroll
   for (int distance = 1; distance < kWarpSize; distance *= 2) {

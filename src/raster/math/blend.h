@@ -1,15 +1,17 @@
-// What one splat does to one pixel, forward and backward: the arithmetic that every kernel shares. Values in, values
-// out; no pointers, no loops over splats, no thread numbers. Kernel files hold schedules and call this.
+// What one splat does to one pixel, forward and backward: the arithmetic shared by all kernels, on CPU and GPU. Values
+// in, values out; no pointers, loops over splats or thread indices. Kernel files contain schedules and call this.
 //
-// `Real` is float or double for one pixel, or a SIMD vector (cpu/lanes-inl.h) for several pixels or several splats at
-// once; conditions are then masks, and select() takes the place of branches.
+// `Real` is float or double for one pixel, or a SIMD vector (cpu/forward/lanes-inl.h) for several pixels or several
+// splats at once; conditions are then masks, and select() replaces branches.
 //
-// Rules: alpha below 1/255 is not blended; alpha is capped at 0.99, and where
-// the cap holds no gradient reaches opacity, conic or centre; the splat that would take the transmittance below 1e-4 is
-// not blended and finishes the pixel; the background is added with the final transmittance.
+// Rules:
+//   - A splat is blended where alpha >= 1/255.
+//   - Alpha is capped at 0.99. Where it is capped, no gradient reaches opacity, conic or centre.
+//   - The splat that would bring the transmittance below 1e-4 is not blended; it finishes the pixel.
+//   - The background is added with the final transmittance.
 //
-// SIMD sources compile this header once for each instruction set, inside its namespace, so that every function carries
-// the right target attributes; all other sources see it once, in b3dgs.
+// SIMD sources include this header once per instruction set, inside HWY_NAMESPACE, so that every function is compiled
+// for that instruction set. All other sources include it once, and the functions are in namespace b3dgs.
 #include "core/vec.h"
 #include "raster/constants.h"
 
@@ -32,7 +34,7 @@ namespace b3dgs {
 #define B3DGS_BLEND_FN B3DGS_HD
 #endif
 
-/// Type of a condition on Real; a SIMD vector type specialises it.
+/// Type of a condition on Real. SIMD vector types specialise it.
 template <class Real>
 struct MaskFor;
 template <>
@@ -46,7 +48,7 @@ struct MaskFor<double> {
 template <class Real>
 using Mask = typename MaskFor<Real>::type;
 
-// The few operations whose form differs between a scalar and a vector.
+// Operations that are written differently for scalars and vectors.
 template <class Real>
 B3DGS_BLEND_FN Real select(bool condition, Real if_true, Real if_false) {
   return condition ? if_true : if_false;
@@ -69,7 +71,8 @@ B3DGS_BLEND_FN Real reciprocal_of(Real a) {
   return Real(1.0f) / a;
 }
 #if defined(__CUDA_ARCH__)
-// One instruction each. Its 2 ulp are far below what a kernel may differ by, and the powers here are never denormal.
+// One instruction each. The error of 2 ulp is far below the tolerance between kernels, and the powers computed here are
+// never denormal.
 template <>
 __device__ __forceinline__ float exp2_of(float a) {
   float result;
@@ -82,7 +85,7 @@ __device__ __forceinline__ float reciprocal_of(float a) {
 }
 #endif
 
-/// Where a splat is and how it falls off; exponents in base 2 as in Splat (args.h).
+/// Position and falloff of a splat; exponents in base 2, as in Splat (args.h).
 template <class Real>
 struct SplatShape {
   Real mean_x, mean_y;                // px
@@ -90,15 +93,22 @@ struct SplatShape {
   Real conic_xx, conic_xy, conic_yy;  // times kConicScale, as in Splat
 };
 
-/// A splat as a pixel sees it, up to the exponential.
+/// `splat` is a Splat (args.h).
+template <class Real, class AnySplat>
+B3DGS_BLEND_FN SplatShape<Real> splat_shape(const AnySplat& splat) {
+  return {Real(splat.mean_x),   Real(splat.mean_y),   Real(splat.log2_opacity),
+          Real(splat.conic_xx), Real(splat.conic_xy), Real(splat.conic_yy)};
+}
+
+/// A splat evaluated at a pixel, before the exponential.
 template <class Real>
 struct Reach {
-  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the slope of the exponent, 1/px
+  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the exponent's gradient by d, 1/px
   Real power;              // log2 of the uncapped alpha
-  Mask<Real> contributes;  // alpha reaches 1/255
+  Mask<Real> contributes;  // alpha >= 1/255
 };
 
-/// Evaluates a splat at a pixel centre (px). Decides whether it contributes before anyone pays for an exponential.
+/// Evaluates a splat at a pixel centre (px). Whether it contributes is decided without computing the exponential.
 template <class Real>
 B3DGS_BLEND_FN Reach<Real> evaluate_reach(const SplatShape<Real>& splat, Real pixel_x, Real pixel_y) {
   Reach<Real> reach;
@@ -107,7 +117,7 @@ B3DGS_BLEND_FN Reach<Real> evaluate_reach(const SplatShape<Real>& splat, Real pi
   reach.pull_y = multiply_add(splat.conic_xy, dx, splat.conic_yy * dy);
   const Real quadratic = multiply_add(dx, reach.pull_x, dy * reach.pull_y);
   reach.power = splat.log2_opacity - quadratic;
-  // A negative quadratic form can only come from rounding; the original skips it too.
+  // The quadratic form can be negative only through rounding; the original rasterizer skips such splats too.
   reach.contributes = (reach.power >= Real(kLog2AlphaMin)) & (quadratic >= Real(0.0f));
   return reach;
 }
@@ -115,10 +125,10 @@ B3DGS_BLEND_FN Reach<Real> evaluate_reach(const SplatShape<Real>& splat, Real pi
 template <class Real>
 struct Alpha {
   Real alpha;         // at most kAlphaMax
-  Mask<Real> capped;  // the cap holds: no gradient through alpha
+  Mask<Real> capped;  // no gradient through alpha
 };
 
-/// Opacity times falloff, capped.
+/// Alpha from its base-2 logarithm, capped.
 template <class Real>
 B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   const Real uncapped = exp2_of(power);
@@ -126,8 +136,8 @@ B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   return {select(capped, Real(kAlphaMax), uncapped), capped};
 }
 
-/// A pixel while splats are blended onto it, front to back. A finished pixel keeps its transmittance negated, so that
-/// it fails every later test without a flag of its own.
+/// A pixel while splats are blended onto it, front to back. The transmittance of a finished pixel is negated: it then
+/// fails the test of every later splat, and no separate flag is needed.
 template <class Real>
 struct PixelState {
   Real transmittance;  // (0, 1], negated when finished
@@ -135,15 +145,15 @@ struct PixelState {
   Real depth;  // sum of weight times depth
 };
 
-/// Blends a splat where it contributes. Returns where it was blended; where it would have taken the transmittance below
-/// kTransmittanceMin, the pixel is finished instead.
+/// Blends a splat where it contributes. Returns where it was blended. Where it would have brought the transmittance
+/// below kTransmittanceMin, the pixel is finished instead.
 template <class Real>
 B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contributes, Real alpha, Real red, Real green,
                                      Real blue, Real depth) {
   const Real next = pixel.transmittance * (Real(1.0f) - alpha);
-  const Mask<Real> enough_light = next >= Real(kTransmittanceMin);
-  const Mask<Real> accepted = contributes & enough_light;
-  const Mask<Real> finishing = contributes & !enough_light;
+  const Mask<Real> stays_above = next >= Real(kTransmittanceMin);
+  const Mask<Real> accepted = contributes & stays_above;
+  const Mask<Real> finishing = contributes & !stays_above;
   const Real weight = select(accepted, pixel.transmittance * alpha, Real(0.0f));
   pixel.red = multiply_add(weight, red, pixel.red);
   pixel.green = multiply_add(weight, green, pixel.green);
@@ -154,30 +164,30 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   return accepted;
 }
 
-/// One splat's part in the gradient at one pixel.
+/// Gradient at one pixel that concerns one splat.
 template <class Real>
 struct BlendGrad {
-  Real weight;  // alpha times transmittance: gradient of each colour channel by the splat's colour
-  Real q;       // dL/d(ln alpha), 0 where the cap holds
+  Real weight;  // alpha times transmittance: derivative of each pixel channel by the splat's colour
+  Real q;       // dL/d(ln alpha), 0 where alpha is capped
 };
 
-// The backward pass visits a pixel's splats again, from the last to the first. `value` is the dot product of the
-// gradient by the pixel with what the splat shows there, colour and depth. With S = what lies behind the splat, seen
-// through the loss,
-//   dL/d(alpha) = T value - S / (1 - alpha).
-// The pixel's own alpha, 1 - final transmittance, acts like a background that takes light away: it is part of S from
-// the start, and of no value. (As a value of 1 for every splat its gradient would be a difference of nearly equal
-// sums.) Back to front S is summed and keeps its digits; front to back it would be what is left of the whole, and where
-// little light is left the rounding of the whole would show.
+// The backward pass visits a pixel's blended splats again, from the last to the first. Let T be the transmittance in
+// front of a splat, `value` the dot product of dL/d(pixel colour, depth) with the splat's colour and depth, and
+//   S = sum of weight * value over the splats behind it + T_final (dot(dL/dcolour, background) - dL/dalpha_pixel).
+// Then
+//   dL/dalpha = T value - S / (1 - alpha).
+// The pixel's own alpha is 1 - T_final, so its gradient enters S like a background. (Treating it as a value of 1 in
+// every splat would compute a difference of nearly equal sums.) S is accumulated back to front. Front to back, it would
+// be the total minus the part in front, and the rounding error of the total would dominate where S is small.
 
-/// A pixel while its splats are visited back to front, from the end of its list or of any part of it.
+/// A pixel while its splats are visited back to front, starting at the end of its list or of any part of the list.
 template <class Real>
 struct ReverseState {
-  Real transmittance;  // behind the next splat to be visited; the final one at the end of the list
-  Real behind;  // S; at the end of the list final transmittance times (dot(gradient, background) - gradient by alpha)
+  Real transmittance;  // behind the next splat to be visited; T_final at the end of the list
+  Real behind;         // S
 };
 
-/// Passes one splat that was blended where `blended` holds.
+/// Steps over one splat, which was blended where `blended` holds.
 template <class Real>
 B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mask<Real> blended,
                                                   const Alpha<Real>& alpha, Real value) {
@@ -190,6 +200,23 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
   pixel.behind = multiply_add(grad.weight, value, pixel.behind);
   pixel.transmittance = select(blended, before, pixel.transmittance);
   return grad;
+}
+
+/// Adds what one pixel contributes to a splat's sums. `Sums` is SplatGrad (args.h), or has the same members as Real.
+template <class Sums, class Real>
+B3DGS_BLEND_FN void accumulate(Sums& sums, const Reach<Real>& reach, const BlendGrad<Real>& grad, Real grad_red,
+                               Real grad_green, Real grad_blue, Real grad_depth) {
+  const Real along_x = grad.q * reach.pull_x, along_y = grad.q * reach.pull_y;
+  sums.q = sums.q + grad.q;
+  sums.q_x = sums.q_x + along_x;
+  sums.q_y = sums.q_y + along_y;
+  sums.q_xx = multiply_add(along_x, reach.pull_x, sums.q_xx);
+  sums.q_xy = multiply_add(along_x, reach.pull_y, sums.q_xy);
+  sums.q_yy = multiply_add(along_y, reach.pull_y, sums.q_yy);
+  sums.red = multiply_add(grad.weight, grad_red, sums.red);
+  sums.green = multiply_add(grad.weight, grad_green, sums.green);
+  sums.blue = multiply_add(grad.weight, grad_blue, sums.blue);
+  sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
 }
 
 #undef B3DGS_BLEND_FN

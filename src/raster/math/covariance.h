@@ -1,5 +1,6 @@
-// A Gaussian's shape in the world: the factor M of its covariance, Sigma = M M^T = R S S^T R^T, and its gradient.
-// The covariance itself is never formed: M carries it to the image with fewer operations and without cancellation.
+// A Gaussian's shape in world space: the factor M of its covariance, Sigma = M M^T = R S S^T R^T (3DGS, eq. 6), and the
+// gradient through it. The covariance itself is never formed: projecting M takes fewer operations and avoids
+// cancellation.
 #pragma once
 
 #include <cmath>
@@ -17,7 +18,7 @@ B3DGS_HD Mat3<Real> rotation_matrix(Vec4<Real> unit_quat_wxyz) {
            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
 }
 
-/// Shape of one Gaussian and what its gradient needs again.
+/// Shape of one Gaussian, with the intermediate values that shape_backward() needs.
 template <class Real>
 struct Shape {
   Mat3<Real> factor;     // M = R S
@@ -27,7 +28,7 @@ struct Shape {
   Real inverse_length;   // 1 / |quat|
 };
 
-/// `quat` (w x y z) may have any length but 0.
+/// `quat` is w x y z, of any length except 0.
 template <class Real>
 B3DGS_HD Shape<Real> make_shape(Vec3<Real> log_scales, Vec4<Real> quat) {
   using std::exp;
@@ -49,10 +50,10 @@ B3DGS_HD Shape<Real> make_shape(Vec3<Real> log_scales, Vec4<Real> quat) {
 template <class Real>
 struct ShapeGrad {
   Vec3<Real> log_scales;
-  Vec4<Real> quat;  // by the quaternion as stored, so orthogonal to it
+  Vec4<Real> quat;  // by the stored, unnormalised quaternion, and therefore orthogonal to it
 };
 
-/// Gradients by the stored scales and rotation from those by M.
+/// Gradients by the stored log scales and quaternion from the gradient by M.
 template <class Real>
 B3DGS_HD ShapeGrad<Real> shape_backward(const Shape<Real>& shape, const Mat3<Real>& grad_factor) {
   const Mat3<Real>& g = grad_factor;
@@ -72,7 +73,7 @@ B3DGS_HD ShapeGrad<Real> shape_backward(const Shape<Real>& shape, const Mat3<Rea
   const Real gx = 2 * (y * r01 + z * r02 + y * r10 - 2 * x * r11 - w * r12 + z * r20 + w * r21 - 2 * x * r22);
   const Real gy = 2 * (-2 * y * r00 + x * r01 + w * r02 + x * r10 + z * r12 - w * r20 + z * r21 - 2 * y * r22);
   const Real gz = 2 * (-2 * z * r00 - w * r01 + x * r02 + w * r10 - 2 * z * r11 + y * r12 + x * r20 + y * r21);
-  // Through the normalisation: the part along the quaternion changes only its length.
+  // Backward through the normalisation: the component along the quaternion changes only its length.
   const Real along = gw * w + gx * x + gy * y + gz * z;
   const Real k = shape.inverse_length;
   grad.quat = {(gw - along * w) * k, (gx - along * x) * k, (gy - along * y) * k, (gz - along * z) * k};

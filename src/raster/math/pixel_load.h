@@ -1,4 +1,4 @@
-// What the forward blend looks at for one pixel, counted: the blend's own arithmetic with nothing to show.
+// Counts the list entries that the forward blend evaluates and blends for one pixel, with the blend's own arithmetic.
 #pragma once
 
 #include <cstdint>
@@ -8,14 +8,14 @@
 
 namespace b3dgs {
 
-/// A pixel while the entries of its tile's list are counted, front to back.
+/// Counters of one pixel while its tile's list is read front to back.
 struct PixelLoad {
   PixelState<float> pixel{1, 0, 0, 0, 0};
-  std::int32_t processed = 0;     // entries looked at, with the one that finishes the pixel
+  std::int32_t processed = 0;     // entries evaluated, including the one that finishes the pixel
   std::int32_t contributing = 0;  // entries blended
 };
 
-/// Counts one entry at a pixel centre (px). False: the pixel is finished, and no later entry is looked at.
+/// Counts one entry at a pixel centre (px). Returns false once the pixel is finished.
 B3DGS_HD bool count_entry(PixelLoad& load, const SplatShape<float>& shape, float center_x, float center_y) {
   ++load.processed;
   const Reach<float> reach = evaluate_reach(shape, center_x, center_y);

@@ -1,5 +1,5 @@
-// From the world to one image: the centre by perspective, the shape by the local affine approximation of EWA splatting
-// (Zwicker et al. 2001), and the gradients of both.
+// Projection from world space to one image, and its gradient: perspective for the centre, the local affine
+// approximation of EWA splatting (Zwicker et al. 2001; 3DGS, eq. 5) for the shape: cov2d = J W Sigma W^T J^T + blur.
 #pragma once
 
 #include <cmath>
@@ -11,13 +11,13 @@
 
 namespace b3dgs {
 
-/// PinholeView in the scalar of the computation, with the limits of the linearisation.
+/// PinholeView as Real, with the limits of the linearisation.
 template <class Real>
 struct ViewTransform {
   Mat3<Real> rotation;
   Vec3<Real> translation;
   Real fx, fy, cx, cy;
-  // Range of x/z and y/z in which the projection is linearised where the Gaussian is; beyond, at the limit.
+  // Range of x/z and y/z. Outside it, J is evaluated at the nearest limit instead of at the Gaussian's centre.
   Real x_min, x_max, y_min, y_max;
 };
 
@@ -44,7 +44,7 @@ B3DGS_HD Vec3<Real> to_camera(const ViewTransform<Real>& view, Vec3<Real> mean) 
   return view.rotation * mean + view.translation;
 }
 
-/// A Gaussian's ellipse in the image and what its gradient needs again.
+/// A Gaussian's ellipse in the image, with the intermediate values that project_backward() needs.
 template <class Real>
 struct Projection {
   Vec2<Real> mean2d;  // px
@@ -52,9 +52,9 @@ struct Projection {
   Real det;           // of cov, at least kCovarianceBlur^2
   Sym2<Real> conic;   // inverse of cov, 1/px^2
 
-  Vec3<Real> axis_x, axis_y;      // rows of J W: image directions in world coordinates, px per world unit
+  Vec3<Real> axis_x, axis_y;      // rows of J W: d(pixel) / d(world), px per world unit
   Vec3<Real> spread_x, spread_y;  // M^T axis: cov.xy = spread_x . spread_y
-  Real slope_x, slope_y;          // x/z and y/z where the projection is linearised
+  Real slope_x, slope_y;          // x/z and y/z at which J is evaluated
   bool slope_x_clamped, slope_y_clamped;
 };
 
@@ -106,7 +106,7 @@ struct ProjectionGrad {
   Vec2<Real> mean2d;  // by the projected centre, 1/px
 };
 
-/// Gradients from the sums that blending leaves for a splat (SplatGrad): moments of q with the pull p.
+/// Gradients from a splat's sums over pixels (SplatGrad): moments of q with the pull p.
 ///
 /// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and q = dL/d(ln alpha) = -dL/d(sigma):
 ///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
@@ -134,7 +134,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
   const Real grad_slope_x = p.slope_x_clamped ? Real(0) : -view.fx * inverse_z * dot(row_z, grad_axis_x);
   const Real grad_slope_y = p.slope_y_clamped ? Real(0) : -view.fy * inverse_z * dot(row_z, grad_axis_y);
-  // The centre moves with x/z whether or not the shape's linearisation is clamped.
+  // The projected centre depends on x/z and y/z whether or not J is clamped.
   const Real grad_u = grad_slope_x + view.fx * grad.mean2d.x;
   const Real grad_v = grad_slope_y + view.fy * grad.mean2d.y;
   const Real through_axes = dot(p.axis_x, grad_axis_x) + dot(p.axis_y, grad_axis_y);

@@ -1,4 +1,5 @@
-// Real spherical harmonics up to degree 3 in the convention of 3DGS, the colour they give, and its gradients.
+// Real spherical harmonics (SH) up to degree 3, with the order and signs that 3DGS uses; the view-dependent colour and
+// its gradients.
 #pragma once
 
 #include <cmath>
@@ -19,12 +20,12 @@ inline constexpr double kSh3c = 0.4570457994644658;   // sqrt(21 / (32 pi))
 inline constexpr double kSh3d = 0.3731763325901154;   // sqrt(7 / (16 pi))
 inline constexpr double kSh3e = 1.445305721320277;    // sqrt(105 / (16 pi))
 
-/// Floats of a Gaussian's harmonics beyond degree 0.
+/// Floats of one Gaussian's SH coefficients above degree 0: a row of shN.
 B3DGS_HD constexpr int rest_floats(int sh_degree) {
   return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
 }
 
-/// Basis values for a unit direction; writes (degree + 1)^2 of them.
+/// Writes the (degree + 1)^2 basis values at a unit direction.
 template <class Real>
 B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {
   basis[0] = Real(kSh0);
@@ -50,7 +51,7 @@ B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {
   basis[15] = Real(-kSh3a) * x * (xx - 3 * yy);
 }
 
-/// Gradient by the direction of sum_k basis_k(dir) weight_k, with weight_k = dot(coefficient k, gradient by colour).
+/// Gradient by the direction of sum_k basis_k(dir) w_k, with w_k = dot(coefficient k, gradient by colour).
 template <class Real>
 B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w) {
   if (degree < 1) return {0, 0, 0};
@@ -73,14 +74,15 @@ B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w)
   return g;
 }
 
-/// Colour of one Gaussian seen along `offset` = mean - camera centre (any length but 0).
+/// Colour of one Gaussian.
 template <class Real>
 struct ShColor {
   Vec3<Real> color;  // + 0.5, clamped at 0
   unsigned clamped;  // bit c: channel c was clamped
 };
 
-/// `sh0` holds 3 coefficients, `shN` the others as [k][channel].
+/// Colour seen along `offset` = mean - camera centre, of any length except 0. `sh0` holds the 3 coefficients of degree
+/// 0, `shN` the others as [k][channel].
 template <class Real>
 B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0, const float* shN) {
   using std::sqrt;
@@ -96,17 +98,17 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   for (int c = 0; c < 3; ++c) {
     if (color[c] < 0) {
       result.clamped |= 1u << c;
-      color[c] *= 0;  // 0, but NaN of an infinity, which must not pass as black
+      color[c] *= 0;  // 0, except that -infinity becomes NaN: it must not turn into black
     }
   }
   result.color = {color[0], color[1], color[2]};
   return result;
 }
 
-/// Gradients by the coefficients beyond degree 0, [k][channel]: of a colour that is seen along the unit vector `dir`.
+/// Gradients by the coefficients above degree 0, [k][channel], for a colour seen along the unit vector `dir`.
 template <class Real>
 B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, float* grad_shN) {
-  Real basis[16];
+  Real basis[16]{};  // initialised because GCC does not see that sh_basis() writes every value read below
   sh_basis(degree, dir, basis);
   const Real grad[3] = {grad_color.x, grad_color.y, grad_color.z};
   const int n = (degree + 1) * (degree + 1);
@@ -115,14 +117,14 @@ B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, fl
   }
 }
 
-/// Where a colour is seen from, and what follows for the gradient.
+/// Viewing direction and the gradient through it.
 template <class Real>
 struct ShOffsetGrad {
   Vec3<Real> dir;     // unit vector along the offset
-  Vec3<Real> offset;  // gradient by the offset
+  Vec3<Real> offset;  // gradient of the loss by the offset
 };
 
-/// `grad_color` is 0 where the colour was clamped.
+/// `grad_color` must be 0 in channels that were clamped.
 template <class Real>
 B3DGS_HD ShOffsetGrad<Real> sh_offset_grad(int degree, Vec3<Real> offset, const float* shN, Vec3<Real> grad_color) {
   using std::sqrt;
@@ -138,22 +140,9 @@ B3DGS_HD ShOffsetGrad<Real> sh_offset_grad(int degree, Vec3<Real> offset, const 
   return {dir, inverse_length * (grad_dir - dot(grad_dir, dir) * dir)};
 }
 
-/// Writes the gradients by the coefficients of `degree` and returns the gradient by the offset. `grad_color` is 0 where
-/// the colour was clamped.
-template <class Real>
-B3DGS_HD Vec3<Real> sh_color_backward(int degree, Vec3<Real> offset, const float* shN, Vec3<Real> grad_color,
-                                      float* grad_sh0, float* grad_shN) {
-  const ShOffsetGrad<Real> grad = sh_offset_grad(degree, offset, shN, grad_color);
-  grad_sh0[0] = float(Real(kSh0) * grad_color.x);
-  grad_sh0[1] = float(Real(kSh0) * grad_color.y);
-  grad_sh0[2] = float(Real(kSh0) * grad_color.z);
-  sh_rest_grad(degree, grad.dir, grad_color, grad_shN);
-  return grad.offset;
-}
-
-/// Whether a splat's colour, which is at least 0, can be blended.
+/// Whether a splat's colour (already clamped at 0) is finite and within the limit in constants.h.
 B3DGS_HD bool is_usable_color(float red, float green, float blue) {
-  return red <= kColorMax && green <= kColorMax && blue <= kColorMax;  // NaN is not
+  return red <= kColorMax && green <= kColorMax && blue <= kColorMax;  // false for NaN
 }
 
 }  // namespace b3dgs

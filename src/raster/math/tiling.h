@@ -1,7 +1,7 @@
-// Tiles of an image and which of them a splat touches. Index maps and intervals only; who walks them is a schedule.
+// Tiles of an image, and which of them a splat touches: index arithmetic and intervals, no schedules.
 //
-// A splat's tiles are found several times: the projection counts them, and the binning writes that many pairs. So the
-// arithmetic that finds them is StrictFloat's, which gives the same bits wherever it is compiled, on CPU and GPU.
+// A splat's tiles are found more than once: the projection counts them, and the binning writes that many pairs. The two
+// must agree exactly, so the arithmetic uses StrictFloat, which gives the same bits in every kernel, on CPU and GPU.
 #pragma once
 
 #include <cmath>
@@ -25,7 +25,7 @@ struct Rect {
   B3DGS_HD bool empty() const { return x_begin >= x_end || y_begin >= y_end; }
 };
 
-/// Pixels of a tile that lie in the image.
+/// Pixels of a tile, cut off at the edge of the image.
 B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
   const std::int32_t x = tile % grid.columns * grid.tile.width, y = tile / grid.columns * grid.tile.height;
   const std::int32_t x_end = x + grid.tile.width, y_end = y + grid.tile.height;
@@ -33,30 +33,48 @@ B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
           y_end < grid.image_height ? y_end : grid.image_height};
 }
 
-/// Pixel (row by row in a tile 16 px wide) of a thread when each warp of 32 owns a sub-tile of 8 x 4 pixels.
+/// Width of the tiles that the CUDA kernels support, px; their height is 8 or 16.
+inline constexpr std::int32_t kCudaTileWidth = 16;
+
+/// A sub-tile is the part of a CUDA tile that one warp blends, a pixel per lane. 8 x 4 has a smaller perimeter than
+/// 16 x 2, so fewer splats reach it.
+inline constexpr std::int32_t kSubTileWidth = 8, kSubTileHeight = 4;
+inline constexpr std::int32_t kSubTilePixels = kSubTileWidth * kSubTileHeight;
+static_assert(kSubTilePixels == 32, "a lane of a warp per pixel");
+
+/// Index within its tile (row by row, kCudaTileWidth wide) of the pixel that a thread blends if warp w owns sub-tile w.
 B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
-  const std::int32_t sub_tile = thread / 32, lane = thread % 32;
-  const std::int32_t x = sub_tile % 2 * 8 + lane % 8, y = sub_tile / 2 * 4 + lane / 8;
-  return y * 16 + x;
+  constexpr std::int32_t kColumns = kCudaTileWidth / kSubTileWidth;
+  const std::int32_t sub_tile = thread / kSubTilePixels, lane = thread % kSubTilePixels;
+  const std::int32_t x = sub_tile % kColumns * kSubTileWidth + lane % kSubTileWidth;
+  const std::int32_t y = sub_tile / kColumns * kSubTileHeight + lane / kSubTileWidth;
+  return y * kCudaTileWidth + x;
 }
 
-/// A task of at most 2 x 2 pixels within a tile. Tiles follow one another; within a tile tasks go row by row.
+/// A quad is a task of `combined`: 2 x 2 pixels of a tile.
+inline constexpr std::int32_t kQuadSide = 2, kQuadPixels = kQuadSide * kQuadSide;
+
+/// Pixels of a quad, cut off at the edges of its tile and of the image.
 struct TaskPixels {
   std::int32_t tile;
-  Rect rect;  // empty where the task lies outside the image
+  Rect rect;  // empty if the quad lies outside the image
 };
 
 B3DGS_HD std::int64_t n_quad_tasks(const TileGrid& grid) {
-  const std::int64_t per_tile = std::int64_t{(grid.tile.width + 1) / 2} * ((grid.tile.height + 1) / 2);
-  return per_tile * grid.n_tiles();
+  const std::int64_t columns = (grid.tile.width + kQuadSide - 1) / kQuadSide;
+  const std::int64_t rows = (grid.tile.height + kQuadSide - 1) / kQuadSide;
+  return columns * rows * grid.n_tiles();
 }
 
+/// Tasks are numbered tile by tile, and row by row within a tile.
 B3DGS_HD TaskPixels quad_task(const TileGrid& grid, std::int64_t task) {
-  const std::int32_t columns = (grid.tile.width + 1) / 2, per_tile = columns * ((grid.tile.height + 1) / 2);
+  const std::int32_t columns = (grid.tile.width + kQuadSide - 1) / kQuadSide;
+  const std::int32_t per_tile = columns * ((grid.tile.height + kQuadSide - 1) / kQuadSide);
   const auto tile = static_cast<std::int32_t>(task / per_tile), quad = static_cast<std::int32_t>(task % per_tile);
   const Rect pixels = tile_pixels(grid, tile);
-  const std::int32_t x = pixels.x_begin + quad % columns * 2, y = pixels.y_begin + quad / columns * 2;
-  return {tile, {x, x + 2 < pixels.x_end ? x + 2 : pixels.x_end, y, y + 2 < pixels.y_end ? y + 2 : pixels.y_end}};
+  const std::int32_t x = pixels.x_begin + quad % columns * kQuadSide, x_end = x + kQuadSide;
+  const std::int32_t y = pixels.y_begin + quad / columns * kQuadSide, y_end = y + kQuadSide;
+  return {tile, {x, x_end < pixels.x_end ? x_end : pixels.x_end, y, y_end < pixels.y_end ? y_end : pixels.y_end}};
 }
 
 /// Half-open interval of tile columns.
@@ -66,7 +84,7 @@ struct TileSpan {
 
 namespace detail {
 
-/// floor to an integer within [low, high]; safe for any finite value.
+/// floor(value), clamped to [low, high] before the conversion to an integer, which overflows for large values.
 B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t high) {
   if (!(value > static_cast<float>(low))) return low;
   if (!(value < static_cast<float>(high))) return high;
@@ -75,25 +93,32 @@ B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t 
 
 }  // namespace detail
 
-/// Half width and half height (px) of the smallest upright box around the ellipse alpha >= 1/255, with a margin that
-/// covers rounding. `cov` is the 2D covariance; 0 if the opacity itself is below 1/255.
+// Margins by which computed ellipses are enlarged, so that rounding never excludes a tile with a contributing pixel.
+inline constexpr float kExtentScale = 1.0001f;  // relative part, on lengths
+inline constexpr float kExtentMargin = 1e-3f;   // px, absolute part
+inline constexpr float kTileRowMargin = 5e-3f;  // px, on the left and right ends found for one row of tiles
+inline constexpr float kLn2 = 0.693147181f;
+
+/// Half width and half height (px) of the axis-aligned bounding box of the ellipse alpha >= 1/255, slightly enlarged;
+/// {0, 0} if the opacity itself is below 1/255. `cov` is the 2D covariance, px^2.
 B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
-  const StrictFloat power = StrictFloat(log2_opacity) - kLog2AlphaMin;  // sigma at the rim, in base 2
+  const StrictFloat power = StrictFloat(log2_opacity) - kLog2AlphaMin;  // log2 of opacity / (1/255)
   if (!(power >= 0)) return {0, 0};
-  const StrictFloat two_sigma = 2 * 0.693147181f * power;
-  return {(1.0001f * sqrt(two_sigma * cov.xx) + 1e-3f).value, (1.0001f * sqrt(two_sigma * cov.yy) + 1e-3f).value};
+  const StrictFloat two_sigma = 2 * kLn2 * power;  // d^T cov^-1 d on the ellipse
+  return {(kExtentScale * sqrt(two_sigma * cov.xx) + kExtentMargin).value,
+          (kExtentScale * sqrt(two_sigma * cov.yy) + kExtentMargin).value};
 }
 
 namespace detail {
 
-/// Tiles along one axis that hold a pixel centre in [low, high], px.
+/// Tiles along one axis with a pixel centre in [low, high], px.
 B3DGS_HD TileSpan tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
   const StrictFloat size = static_cast<float>(tile_size);
   return {floor_clamped(((low + 0.5f - size) / size).value, -1, n_tiles - 1) + 1,
           floor_clamped(((high - 0.5f) / size).value, -1, n_tiles - 1) + 1};
 }
 
-/// Tiles along one axis that [low, high] overlaps, px.
+/// Tiles along one axis that overlap [low, high], px.
 B3DGS_HD TileSpan tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
   const StrictFloat size = static_cast<float>(tile_size);
   return {floor_clamped((low / size).value, 0, n_tiles), -floor_clamped((-high / size).value, -n_tiles, 0)};
@@ -101,23 +126,23 @@ B3DGS_HD TileSpan tiles_overlapping(StrictFloat low, StrictFloat high, std::int3
 
 }  // namespace detail
 
-/// Tiles whose pixel centres the box around a splat's ellipse reaches.
+/// Tiles with a pixel centre in the bounding box of a splat's ellipse.
 B3DGS_HD Rect box_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, Vec2f extent) {
   const TileSpan x = detail::tiles_between(mean_x - extent.x, mean_x + extent.x, grid.tile.width, grid.columns);
   const TileSpan y = detail::tiles_between(mean_y - extent.y, mean_y + extent.y, grid.tile.height, grid.rows);
   return {x.begin, x.end, y.begin, y.end};
 }
 
-/// Tiles that the square mean +- radius overlaps, as the original rasterizer culls.
+/// Tiles that overlap the square mean +- radius, as in the original rasterizer.
 B3DGS_HD Rect square_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, StrictFloat radius) {
   const TileSpan x = detail::tiles_overlapping(mean_x - radius, mean_x + radius, grid.tile.width, grid.columns);
   const TileSpan y = detail::tiles_overlapping(mean_y - radius, mean_y + radius, grid.tile.height, grid.rows);
   return {x.begin, x.end, y.begin, y.end};
 }
 
-/// The ellipse alpha >= 1/255 row by row. At height dy above its centre it reaches from
-/// shear dy - chord sqrt(1 - (dy / half_height)^2) to the same with plus: no differences of large products, so needles
-/// come out as exact as discs.
+/// The ellipse alpha >= 1/255, row by row. At height dy relative to its centre it spans
+///   dx = shear dy +- chord sqrt(1 - (dy / half_height)^2).
+/// No term is a difference of large products, so this is as accurate for needles as for discs.
 struct EllipseRows {
   float mean_x, mean_y;  // px
   float half_width, half_height;
@@ -134,38 +159,38 @@ B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
           extent.x,
           extent.y,
           (-xy / xx).value,
-          (1.0001f * sqrt(power / xx) + 1e-3f).value,
+          (kExtentScale * sqrt(power / xx) + kExtentMargin).value,
           (-xy / yy * extent.x).value};
 }
 
-/// Tile columns of one row of tiles that the ellipse touches at some pixel centre: exact but for a margin below 0.01
-/// px.
+/// Columns of the tiles in one row whose pixel centres the ellipse reaches: exact except for a margin below 0.01 px.
 B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
   const StrictFloat mean_x = e.mean_x, shear = e.shear, chord = e.chord, height = static_cast<float>(grid.tile.height);
   StrictFloat top = static_cast<float>(row) * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
-  StrictFloat bottom = top + (height - 1);  // in this order, or a row of one pixel could end before it begins
+  StrictFloat bottom = top + (height - 1);  // not computed from `row`: a row of one pixel could end before it begins
   top = top > -e.half_height ? top : -e.half_height;
   bottom = bottom < e.half_height ? bottom : e.half_height;
   if (top > bottom) return {0, 0};
-  // The strip's widest places: the ellipse's rightmost and leftmost points, or the strip's rim nearest to them.
+  // Within the strip [top, bottom] the ellipse is widest at its rightmost and leftmost points, or at the edge of the
+  // strip that is nearest to them.
   const StrictFloat right_y = e.right_y < top ? top : (e.right_y > bottom ? bottom : e.right_y);
   const StrictFloat left_y = -e.right_y < top ? top : (-e.right_y > bottom ? bottom : -e.right_y);
   const StrictFloat right_v = right_y / e.half_height, left_v = left_y / e.half_height;
   const StrictFloat right_square = 1 - right_v * right_v, left_square = 1 - left_v * left_v;
   StrictFloat right = shear * right_y + chord * sqrt(right_square > 0 ? right_square : 0);
   StrictFloat left = shear * left_y - chord * sqrt(left_square > 0 ? left_square : 0);
-  right = (right < e.half_width ? right : e.half_width) + 5e-3f;
-  left = (left > -e.half_width ? left : -e.half_width) - 5e-3f;
+  right = (right < e.half_width ? right : e.half_width) + kTileRowMargin;
+  left = (left > -e.half_width ? left : -e.half_width) - kTileRowMargin;
   return detail::tiles_between(mean_x + left, mean_x + right, grid.tile.width, grid.columns);
 }
 
-/// Rows of tiles that a splat may touch, and the columns it touches in each.
+/// The rows of tiles that a splat may touch, and the columns it touches in each.
 struct TileRows {
   Culling culling;
   std::int32_t begin, end;  // half-open
-  TileSpan square;          // the columns of all rows, if culling is kSquare
-  EllipseRows ellipse;      // else
-  /// Empty where the ellipse misses the row.
+  TileSpan square;          // columns, the same in all rows; for kSquare
+  EllipseRows ellipse;      // for kEllipse
+  /// Columns touched in `row`; empty where the ellipse misses the row.
   B3DGS_HD TileSpan span(const TileGrid& grid, std::int32_t row) const {
     return culling == Culling::kSquare ? square : ellipse_tiles_in_row(ellipse, grid, row);
   }
@@ -181,10 +206,22 @@ B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& 
   return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
 }
 
-/// Whether tiles_touched() counts all tiles, or ends at the first row in which there are any.
+/// Half-open interval of pixel rows.
+struct RowSpan {
+  std::int32_t begin, end;
+};
+
+/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `top` of the image.
+B3DGS_HD RowSpan rows_reached(float mean, float extent, float top, std::int32_t low, std::int32_t high) {
+  const float middle = mean - top - 0.5f;
+  return {detail::floor_clamped(middle - extent, low - 1, high) + 1,
+          detail::floor_clamped(middle + extent, low - 1, high - 1) + 1};
+}
+
+/// Whether tiles_touched() counts all tiles or returns after the first row with any.
 enum class TileCount { kAll, kAny };
 
-/// How many tiles a splat touches. A Gaussian that touches none is not seen.
+/// Number of tiles that a splat touches. A Gaussian whose splat touches none is not seen.
 template <TileCount kCount = TileCount::kAll>
 B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                                     std::int32_t radius) {

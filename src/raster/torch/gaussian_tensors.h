@@ -1,4 +1,4 @@
-// One tensor per parameter group: parameters, gradients and moments all have this form.
+// One tensor per parameter group. Parameters, gradients and Adam's moments all have this structure.
 #pragma once
 
 #include <torch/types.h>
@@ -11,9 +11,9 @@
 
 namespace b3dgs {
 
-/// Groups in the order of every file and loop.
+/// The groups, in the order that files and loops use. K = (SH degree + 1)^2.
 struct GaussianTensors {
-  torch::Tensor means;            // [N, 3] world
+  torch::Tensor means;            // [N, 3] world space
   torch::Tensor log_scales;       // [N, 3]
   torch::Tensor quats;            // [N, 4] w x y z
   torch::Tensor logit_opacities;  // [N]
@@ -29,13 +29,13 @@ struct GaussianTensors {
   }
 };
 
-/// Degree of harmonics that shN has room for. @throws LogicError if it holds another number of them.
-inline int sh_degree_max_of(const GaussianTensors& gaussians) {
+/// SH degree that shN is allocated for. @throws LogicError if its number of coefficients belongs to no degree
+inline int sh_degree_of(const GaussianTensors& gaussians) {
   const std::int64_t k = gaussians.shN.size(1) + 1;
   for (int degree = 0; degree <= kShDegreeMax; ++degree) {
     if ((degree + 1) * (degree + 1) == k) return degree;
   }
-  throw LogicError(detail::concat("shN holds ", k - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
+  throw LogicError(detail::concat("shN has ", k - 1, " coefficients, expected 0, 3, 8 or 15"));
 }
 
 }  // namespace b3dgs

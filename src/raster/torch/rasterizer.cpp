@@ -1,11 +1,13 @@
-// From tensors to argument structs: checks, memory, device. Nothing below this file knows torch.
+// From tensors to argument structs: checks tensors, allocates outputs, selects the device. The code that this file
+// calls does not use torch.
 
 #include "raster/torch/rasterizer.h"
 
 #include "core/check.h"
 #include "raster/cpu/rasterize_cpu.h"
+#include "raster/torch/fused_step.h"
 #include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_room.h"
+#include "raster/torch/tensor_storage.h"
 
 // Set by the build where both nvcc and a LibTorch with CUDA are there.
 #if B3DGS_TORCH_CUDA
@@ -24,13 +26,13 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
   check.dims("logit_opacities", g.logit_opacities, {"N"});
   check.dims("sh0", g.sh0, {"N", 1, 3});
   check.dims("shN", g.shN, {"N", "K-1", 3});
-  return {g.means.size(0),           sh_degree_max_of(g),
+  return {g.means.size(0),           sh_degree_of(g),
           g.means.data_ptr<float>(), g.log_scales.data_ptr<float>(),
           g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
           g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>()};
 }
 
-/// Keeps `tensor` if it can be written to as an array of this shape and kind, else replaces it.
+/// Replaces `tensor` unless it is contiguous and has this shape, type and device.
 void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
   const bool fits = tensor.defined() && tensor.sizes() == sizes && tensor.is_contiguous() &&
                     tensor.dtype() == options.dtype() && tensor.device() == options.device();
@@ -55,22 +57,32 @@ struct Rasterizer::Impl {
   torch::Device device;
   cpu::Rasterizer cpu;
 #if B3DGS_TORCH_CUDA
-  std::unique_ptr<cuda::Rasterizer> cuda;  // made on first use: a CPU run never touches the driver
+  std::unique_ptr<cuda::Rasterizer> cuda;  // created on first use, so that the CPU path never initialises CUDA
 #endif
   RenderedView rendered;
-  torch::Tensor color_room, depth_room, alpha_room, means2d_room;
+  torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage;
   ViewStatistics statistics;
 
-  void forward(const GaussianArrays& arrays, const PinholeView& view, const RenderSettings& settings,
-               const ImageArrays& out) {
+  RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
+                       cuda::ColorPass* colors) {
+    const GaussianArrays arrays = arrays_of(gaussians, device);
+    const auto options = gaussians.means.options();
+    place_tensor(rendered.color, color_storage, {view.height, view.width, 3}, options);
+    place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
+    place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
+    const ImageArrays out{rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(),
+                          rendered.alpha.data_ptr<float>()};
     if (device.is_cpu()) {
-      B3DGS_CHECK(settings.color_pass == nullptr, "a color_pass on the CPU");
-      return cpu.forward(arrays, view, settings, out);
+      B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
+      cpu.forward(arrays, view, settings, out);
     }
 #if B3DGS_TORCH_CUDA
-    if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
-    cuda->forward(arrays, view, settings, out, torch_launch_context());
+    if (!device.is_cpu()) {
+      if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
+      cuda->forward(arrays, view, settings, out, torch_launch_context(), colors);
+    }
 #endif
+    return rendered;
   }
 
   void backward(const GaussianArrays& arrays, const ImageGradArrays& grad, const GaussianGradArrays& out) {
@@ -83,7 +95,7 @@ struct Rasterizer::Impl {
   void reblend(ForwardKernel kernel) {
     if (device.is_cpu()) return cpu.reblend(kernel);
 #if B3DGS_TORCH_CUDA
-    B3DGS_CHECK(cuda != nullptr, "reblend before any forward");
+    B3DGS_CHECK(cuda != nullptr, "reblend() before any forward()");
     cuda->reblend(kernel, torch_launch_context());
 #endif
   }
@@ -97,7 +109,7 @@ struct Rasterizer::Impl {
 #endif
   }
 
-  /// Offsets of the tiles' lists, and how many tiles there are.
+  /// Offsets of the tiles' lists, and the number of tiles.
   std::pair<const std::int64_t*, std::int64_t> tile_offsets() const {
 #if B3DGS_TORCH_CUDA
     if (cuda != nullptr) return {cuda->bins().tile_offsets, cuda->grid().n_tiles()};
@@ -112,9 +124,9 @@ struct Rasterizer::Impl {
     return cpu.radii();
   }
 
-  /// Of the last forward(), once checked.
+  /// Checks gradients against the view of the last forward().
   ImageGradArrays image_grad(const RenderedViewGrad& grad) const {
-    B3DGS_CHECK(rendered.color.defined(), "backward before any forward");
+    B3DGS_CHECK(rendered.color.defined(), "backward() before any forward()");
     TensorCheck check(device);
     check.bind("H", rendered.color.size(0));
     check.bind("W", rendered.color.size(1));
@@ -124,11 +136,11 @@ struct Rasterizer::Impl {
     return {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)};
   }
 
-  /// With room for the gradients by the centres. The radii are a view of the rasterizer's own array: valid until the
-  /// next forward.
+  /// Statistics with an allocated means2d_grad, not yet written. `radii` refers to the rasterizer's own array and is
+  /// valid until the next forward().
   const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
     const torch::TensorOptions options = rendered.color.options();
-    place_tensor(statistics.means2d_grad, means2d_room, {n_gaussians, 2}, options, /*spare_part=*/4);
+    place_tensor(statistics.means2d_grad, means2d_storage, {n_gaussians, 2}, options, /*spare_part=*/4);
     statistics.radii =
         torch::from_blob(const_cast<std::int32_t*>(radii()), {n_gaussians}, options.dtype(torch::kInt32));
     return statistics;
@@ -138,8 +150,7 @@ struct Rasterizer::Impl {
 Rasterizer::Rasterizer(torch::Device device) : impl_(std::make_unique<Impl>(device)) {
   if (device.is_cpu()) return;
   if (!kTorchHasCuda) {
-    input_error("this build renders on the CPU only (its LibTorch has no CUDA), found device ", device.str(),
-                "; use --device cpu");
+    input_error("device ", device.str(), " is not supported: this build's LibTorch has no CUDA; use --device cpu");
   }
 }
 Rasterizer::~Rasterizer() = default;
@@ -148,15 +159,7 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const PinholeView& view,
                                  const RenderSettings& settings) {
-  const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-  RenderedView& out = impl_->rendered;
-  const auto options = gaussians.means.options();
-  place_tensor(out.color, impl_->color_room, {view.height, view.width, 3}, options);
-  place_tensor(out.depth, impl_->depth_room, {view.height, view.width}, options);
-  place_tensor(out.alpha, impl_->alpha_room, {view.height, view.width}, options);
-  impl_->forward(arrays, view, settings,
-                 {out.color.data_ptr<float>(), out.depth.data_ptr<float>(), out.alpha.data_ptr<float>()});
-  return out;
+  return impl_->forward(gaussians, view, settings, nullptr);
 }
 
 ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
@@ -175,19 +178,25 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
   return statistics;
 }
 
-ViewStatistics Rasterizer::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
-                                          cuda::ProjectBackwardCudaArgs& rest) {
+RenderedView FusedStep::forward(const GaussianTensors& gaussians, const PinholeView& view,
+                                const RenderSettings& settings, cuda::ColorPass* colors) {
+  return rasterizer_.impl_->forward(gaussians, view, settings, colors);
+}
+
+ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                         cuda::ProjectBackwardCudaArgs& rest) {
+  Rasterizer::Impl& impl = *rasterizer_.impl_;
 #if B3DGS_TORCH_CUDA
-  if (impl_->cuda != nullptr) {
-    const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-    rest = impl_->cuda->backward_blend(arrays, impl_->image_grad(grad), torch_launch_context());
-    const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
+  if (impl.cuda != nullptr) {
+    const GaussianArrays arrays = arrays_of(gaussians, impl.device);
+    rest = impl.cuda->backward_blend(arrays, impl.image_grad(grad), torch_launch_context());
+    const ViewStatistics& statistics = impl.make_statistics(arrays.n_gaussians);
     rest.grad.means2d = statistics.means2d_grad.data_ptr<float>();
     return statistics;
   }
 #endif
   (void)gaussians, (void)grad, (void)rest;
-  throw LogicError(detail::concat("backward_blend on ", impl_->device.str(), "; it needs a forward on a GPU"));
+  throw LogicError(detail::concat("backward_blend() on ", impl.device.str(), " needs a forward() on a GPU before"));
 }
 
 RenderedView Rasterizer::reblend(ForwardKernel kernel) {
@@ -200,22 +209,22 @@ torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const Rendered
   if (impl_->cuda != nullptr) {
     cuda::Rasterizer& own = *impl_->cuda;
     own.reblend_backward(kernel, impl_->image_grad(grad), torch_launch_context());
-    constexpr std::int64_t kFloats = 12, kThatCount = 10;
+    constexpr std::int64_t kFloats = 12, kUsed = 10;  // cuda::SplatGradSum, SplatGrad
     return torch::from_blob(const_cast<float*>(own.splat_grads()), {own.n_splats(), kFloats},
                             impl_->rendered.color.options())
-        .narrow(1, 0, kThatCount);
+        .narrow(1, 0, kUsed);
   }
 #endif
   (void)grad;
-  throw LogicError(detail::concat("reblend_backward with ", backward_kernel_name(kernel), " on ", impl_->device.str(),
-                                  "; there is one backward kernel on the CPU"));
+  throw LogicError(detail::concat("reblend_backward() with ", backward_kernel_name(kernel), " on ", impl_->device.str(),
+                                  ": needs a forward() on a GPU before"));
 }
 
 ViewSize Rasterizer::view_size() const {
 #if B3DGS_TORCH_CUDA
-  if (impl_->cuda != nullptr) return {impl_->cuda->n_splats(), impl_->cuda->bins().n_isects};
+  if (impl_->cuda != nullptr) return {impl_->cuda->n_splats(), impl_->cuda->bins().n_pairs};
 #endif
-  return {impl_->cpu.n_splats(), impl_->cpu.bins().n_isects};
+  return {impl_->cpu.n_splats(), impl_->cpu.bins().n_pairs};
 }
 
 std::int64_t Rasterizer::memory_bytes() const {
@@ -229,13 +238,13 @@ void Rasterizer::release_memory() {
 #if B3DGS_TORCH_CUDA
   if (impl_->cuda != nullptr) impl_->cuda->release_memory();
 #endif
-  impl_->color_room = impl_->depth_room = impl_->alpha_room = impl_->means2d_room = torch::Tensor();
+  impl_->color_storage = impl_->depth_storage = impl_->alpha_storage = impl_->means2d_storage = torch::Tensor();
   impl_->rendered = RenderedView{};
   impl_->statistics = ViewStatistics{};
 }
 
 ViewLoad Rasterizer::count_load() const {
-  B3DGS_CHECK(impl_->rendered.alpha.defined(), "count_load before any forward");
+  B3DGS_CHECK(impl_->rendered.alpha.defined(), "count_load() before any forward()");
   const auto counts = impl_->rendered.alpha.options().dtype(torch::kInt32);
   ViewLoad load;
   load.processed = torch::empty(impl_->rendered.alpha.sizes(), counts);

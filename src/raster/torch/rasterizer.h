@@ -1,7 +1,7 @@
-// The rasterizer for LibTorch: the only header of this folder that the trainer and the commands need.
+// The rasterizer for LibTorch, on CPU or GPU: the public interface of src/raster.
 //
-// Forward and backward are explicit calls instead of autograd functions: a training step has one fixed graph, so
-// nothing is gained by recording it, and every buffer can stay where it is from step to step.
+// Forward and backward are explicit calls rather than autograd functions: the graph of a training step is fixed, so
+// there is no reason to record it, and all buffers are reused from step to step.
 #pragma once
 
 #include <memory>
@@ -11,81 +11,74 @@
 
 namespace b3dgs {
 
-namespace cuda {
-struct ProjectBackwardCudaArgs;
-}
-
-/// A rendered view; float tensors on the device of the parameters, overwritten by the next forward of the same
-/// Rasterizer.
+/// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
   torch::Tensor color;  // [H, W, 3] RGB, not clamped
-  torch::Tensor depth;  // [H, W] sum of weight times view-space z, world units
-  torch::Tensor alpha;  // [H, W]
+  torch::Tensor depth;  // [H, W] sum of weight times camera-space z, world units
+  torch::Tensor alpha;  // [H, W] 1 - final transmittance
 };
 
-/// Gradients by the rendered view; an undefined tensor stands for zeros.
+/// Gradients of the loss by the rendered view. An undefined tensor means zero.
 struct RenderedViewGrad {
-  torch::Tensor color, depth, alpha;
+  torch::Tensor color, depth, alpha;  // shapes as in RenderedView
 };
 
-/// What densification wants to know about the last view.
+/// What densification needs to know about the last view.
 struct ViewStatistics {
-  torch::Tensor means2d_grad;  // [N, 2] gradient by the projected centre, 1/px
-  torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0: not seen in this view
+  torch::Tensor means2d_grad;  // [N, 2] gradient of the loss by the projected centre, 1/px
+  torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
 };
 
 struct ViewSize {
-  std::int64_t n_splats = 0, n_pairs = 0;
+  std::int64_t n_splats = 0;  // Gaussians seen in the view
+  std::int64_t n_pairs = 0;   // (tile, splat) pairs
 };
 
-/// What the last view asked of the blend (CountLoadArgs).
+/// Load of the blend in the last view (CountLoadArgs), on the host.
 struct ViewLoad {
   torch::Tensor tile_lists;    // [n_tiles] int64, length of each tile's list
-  torch::Tensor processed;     // [H, W] int32
-  torch::Tensor contributing;  // [H, W] int32
+  torch::Tensor processed;     // [H, W] int32, list entries evaluated per pixel
+  torch::Tensor contributing;  // [H, W] int32, list entries blended per pixel
 };
 
 class Rasterizer {
  public:
+  /// @throws InputError if this build does not support the device
   explicit Rasterizer(torch::Device device);
   ~Rasterizer();
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  /// Renders one view and keeps what backward() needs. Parameters are contiguous float tensors on the device.
-  /// @throws BadGaussianError naming the Gaussian if a parameter it needs is not finite.
+  /// Renders one view and, with settings.keep_for_backward, keeps what backward() needs. Parameters must be contiguous
+  /// float tensors on the rasterizer's device.
+  /// @throws LogicError naming a tensor that does not fit; InvalidGaussianError naming the first invalid Gaussian
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
 
-  /// Gradients of the last forward(); `gaussians` must be unchanged since. `grads` is allocated if undefined or of
-  /// another size, and overwritten.
+  /// Gradients of the last forward(); `gaussians` must be unchanged. `grads` is overwritten; tensors that are undefined
+  /// or of another shape are allocated.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
 
-  /// The blend's half of backward(), on a GPU only. `rest` says what is left to do for each Gaussian: for a kernel that
-  /// goes on with the gradient instead of storing it. It has the array of the statistics' means2d_grad, which that
-  /// kernel has to fill.
-  ViewStatistics backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
-                                cuda::ProjectBackwardCudaArgs& rest);
-
-  /// Blends the view of the last forward() again with another kernel, into the same tensors: all that two kernels can
-  /// differ in, without the passes that they share. On a GPU it does not wait.
+  /// Blends the view of the last forward() again with another kernel, into the same tensors; the other passes are the
+  /// same for all kernels. On a GPU it does not wait for the device.
   RenderedView reblend(ForwardKernel kernel);
 
-  /// Likewise the backward blend, on a GPU only. Gradients by the splats' ellipses, colours and depths, [M, 10],
-  /// overwritten by the next backward pass.
+  /// Runs the backward blend of the last forward() with another kernel, on a GPU only. Returns the splats' sums, [M,
+  /// 10] (SplatGrad), which the next backward pass overwrites.
   torch::Tensor reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad);
 
-  /// Splats and (tile, splat) pairs of the last forward().
+  /// Size of the view of the last forward().
   ViewSize view_size() const;
 
-  /// On a GPU: of the buffers that are kept from view to view.
+  /// GPU memory of the buffers that are kept from view to view, bytes; 0 on the CPU.
   std::int64_t memory_bytes() const;
-  /// Gives them back. A forward() has to come next.
+  /// Frees these buffers and the images. The next call must be forward().
   void release_memory();
 
-  /// Counts for the view of the last forward(), on the host.
+  /// Counts the load of the last forward().
   ViewLoad count_load() const;
 
  private:
+  friend class FusedStep;  // fused_step.h
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

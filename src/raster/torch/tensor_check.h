@@ -1,4 +1,4 @@
-// Shape checks with named dimensions: "N" is what the first tensor makes it, and every later one has to agree.
+// Shape checks with named dimensions: the first tensor with a dimension "N" defines it, and later ones must agree.
 #pragma once
 
 #include <torch/types.h>
@@ -16,7 +16,7 @@ class TensorCheck {
  public:
   explicit TensorCheck(torch::Device device) : device_(device) {}
 
-  /// A dimension: a number, or a name that stands for the same number everywhere.
+  /// A dimension: a number, or a name for a number.
   struct Dim {
     Dim(int size) : size(size) {}                    // NOLINT(google-explicit-constructor): reads as a list of sizes
     Dim(const char* name) : size(-1), name(name) {}  // NOLINT(google-explicit-constructor)
@@ -24,10 +24,11 @@ class TensorCheck {
     std::string name;
   };
 
+  /// Defines a dimension.
   void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
 
-  /// Float, contiguous, on the device, with these dimensions. @throws LogicError
-  /// "quats is [99, 4], expected [N, 4]; N is 100 from means"
+  /// Checks that `tensor` is float, contiguous, on the device, and has these dimensions.
+  /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
   void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted) {
     B3DGS_CHECK(tensor.defined(), what, " is undefined");
     bool fits = tensor.dim() == static_cast<std::int64_t>(wanted.size());

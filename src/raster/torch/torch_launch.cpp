@@ -12,7 +12,7 @@ class TorchMemory final : public cuda::DeviceMemory {
     try {
       return c10::cuda::CUDACachingAllocator::raw_alloc_with_stream(bytes, stream);
     } catch (const c10::OutOfMemoryError&) {
-      throw OutOfMemoryError(detail::concat("the GPU has no ", bytes, " bytes left"));
+      throw OutOfMemoryError(detail::concat("not enough GPU memory for ", bytes, " bytes"));
     }
   }
   void free(void* memory, cudaStream_t) noexcept override { c10::cuda::CUDACachingAllocator::raw_delete(memory); }

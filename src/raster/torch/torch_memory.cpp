@@ -19,7 +19,7 @@ namespace b3dgs {
 namespace allocator = c10::cuda::CUDACachingAllocator;
 
 TorchMemoryUse torch_memory_use() {
-  constexpr std::size_t kAll = 0;  // of the allocator's pools together
+  constexpr std::size_t kAll = 0;  // index of the statistics over all pools
   const auto stats = allocator::getDeviceStats(c10::cuda::current_device());
   const auto& reserved = stats.reserved_bytes[kAll];
   return {stats.allocated_bytes[kAll].current, reserved.current, reserved.peak, stats.segment[kAll].allocated};

@@ -20,14 +20,14 @@ int decimals_of_step(double step) {
   return std::clamp(static_cast<int>(std::ceil(-std::log10(step) - 1e-9)), 0, 9);
 }
 
-std::vector<double> linear_ticks(double low, double high, int n, double least_step) {
+std::vector<double> linear_ticks(double low, double high, int n, double min_step) {
   const double rough = (high - low) / std::max(1, n);
   const double power = std::pow(10.0, std::floor(std::log10(rough)));
   double step = 10 * power;
   for (const double factor : {5.0, 2.0, 1.0}) {
     if (factor * power >= 0.7 * rough) step = factor * power;
   }
-  step = std::max(step, least_step);
+  step = std::max(step, min_step);
   std::vector<double> ticks;
   for (double i = std::ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; ++i) ticks.push_back(i * step);
   return ticks;
@@ -41,9 +41,9 @@ double Scale::operator()(double value) const {
   return from_px + share * (to_px - from_px);
 }
 
-std::vector<double> nice_ticks(ScaleKind kind, double low, double high, int n, double least_step) {
+std::vector<double> nice_ticks(ScaleKind kind, double low, double high, int n, double min_step) {
   if (!(high > low)) return {low};
-  if (kind == ScaleKind::kLinear) return linear_ticks(low, high, n, least_step);
+  if (kind == ScaleKind::kLinear) return linear_ticks(low, high, n, min_step);
   const bool only_powers = std::log10(high / low) > 2;
   std::vector<double> ticks;
   for (double power = std::pow(10.0, std::floor(std::log10(low))); power <= high * 1.0001; power *= 10) {

@@ -1,4 +1,4 @@
-// Stacked bars and rows of histograms.
+// Draws stacked bars and rows of histograms.
 #include <algorithm>
 #include <numeric>
 
@@ -84,12 +84,12 @@ std::string draw(const StackedBars& chart) {
 
 std::string draw(const HistogramRow& chart) {
   constexpr double kTop = 30, kBottom = 150, kGap = 22;
-  constexpr std::size_t kMostBins = 40;  // values beyond 2^39 do not occur
+  constexpr std::size_t kMaxBins = 40;  // values above 2^39 do not occur
   std::size_t n_bins = 1;
   double highest = 1e-9;
   for (const HistogramRow::Panel& panel : chart.panels) {
     const double total = sum(panel.counts);
-    for (std::size_t bin = 0; bin < std::min(kMostBins, panel.counts.size()); ++bin) {
+    for (std::size_t bin = 0; bin < std::min(kMaxBins, panel.counts.size()); ++bin) {
       if (panel.counts[bin] <= 0) continue;
       n_bins = std::max(n_bins, bin + 1);
       highest = std::max(highest, panel.counts[bin] / total);

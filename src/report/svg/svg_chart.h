@@ -1,5 +1,5 @@
-// Charts as inline SVG for report.html, whose style sheet gives the colours: class "c0" to "c9" stands for the palette
-// (html_report.h), so that one picture serves light, dark and paper. Text is escaped here.
+// Charts as inline SVG for report.html. Colours are CSS classes numbered 0 to 9, defined in the page's style sheet
+// (html_report.cpp) for light mode, dark mode and print. All text is escaped.
 #pragma once
 
 #include <string>
@@ -17,10 +17,10 @@ struct ChartSeries {
   std::string name;
   std::vector<ChartPoint> points;  // by x
   int color = 0;                   // of the palette
-  bool has_markers = false;        // points are few, and each was measured
+  bool has_markers = false;        // draw a dot at each point
 };
 
-/// The area between two curves over the same x.
+/// The area between two curves with the same x values.
 struct ChartBand {
   std::string name;
   std::vector<ChartPoint> lower, upper;
@@ -28,18 +28,18 @@ struct ChartBand {
   double opacity = 0.3;
 };
 
-/// A vertical line where something happened.
+/// A labelled vertical line.
 struct ChartEvent {
   double x = 0;
   std::string label;
 };
 
-/// Curves over iterations. Up to four series are named at their right end, more in a legend; bands always in one.
+/// Curves over iterations. Two to four series are labelled at their right end, more in a legend; bands in a legend.
 struct LineChart {
-  std::string title;             // for those who cannot see it
-  std::string x_label, y_label;  // y_label with its unit, "seconds"
+  std::string title;             // for screen readers
+  std::string x_label, y_label;  // y_label includes the unit
   ScaleKind y_scale = ScaleKind::kLinear;
-  bool from_zero = true;  // a linear y axis begins at 0
+  bool from_zero = true;  // a linear y axis starts at 0
   std::vector<ChartBand> bands{};
   std::vector<ChartSeries> series{};
   std::vector<ChartEvent> events{};
@@ -47,11 +47,11 @@ struct LineChart {
 };
 std::string draw(const LineChart& chart);
 
-/// One horizontal bar per row, cut into parts; every part has a colour, its own over all rows.
+/// One horizontal bar per row, divided into parts. A part has the same colour in all rows.
 struct StackedBars {
   struct Row {
     std::string name;
-    std::vector<double> parts;  // as many as part_names, not negative
+    std::vector<double> parts;  // one per entry of part_names, not negative
   };
   std::string title, unit;
   std::vector<std::string> part_names;
@@ -59,7 +59,7 @@ struct StackedBars {
 };
 std::string draw(const StackedBars& chart);
 
-/// Small histograms side by side, on the same axes: shares of all items by value, in bins that double.
+/// Small histograms side by side on the same axes: share of items by value, in bins of doubling width.
 struct HistogramRow {
   struct Panel {
     std::string name;
@@ -70,7 +70,7 @@ struct HistogramRow {
 };
 std::string draw(const HistogramRow& chart);
 
-/// `text` for HTML and XML: markup characters escaped, control characters and broken UTF-8 replaced.
+/// Escapes `text` for HTML and XML; control characters become spaces and invalid UTF-8 becomes U+FFFD.
 std::string escape(const std::string& text);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// Curves, bands and events over an x axis.
+// Draws line charts: curves, bands and events over iterations.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,15 +11,15 @@ namespace {
 
 constexpr int kWidth = 760;                 // px
 constexpr double kLeft = 58, kBottom = 38;  // px
-constexpr std::size_t kMostPoints = 300;    // of a curve: more than the picture can show
-constexpr std::size_t kMostDirectLabels = 4;
-constexpr double kLabelHeight = 15, kWidestLabel = 200;
+constexpr std::size_t kMaxPoints = 300;     // per curve: more cannot be distinguished at this width
+constexpr std::size_t kMaxDirectLabels = 4;
+constexpr double kLabelHeight = 15, kMaxLabelWidth = 200;  // px
 
-/// As many points at most: means over runs of equal length, the first and the last as they are.
+/// Reduces a curve to kMaxPoints by averaging groups of equal size; keeps the first and the last point.
 std::vector<ChartPoint> thin(const std::vector<ChartPoint>& points) {
-  if (points.size() <= kMostPoints) return points;
+  if (points.size() <= kMaxPoints) return points;
   std::vector<ChartPoint> thinned{points.front()};
-  const std::size_t inner = points.size() - 2, runs = kMostPoints - 2;
+  const std::size_t inner = points.size() - 2, runs = kMaxPoints - 2;
   for (std::size_t run = 0; run < runs; ++run) {
     const std::size_t begin = 1 + run * inner / runs, end = 1 + (run + 1) * inner / runs;
     ChartPoint mean;
@@ -36,11 +36,11 @@ std::vector<ChartPoint> thin(const std::vector<ChartPoint>& points) {
 class LineChartPainter {
  public:
   explicit LineChartPainter(const LineChart& chart) : chart_(chart) {
-    drop_what_cannot_be_drawn();
+    remove_invalid_points();
     double widest = 0;
     for (const ChartSeries& series : chart_.series) widest = std::max(widest, svg::text_width(series.name));
     is_labelled_directly_ = chart_.bands.empty() && chart_.series.size() > 1 &&
-                            chart_.series.size() <= kMostDirectLabels && widest <= kWidestLabel;
+                            chart_.series.size() <= kMaxDirectLabels && widest <= kMaxLabelWidth;
     right_ = kWidth - (is_labelled_directly_ ? widest + 14 : 14);
   }
 
@@ -61,7 +61,7 @@ class LineChartPainter {
     return std::isfinite(point.x) && std::isfinite(point.y) && (chart_.y_scale == ScaleKind::kLinear || point.y > 0);
   }
 
-  void drop_what_cannot_be_drawn() {
+  void remove_invalid_points() {
     for (ChartSeries& series : chart_.series) {
       auto& points = series.points;
       points.erase(std::remove_if(points.begin(), points.end(), [&](const auto& p) { return !can_be_drawn(p); }),
@@ -69,7 +69,7 @@ class LineChartPainter {
       series.points = thin(points);
     }
     if (chart_.y_scale == ScaleKind::kLinear) return;
-    for (ChartBand& band : chart_.bands) {  // a logarithmic axis begins at 1: what lies below is drawn there
+    for (ChartBand& band : chart_.bands) {  // a logarithmic axis starts at 1; smaller values are drawn there
       for (auto* edge : {&band.lower, &band.upper}) {
         for (ChartPoint& point : *edge) point.y = std::max(point.y, 1.0);
       }
@@ -93,7 +93,7 @@ class LineChartPainter {
       y_low = std::min(y_low, point.y), y_high = std::max(y_high, point.y);
     });
     if (x_low > x_high) x_low = y_low = 0, x_high = y_high = 1;
-    if (x_low > 0 && x_low < 0.5 * x_high) x_low = 0;  // iterations count from 0
+    if (x_low > 0 && x_low < 0.5 * x_high) x_low = 0;  // iterations start at 0
     if (x_high <= x_low) x_high = x_low + 1;
     pad_range(chart_.y_scale, chart_.from_zero, y_low, y_high);
     x_ = {ScaleKind::kLinear, x_low, x_high, kLeft, right_};
@@ -139,7 +139,7 @@ class LineChartPainter {
     return body;
   }
 
-  /// At the foot, where curves from zero are seldom.
+  /// At the bottom, where curves rarely are.
   std::string paint_event_labels() const {
     std::string body;
     for (const ChartEvent& event : chart_.events) {
@@ -186,7 +186,7 @@ class LineChartPainter {
     return body;
   }
 
-  /// Names at the curves' ends, moved apart where they would lie upon each other.
+  /// Names at the ends of the curves, moved apart vertically where they would overlap.
   std::string paint_labels() const {
     if (!is_labelled_directly_) return "";
     struct Label {
@@ -212,7 +212,7 @@ class LineChartPainter {
     return body;
   }
 
-  /// What the page's script needs to name the values under the pointer.
+  /// Axis ranges in values and pixels, for the page's script to show the values at the pointer.
   std::string hover_data() const {
     const auto number = [](double value) {
       char text[32];

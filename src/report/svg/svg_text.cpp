@@ -8,7 +8,7 @@ namespace b3dgs {
 
 std::string escape(const std::string& text) {
   using nlohmann::json;
-  // The writer puts U+FFFD where bytes are no UTF-8.
+  // The JSON writer replaces invalid UTF-8 by U+FFFD.
   const std::string valid =
       json::parse(json(text).dump(-1, ' ', false, json::error_handler_t::replace)).get<std::string>();
   std::string escaped;
@@ -50,9 +50,10 @@ std::string px(double value) {
 }
 
 double text_width(const std::string& text) {
-  constexpr double kPxPerCharacter = 7;  // of 12 px sans serif
+  constexpr double kPxPerCharacter = 7;  // average for a 12 px sans serif font
   double characters = 0;
-  for (const char c : text) characters += (static_cast<unsigned char>(c) & 0xC0) != 0x80;  // not of continuation bytes
+  for (const char c : text)
+    characters += (static_cast<unsigned char>(c) & 0xC0) != 0x80;  // skips UTF-8 continuation bytes
   return kPxPerCharacter * characters;
 }
 

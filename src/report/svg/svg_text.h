@@ -1,4 +1,4 @@
-// Pieces of SVG that all charts are made of.
+// SVG elements that all charts use.
 #pragma once
 
 #include <string>
@@ -7,26 +7,26 @@
 
 namespace b3dgs::svg {
 
-/// A coordinate: a tenth of a px is enough.
+/// A coordinate rounded to 0.1 px.
 std::string px(double value);
 
-/// About how wide a label is, px.
+/// Approximate width of a label, px.
 double text_width(const std::string& text);
 
-/// `attributes` as they stand in the tag: class="tick" text-anchor="end".
+/// `attributes` are inserted into the tag as given: class="tick" text-anchor="end".
 std::string text(double x, double y, const std::string& attributes, const std::string& content);
 std::string line(double x1, double y1, double x2, double y2, const std::string& attributes);
 std::string rect(double x, double y, double width, double height, const std::string& attributes,
                  const std::string& tooltip);
 
-/// A colour of the palette: class="s3" for strokes, "f3" for areas, "t3" for text.
+/// The class attribute for a colour: color_class("s", 3) is class="s3". Kinds: "s" stroke, "f" fill, "t" text.
 std::string color_class(const char* kind, int color);
 
-/// The whole picture, with its title for screen readers.
+/// The svg element; `title` is for screen readers.
 std::string picture(int width, int height, const std::string& title, const std::string& attributes,
                     const std::string& body);
 
-/// Names with their colours in a row from (x, y) on, broken at `right`. Adds the height it took to `y`.
+/// Names with colour swatches, in lines between x and `right`. Advances `y` to below the legend.
 struct LegendEntry {
   std::string name;
   int color = 0;

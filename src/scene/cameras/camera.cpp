@@ -8,7 +8,7 @@ namespace b3dgs {
 
 std::array<double, 9> rotation_from_quaternion(const std::array<double, 4>& wxyz) {
   const double norm = std::sqrt(wxyz[0] * wxyz[0] + wxyz[1] * wxyz[1] + wxyz[2] * wxyz[2] + wxyz[3] * wxyz[3]);
-  B3DGS_CHECK(norm > 0 && std::isfinite(norm), "a rotation needs a quaternion other than 0, its length is ", norm);
+  B3DGS_CHECK(norm > 0 && std::isfinite(norm), "a rotation quaternion of length ", norm);
   const double w = wxyz[0] / norm, x = wxyz[1] / norm, y = wxyz[2] / norm, z = wxyz[3] / norm;
   return {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
           2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),

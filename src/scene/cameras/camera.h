@@ -1,4 +1,4 @@
-// A pinhole camera with its pose. Double precision: cameras are few, and everything else is derived from them.
+// A pinhole camera with its pose, in double precision: cameras are few, and everything else is derived from them.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ struct Camera {
   /// Camera centre in world coordinates.
   std::array<double, 3> center() const;
 
-  /// The same camera for an image of another size; intrinsics scale per axis.
+  /// The same camera for an image of another size; the intrinsics are scaled per axis.
   Camera scaled_to(int new_width, int new_height) const;
 };
 

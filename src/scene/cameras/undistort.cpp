@@ -15,8 +15,8 @@ Undistorter::Undistorter(const Lens& lens, int width, int height, const std::str
     : width_(width), height_(height), source_(std::size_t{2} * width * height) {
   constexpr int kMaxSide = std::numeric_limits<short>::max() - 1;  // cv::remap's coordinates are 16-bit
   if (width > kMaxSide || height > kMaxSide) {
-    input_error(place, ": images of ", width, " x ", height, " px are too large to undistort, expected at most ",
-                kMaxSide, " px a side; run \"colmap image_undistorter\" first");
+    input_error(place, ": images of ", width, " x ", height, " px are too large to undistort (expected at most ",
+                kMaxSide, " px per side); run \"colmap image_undistorter\" and train on its output");
   }
   const double far_x = std::max(lens.cx, width - lens.cx) / lens.fx,
                far_y = std::max(lens.cy, height - lens.cy) / lens.fy;
@@ -40,8 +40,8 @@ Undistorter::Undistorter(const Lens& lens, int width, int height, const std::str
   });
   if (n_valid == 0) {
     input_error(place,
-                ": no pixel is left after undistortion; its parameters do not describe a lens, reconstruct the "
-                "scene again");
+                ": undistortion leaves no valid pixel, so its parameters describe no lens; reconstruct the scene ",
+                "again");
   }
   const std::int64_t n_pixels = std::int64_t{width} * height;
   valid_share_ = static_cast<double>(n_valid) / static_cast<double>(n_pixels);
@@ -61,7 +61,7 @@ void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
   const cv::Mat from(height_, width_, CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
   const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
   cv::Mat to(height_, width_, CV_8UC3, rgb);
-  // Replicated: a source within half a pixel of the edge is still inside the photograph.
+  // Border pixels are replicated because a source within half a pixel of the edge is still inside the photograph.
   cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   if (valid_) {
     for (std::size_t i = 0; i < valid_->pixels.size(); ++i) {
@@ -73,7 +73,7 @@ void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
 Image8 shrink_mask(const Image8& mask, int width, int height) {
   B3DGS_CHECK(mask.channels == 1 && width <= mask.width && height <= mask.height && width > 0 && height > 0,
               "a mask of ", mask.width, " x ", mask.height, " x ", mask.channels, " for ", width, " x ", height);
-  // Target pixel i covers [i from / to, (i + 1) from / to): every source pixel that this touches counts.
+  // Target pixel i covers the source pixels that [i * from / to, (i + 1) * from / to) touches.
   const auto first = [](std::int64_t i, int from, int to) { return static_cast<int>(i * from / to); };
   const auto last = [](std::int64_t i, int from, int to) { return static_cast<int>(((i + 1) * from + to - 1) / to); };
   Image8 result(width, height, 1);

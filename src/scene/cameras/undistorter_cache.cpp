@@ -6,7 +6,7 @@ namespace b3dgs {
 namespace {
 
 std::int64_t map_bytes(ImageSize size) {
-  return std::int64_t{9} * size.width * size.height;  // two floats, and the mask
+  return std::int64_t{9} * size.width * size.height;  // two floats and the mask
 }
 
 }  // namespace
@@ -49,7 +49,7 @@ void UndistorterCache::keep(Group& group, std::shared_ptr<const Undistorter> map
 
 std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
   Group& group = *groups_.at(static_cast<std::size_t>(group_number));
-  const std::lock_guard<std::mutex> making(group.making);
+  const std::lock_guard<std::mutex> building(group.build_mutex);
   if (auto map = find(group)) return map;
   auto map = std::make_shared<const Undistorter>(group.lens, group.size.width, group.size.height, group.place);
   keep(group, map);

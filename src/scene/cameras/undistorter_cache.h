@@ -1,5 +1,6 @@
-// Undistorters of the cameras of a scene. A map takes eight bytes a pixel: those used last are kept, and the others
-// are made again, since scenes with a camera of its own for each image would need more memory for maps than for images.
+// A cache of the undistorters of a scene. Each holds a map of eight bytes per pixel, so a scene with one camera per
+// image would need more memory for maps than for images: the most recently used ones are kept, the others are built
+// again.
 #pragma once
 
 #include <cstdint>
@@ -8,25 +9,24 @@
 #include <string>
 #include <vector>
 
-#include "scene/cameras/distortion.h"
 #include "scene/cameras/undistort.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 
 namespace b3dgs {
 
 /// Threads may share it once all groups are added.
 class UndistorterCache {
  public:
-  /// What is kept stays below max_bytes; maps in use are not counted.
+  /// Keeps at most max_bytes; maps in use that are no longer cached are not counted.
   explicit UndistorterCache(std::int64_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// Images of one lens and size. Returns the group's number. `place` is for messages.
+  /// Adds a group, the images of one lens and size, and returns its number. Errors begin with `place`.
   int add_group(const Lens& lens, ImageSize size, const std::string& place);
 
-  /// The most bytes that are kept of these groups.
+  /// Most bytes that the cache can take for these groups.
   std::int64_t most_kept_bytes() const;
 
-  /// @throws InputError, beginning with the group's place, if no pixel would be valid
+  /// From the cache, or built now. @throws InputError as the constructor of Undistorter
   std::shared_ptr<const Undistorter> get(int group);
 
  private:
@@ -34,8 +34,8 @@ class UndistorterCache {
     Lens lens;
     ImageSize size;
     std::string place;
-    std::mutex making;                       // one thread makes the map, the others wait for it
-    std::shared_ptr<const Undistorter> map;  // null: not kept; this and the next under mutex_
+    std::mutex build_mutex;                  // one thread builds the map, the others wait for it
+    std::shared_ptr<const Undistorter> map;  // null: not cached; guarded by mutex_, as is last_use
     std::uint64_t last_use = 0;
   };
 

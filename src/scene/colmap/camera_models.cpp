@@ -1,8 +1,12 @@
-// COLMAP's camera models as a table.
+// COLMAP's camera models as a table. The reader, the writer and undistortion take from it what they need of a model.
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "core/check.h"
+#include "scene/cameras/models/fisheye.h"
+#include "scene/cameras/models/opencv.h"
+#include "scene/cameras/models/radial.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {
@@ -10,36 +14,68 @@ namespace {
 
 struct CameraModelRow {
   const char* name;
-  const char* params;  // null: the model is known by name only, its cameras cannot be read
+  const char* params;     // "f, cx, cy, ..." or "fx, fy, cx, cy, ..."; null: cameras of this model cannot be read
+  const LensModel* lens;  // null: photographs of this model cannot be used
 };
 
-// By id. The newer models have had different numbers of parameters over time, so they are only named.
+// In the order of COLMAP's ids (src/colmap/sensor/models.h there). The number of parameters of the newer models has
+// changed between versions of COLMAP, so these have a name only.
 constexpr std::array<CameraModelRow, 18> kCameraModels{{
-    {"SIMPLE_PINHOLE", "f, cx, cy"},
-    {"PINHOLE", "fx, fy, cx, cy"},
-    {"SIMPLE_RADIAL", "f, cx, cy, k"},
-    {"RADIAL", "f, cx, cy, k1, k2"},
-    {"OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2"},
-    {"OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4"},
-    {"FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6"},
-    {"FOV", "fx, fy, cx, cy, omega"},
-    {"SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k"},
-    {"RADIAL_FISHEYE", "f, cx, cy, k1, k2"},
-    {"THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1"},
-    {"RAD_TAN_THIN_PRISM_FISHEYE", nullptr},
-    {"SIMPLE_DIVISION", nullptr},
-    {"DIVISION", nullptr},
-    {"SIMPLE_FISHEYE", nullptr},
-    {"FISHEYE", nullptr},
-    {"EUCM", nullptr},
-    {"EQUIRECTANGULAR", nullptr},
+    {"SIMPLE_PINHOLE", "f, cx, cy", &kPinholeLens},
+    {"PINHOLE", "fx, fy, cx, cy", &kPinholeLens},
+    {"SIMPLE_RADIAL", "f, cx, cy, k", &kRadialLens<1>},
+    {"RADIAL", "f, cx, cy, k1, k2", &kRadialLens<2>},
+    {"OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2", &kOpenCvLens},
+    {"OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4", &kFisheyeLens<4>},
+    {"FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6", &kFullOpenCvLens},
+    {"FOV", "fx, fy, cx, cy, omega", nullptr},
+    {"SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k", &kFisheyeLens<1>},
+    {"RADIAL_FISHEYE", "f, cx, cy, k1, k2", &kFisheyeLens<2>},
+    {"THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1", nullptr},
+    {"RAD_TAN_THIN_PRISM_FISHEYE", nullptr, nullptr},
+    {"SIMPLE_DIVISION", nullptr, nullptr},
+    {"DIVISION", nullptr, nullptr},
+    {"SIMPLE_FISHEYE", nullptr, nullptr},
+    {"FISHEYE", nullptr, nullptr},
+    {"EUCM", nullptr, nullptr},
+    {"EQUIRECTANGULAR", nullptr, nullptr},
 }};
 static_assert(static_cast<int>(CameraModel::kThinPrismFisheye) == 10, "the table is in the order of the ids");
+
+// Focal length or principal point divided by the longer side of the image: larger than for any lens, and finite in
+// single precision.
+constexpr double kMaxRatio = 1e6;
 
 const CameraModelRow& row_of(CameraModel model) {
   const int id = static_cast<int>(model);
   B3DGS_CHECK(id >= 0 && id < static_cast<int>(kCameraModels.size()) && kCameraModels[id].params, "camera model ", id);
   return kCameraModels[id];
+}
+
+[[noreturn]] void refuse_camera_model(const std::string& place, const std::string& model) {
+  std::string names;
+  for (const CameraModel supported : supported_camera_models()) {
+    names += (names.empty() ? "" : ", ") + std::string(camera_model_name(supported));
+  }
+  input_error(place, ": unsupported camera model ", model, ", expected one of ", names,
+              "; run \"colmap image_undistorter\" and train on its output");
+}
+
+void check_intrinsics(const Lens& lens, const ColmapCamera& camera, const std::string& place) {
+  constexpr const char* kRemedy = "; reconstruct the scene again";
+  if (!(lens.fx > 0 && lens.fy > 0)) {
+    input_error(place, ": expected focal lengths above 0, found ", lens.fx, " and ", lens.fy, kRemedy);
+  }
+  const double side = static_cast<double>(std::max(camera.width, camera.height));
+  const auto [shorter, longer] = std::minmax(lens.fx, lens.fy);
+  if (shorter < side / kMaxRatio || longer > side * kMaxRatio) {
+    input_error(place, ": impossible focal lengths ", lens.fx, " and ", lens.fy, " px for images of ", camera.width,
+                " x ", camera.height, " px", kRemedy);
+  }
+  if (std::max(std::abs(lens.cx), std::abs(lens.cy)) > side * kMaxRatio) {
+    input_error(place, ": impossible principal point at (", lens.cx, ", ", lens.cy, ") px for images of ", camera.width,
+                " x ", camera.height, " px", kRemedy);
+  }
 }
 
 }  // namespace
@@ -57,10 +93,12 @@ int camera_model_param_count(CameraModel model) {
   return 1 + static_cast<int>(std::count(params.begin(), params.end(), ','));
 }
 
-void refuse_camera_model(const std::string& place, const std::string& model) {
-  input_error(place, ": the camera model ", model,
-              " is not supported; expected a pinhole, radial, OPENCV or fisheye model of COLMAP: run \"colmap "
-              "image_undistorter\" first and train on its output");
+std::vector<CameraModel> supported_camera_models() {
+  std::vector<CameraModel> models;
+  for (std::size_t id = 0; id < kCameraModels.size(); ++id) {
+    if (kCameraModels[id].lens) models.push_back(static_cast<CameraModel>(id));
+  }
+  return models;
 }
 
 CameraModel camera_model_from_id(int id, const std::string& place) {
@@ -77,6 +115,24 @@ CameraModel camera_model_from_name(const std::string& name, const std::string& p
     if (name == kCameraModels[id].name) return camera_model_from_id(static_cast<int>(id), place);
   }
   input_error(place, ": unknown camera model \"", name, "\", expected a name such as PINHOLE or OPENCV");
+}
+
+Lens lens_of(const ColmapCamera& camera, const std::string& place) {
+  const CameraModelRow& row = row_of(camera.model);
+  const std::vector<double>& p = camera.params;
+  B3DGS_CHECK(p.size() == static_cast<std::size_t>(camera_model_param_count(camera.model)), place, ": ", p.size(),
+              " camera parameters");
+  if (!row.lens) refuse_camera_model(place, row.name);
+  const std::size_t n_focal_lengths = std::string(row.params).rfind("fx", 0) == 0 ? 2 : 1;
+  Lens lens;
+  lens.fx = p[0];
+  lens.fy = p[n_focal_lengths - 1];
+  lens.cx = p[n_focal_lengths];
+  lens.cy = p[n_focal_lengths + 1];
+  lens.model = row.lens;
+  lens.coefficients.assign(p.begin() + static_cast<std::ptrdiff_t>(n_focal_lengths) + 2, p.end());
+  check_intrinsics(lens, camera, place);
+  return lens;
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// COLMAP sparse models as they are on disk: the vocabulary that reader and writer share.
+// COLMAP sparse models (https://colmap.github.io/format.html): cameras, images and points as they are on disk.
 #pragma once
 
 #include <array>
@@ -9,9 +9,11 @@
 #include <string>
 #include <vector>
 
+#include "scene/cameras/lens.h"
+
 namespace b3dgs {
 
-/// COLMAP's camera models by id (src/colmap/sensor/models.h there): 0-10 are the classic ones.
+/// COLMAP's camera models by ID; values without a name here are rows of the table in camera_models.cpp.
 enum class CameraModel : int {
   kSimplePinhole = 0,
   kPinhole = 1,
@@ -48,7 +50,7 @@ struct ColmapPoint {
   double error = 0;  // px
 };
 
-/// 2D observations and tracks are skipped on reading and written empty: training does not need them.
+/// 2D observations and tracks are skipped when reading and written empty: training does not need them.
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;
@@ -60,27 +62,32 @@ const char* camera_model_name(CameraModel model);
 const char* camera_model_params(CameraModel model);
 int camera_model_param_count(CameraModel model);
 
-/// Model by COLMAP's number or name. @throws InputError with the remedy, beginning with `place`, if it is none of 0-10.
+/// Models whose photographs can be used.
+std::vector<CameraModel> supported_camera_models();
+
+/// Model by COLMAP's id or name. @throws InputError, beginning with `place`, if its parameters are not known
 CameraModel camera_model_from_id(int id, const std::string& place);
 CameraModel camera_model_from_name(const std::string& name, const std::string& place);
-/// @throws InputError that says the model is not supported, and the remedy.
-[[noreturn]] void refuse_camera_model(const std::string& place, const std::string& model);
+
+/// The camera's lens, in pixels of an image of the camera's size. @throws InputError, beginning with `place`, if its
+/// model is not supported, or for focal lengths and principal points that no camera has
+Lens lens_of(const ColmapCamera& camera, const std::string& place);
 
 enum class ColmapFormat { kBinary, kText };
 
-/// Format of the model in a folder, binary if it is there in both; nothing if the folder holds no model. One of the
-/// three files may be missing: reading then says which.
+/// Format of the model in a folder, binary if it is there in both formats; nothing if the folder holds no model. One of
+/// the three files may be missing: read_colmap_model() then names it.
 std::optional<ColmapFormat> colmap_format(const std::filesystem::path& folder);
 
 /// Number of registered images, without reading the rest of the model. @throws InputError
 std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 
-/// Reads cameras, images and points3D (.bin, or .txt where they are not all there as .bin) of one folder. Other files,
-/// such as the rigs and frames of newer versions, are not read.
-/// @throws InputError naming file, record or line, what was expected and what was found.
+/// Reads cameras, images and points3D from one folder, as .bin files, or as .txt files if fewer of the three are there
+/// as .bin. Other files, such as the rigs and frames of newer versions of COLMAP, are ignored.
+/// @throws InputError with file, record or line, what was expected and what was found
 ColmapModel read_colmap_model(const std::filesystem::path& folder);
 
-/// Writes a model folder that COLMAP reads. @throws IoError
+/// Writes a model folder that COLMAP can read. @throws IoError
 void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// COLMAP's binary files: little-endian records without padding, each file led by a 64-bit count.
+// COLMAP's binary files: a 64-bit count, then records without padding, little-endian.
 #include "core/check.h"
 #include "scene/colmap/colmap_format.h"
 

@@ -1,4 +1,4 @@
-// What the two formats of a COLMAP model have in common inside the reader: one function per file.
+// Inside the reader of COLMAP models: one function for each file and format.
 #pragma once
 
 #include <map>
@@ -9,7 +9,7 @@
 
 namespace b3dgs::colmap {
 
-// Each reads one file, checks its structure and leaves the values to the caller. @throws InputError
+// Each reads one file and checks its structure, but not its values. @throws InputError
 
 std::map<std::uint32_t, ColmapCamera> read_cameras_binary(FileReader& file);
 std::vector<ColmapImage> read_images_binary(FileReader& file);
@@ -24,10 +24,10 @@ struct ModelFiles {
   FileReader &cameras, &images, &points;
 };
 
-/// Reads the three files and checks that their values make a model: what this returns can be used. @throws InputError
+/// Reads the three files and checks that their values are those of a valid model. @throws InputError
 ColmapModel read_model(const ModelFiles& files, ColmapFormat format);
 
-/// Adds a camera. @throws InputError, beginning with `place`, if its id is taken.
+/// @throws InputError, beginning with `place`, if there is a camera with this id already
 void add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCamera camera, const std::string& place);
 
 }  // namespace b3dgs::colmap

@@ -1,4 +1,4 @@
-// A COLMAP model from its folder: which files, and whether their values make a model.
+// Reads a COLMAP model from its folder: finds the files and checks their values.
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -13,8 +13,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::array<const char*, 3> kFiles{"cameras", "images", "points3D"};
-constexpr std::uint64_t kMaxImageSide = 1u << 20;  // px; more is a damaged file
-constexpr double kMaxCoordinate = 1e12;  // world units; beyond any scene, and its square is finite in single precision
+constexpr std::uint64_t kMaxImageSide = 1u << 20;  // px; larger only in damaged files
+constexpr double kMaxCoordinate = 1e12;            // world units; its square is finite in single precision
 
 const char* extension_of(ColmapFormat format) {
   return format == ColmapFormat::kBinary ? ".bin" : ".txt";
@@ -34,8 +34,8 @@ int files_there(const fs::path& folder, ColmapFormat format) {
 void check_camera(const std::string& file, const ColmapCamera& camera) {
   const std::string place = detail::concat(file, ": camera ", camera.id);
   if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
-    input_error(place, " has the size ", camera.width, " x ", camera.height, ", expected 1 to ", kMaxImageSide,
-                " px a side; the file is damaged");
+    input_error(place, ": expected a width and height of 1 to ", kMaxImageSide, " px, found ", camera.width, " x ",
+                camera.height, "; the file is damaged");
   }
   for (const double value : camera.params) {
     if (!std::isfinite(value)) {
@@ -45,8 +45,8 @@ void check_camera(const std::string& file, const ColmapCamera& camera) {
   }
 }
 
-// Outputs are named after images too, so a name must not lead out of a folder.
-bool leads_outside(const std::string& name) {
+// Outputs are named after images too, so a name must not point outside a folder.
+bool points_outside(const std::string& name) {
   std::string path = name;
   std::replace(path.begin(), path.end(), '\\', '/');
   const fs::path relative(path);
@@ -64,18 +64,18 @@ void check_image(const std::string& file, const ColmapImage& image, const Colmap
   double squared_length = 0;
   for (const double value : image.quat) squared_length += value * value;
   if (!(squared_length > 1e-12 && squared_length < 1e12)) {
-    input_error(place, ": its rotation is a quaternion of length ", std::sqrt(squared_length),
-                ", expected 1; remove the image from the model or reconstruct the scene again");
+    input_error(place, ": expected a rotation quaternion of length 1, found length ", std::sqrt(squared_length),
+                "; remove the image from the model or reconstruct the scene again");
   }
   for (const double value : image.translation) {
     if (std::abs(value) > kMaxCoordinate) {
-      input_error(place, ": its translation has the component ", value, ", expected at most ", kMaxCoordinate,
+      input_error(place, ": expected a translation of at most ", kMaxCoordinate, ", found the component ", value,
                   "; scale the model down or reconstruct the scene again");
     }
   }
   if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
-  if (image.name.find('\0') != std::string::npos || leads_outside(image.name)) {
-    input_error(place, ": expected a name below the image folder, without \"..\"; rename the image in the model");
+  if (image.name.find('\0') != std::string::npos || points_outside(image.name)) {
+    input_error(place, ": expected a path inside the image folder, without \"..\"; rename the image in the model");
   }
   if (model.cameras.count(image.camera_id) == 0) {
     std::string known;
@@ -87,8 +87,8 @@ void check_image(const std::string& file, const ColmapImage& image, const Colmap
       }
       known += (known.empty() ? "" : ", ") + std::to_string(id);
     }
-    input_error(place, ": its camera ", image.camera_id, " is not in the cameras file, which has ",
-                known.empty() ? "none" : known, "; the files are of different models");
+    input_error(place, ": camera ", image.camera_id, " is not in the cameras file, which has ",
+                known.empty() ? "none" : known, "; the files belong to different models");
   }
 }
 
@@ -97,8 +97,9 @@ void check_images(const std::string& file, const ColmapModel& model) {
   std::set<std::string> names;
   for (const ColmapImage& image : model.images) {
     check_image(file, image, model);
-    if (!ids.insert(image.id).second) input_error(file, ": two images have the id ", image.id);
-    if (!names.insert(image.name).second) input_error(file, ": two images have the name ", image.name);
+    if (!ids.insert(image.id).second) input_error(file, ": two images have the ID ", image.id, "; the file is damaged");
+    if (!names.insert(image.name).second)
+      input_error(file, ": two images have the name ", image.name, "; the file is damaged");
   }
 }
 
@@ -116,14 +117,15 @@ void check_points(const std::string& file, const std::vector<ColmapPoint>& point
   }
   std::sort(ids.begin(), ids.end());
   const auto twice = std::adjacent_find(ids.begin(), ids.end());
-  if (twice != ids.end()) input_error(file, ": two points have the id ", *twice, "; the file is damaged");
+  if (twice != ids.end()) input_error(file, ": two points have the ID ", *twice, "; the file is damaged");
 }
 
 }  // namespace
 
 void colmap::add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCamera camera, const std::string& place) {
   const std::uint32_t id = camera.id;
-  if (!cameras.emplace(id, std::move(camera)).second) input_error(place, ": two cameras have the id ", id);
+  if (!cameras.emplace(id, std::move(camera)).second)
+    input_error(place, ": two cameras have the ID ", id, "; the file is damaged");
 }
 
 ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format) {
@@ -140,7 +142,7 @@ ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format) {
 
 std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
   const int binary = files_there(folder, ColmapFormat::kBinary), text = files_there(folder, ColmapFormat::kText);
-  if (std::max(binary, text) < 2) return std::nullopt;  // a single file of such a name may be anything
+  if (std::max(binary, text) < 2) return std::nullopt;  // a single file with such a name may be anything
   return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
 }
 
@@ -153,12 +155,13 @@ std::uint64_t count_colmap_images(const fs::path& folder) {
 ColmapModel read_colmap_model(const fs::path& folder) {
   const std::optional<ColmapFormat> format = colmap_format(folder);
   if (!format) {
-    input_error(folder.string(), ": expected a COLMAP model (cameras, images and points3D, .bin or .txt), found none");
+    input_error(folder.string(),
+                ": no COLMAP model found (expected cameras, images and points3D, as .bin or .txt files)");
   }
   for (const char* stem : kFiles) {
     const fs::path file = file_of(folder, stem, *format);
     if (!fs::exists(file)) {
-      input_error(file.string(), ": is missing; a COLMAP model has cameras, images and points3D, all ",
+      input_error(file.string(), ": file not found; a COLMAP model has the files cameras, images and points3D, all ",
                   extension_of(*format));
     }
   }

@@ -1,5 +1,5 @@
-// COLMAP's text files: a line per camera and point, two lines per image, comments after '#'. The counts in the comments
-// are not read: other programs write them wrongly.
+// COLMAP's text files: one line for each camera and point, two for each image, comments after '#'. The counts in the
+// comments are ignored: some programs write wrong ones.
 #include "core/check.h"
 #include "core/text_fields.h"
 #include "scene/colmap/colmap_format.h"
@@ -16,7 +16,7 @@ bool next_record(FileReader& file, std::string_view& line) {
   return false;
 }
 
-// Fields of the current line, whose errors name file and line.
+// Fields of the current line; errors name file and line.
 class Record {
  public:
   Record(const FileReader& file, std::string_view line) : file_(file), fields_(line) {}
@@ -32,7 +32,8 @@ class Record {
   TextFields fields_;
 };
 
-// An image's second line is numbers only. A file without second lines would lose every other image unnoticed.
+// An image's second line holds only numbers. Without this check, a file that lacks the second lines would silently lose
+// every other image.
 void check_points2d_line(const FileReader& file, std::string_view line, const ColmapImage& image) {
   const std::size_t last = line.find_last_not_of(" \t,\r");
   if (last == std::string_view::npos) return;
@@ -40,8 +41,8 @@ void check_points2d_line(const FileReader& file, std::string_view line, const Co
   const std::size_t begin = separator == std::string_view::npos ? 0 : separator + 1;
   const std::string_view word = line.substr(begin, last + 1 - begin);
   if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos || word == "nan" || word == "inf") return;
-  input_error(file.place(), ": expected the 2D points of image ", image.id,
-              " (numbers; the line may be empty but has to be there), found \"", word.substr(0, 40), "\"");
+  input_error(file.place(), ": expected the 2D points of image ", image.id, " (numbers, or an empty line), found \"",
+              word.substr(0, 40), "\"");
 }
 
 }  // namespace
@@ -51,7 +52,7 @@ std::map<std::uint32_t, ColmapCamera> read_cameras_text(FileReader& file) {
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
     ColmapCamera camera;
-    camera.id = record.number<std::uint32_t>("the camera's id");
+    camera.id = record.number<std::uint32_t>("the camera's ID");
     camera.model = camera_model_from_name(std::string(record.fields().word()), file.place());
     camera.width = record.number<std::uint64_t>("the camera's width");
     camera.height = record.number<std::uint64_t>("the camera's height");
@@ -61,7 +62,7 @@ std::map<std::uint32_t, ColmapCamera> read_cameras_text(FileReader& file) {
                        camera_model_name(camera.model));
     for (double& value : camera.params) value = record.number<double>(expected.c_str());
     if (!record.fields().empty()) {
-      input_error(file.place(), ": expected ", expected, " and no more, found \"", record.fields().rest(), "\" too");
+      input_error(file.place(), ": expected only ", expected, ", found \"", record.fields().rest(), "\" after them");
     }
     add_camera(cameras, std::move(camera), file.place());
   }
@@ -73,10 +74,10 @@ std::vector<ColmapImage> read_images_text(FileReader& file) {
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
     ColmapImage image;
-    image.id = record.number<std::uint32_t>("the image's id");
+    image.id = record.number<std::uint32_t>("the image's ID");
     for (double& value : image.quat) value = record.number<double>("the quaternion qw, qx, qy, qz");
     for (double& value : image.translation) value = record.number<double>("the translation tx, ty, tz");
-    image.camera_id = record.number<std::uint32_t>("the id of the image's camera");
+    image.camera_id = record.number<std::uint32_t>("the ID of the image's camera");
     image.name = record.fields().rest();
     if (image.name.empty()) input_error(file.place(), ": expected the image's name, found the end of the line");
     if (file.read_line(line)) check_points2d_line(file, line, image);
@@ -90,7 +91,7 @@ std::vector<ColmapPoint> read_points_text(FileReader& file) {
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
     ColmapPoint point;
-    point.id = record.number<std::uint64_t>("the point's id");
+    point.id = record.number<std::uint64_t>("the point's ID");
     for (double& value : point.position) value = record.number<double>("the position x, y, z");
     for (std::uint8_t& value : point.color) value = record.number<std::uint8_t>("the colour r, g, b from 0 to 255");
     point.error = record.number<double>("the reprojection error");

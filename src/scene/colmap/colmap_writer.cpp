@@ -1,4 +1,4 @@
-// COLMAP models to disk, without 2D points and tracks.
+// Writes COLMAP models, without 2D points and tracks.
 #include <cstdio>
 
 #include "core/check.h"
@@ -53,7 +53,7 @@ std::string points_binary(const ColmapModel& model) {
   return bytes;
 }
 
-// 17 digits give every double back.
+// 17 digits are enough to read back the same double.
 void append_real(std::string& text, double value) {
   char digits[32];
   std::snprintf(digits, sizeof(digits), " %.17g", value);

@@ -25,7 +25,7 @@ bool by_number_then_name(const fs::path& a, const fs::path& b) {
   return left < right;
 }
 
-std::vector<fs::path> folders_to_look_in(const fs::path& source) {
+std::vector<fs::path> folders_to_search(const fs::path& source) {
   std::vector<fs::path> folders;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(source / "sparse", error)) {
@@ -41,18 +41,19 @@ std::vector<fs::path> folders_to_look_in(const fs::path& source) {
 
 SparseModelFolder find_model_folder(const fs::path& source) {
   if (!fs::is_directory(source)) {
-    input_error(source.string(), ": is no folder; expected a scene folder with images/ and sparse/0/ (-s)");
+    const char* fault = fs::exists(source) ? "scene is not a folder: " : "scene folder not found: ";
+    input_error(fault, source.string(), " (expected images/ and sparse/0/)");
   }
   std::vector<Candidate> candidates;
-  for (const fs::path& folder : folders_to_look_in(source)) {
+  for (const fs::path& folder : folders_to_search(source)) {
     if (colmap_format(folder)) candidates.push_back({folder, 0});
   }
   if (candidates.empty()) {
     const bool is_blender = fs::exists(source / "transforms_train.json") || fs::exists(source / "transforms.json");
-    input_error(source.string(), ": expected a COLMAP model (cameras, images and points3D, .bin or .txt) in sparse/0, ",
-                "sparse/N or sparse/, found none; ",
-                is_blender ? "transforms.json files are not read: convert the scene to COLMAP"
-                           : "reconstruct the scene with COLMAP, or name its folder with -s");
+    input_error(source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ ",
+                "(expected cameras, images and points3D, as .bin or .txt files); ",
+                is_blender ? "transforms.json is not supported: convert the scene to COLMAP"
+                           : "reconstruct the scene with COLMAP, or choose another folder with -s");
   }
   SparseModelFolder found;
   if (candidates.size() == 1) {
@@ -63,7 +64,7 @@ SparseModelFolder find_model_folder(const fs::path& source) {
   for (Candidate& candidate : candidates) {
     try {
       candidate.n_images = count_colmap_images(candidate.folder);
-    } catch (const InputError& error) {  // another model may be whole; if not, reading this one says it again
+    } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
       found.notes.push_back(error.what());
     }
   }
@@ -75,12 +76,12 @@ SparseModelFolder find_model_folder(const fs::path& source) {
   std::string others;
   for (const Candidate& candidate : candidates) {
     if (candidate.folder == best->folder) continue;
-    others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " with ",
-                             candidate.n_images);
+    others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " (",
+                             candidate.n_images, ")");
   }
-  found.notes.push_back(detail::concat(candidates.size(), " models: took ",
-                                       best->folder.lexically_relative(source).string(), " with ", best->n_images,
-                                       " images, the most; left out: ", others));
+  found.notes.push_back(detail::concat(candidates.size(), " models: using ",
+                                       best->folder.lexically_relative(source).string(),
+                                       ", which has the most images (", best->n_images, "); ignoring ", others));
   return found;
 }
 

@@ -1,4 +1,4 @@
-// Where in a scene folder the COLMAP model is.
+// Finds the COLMAP model in a scene folder.
 #pragma once
 
 #include <filesystem>
@@ -12,11 +12,11 @@ namespace b3dgs {
 struct SparseModelFolder {
   std::filesystem::path folder;
   ColmapFormat format = ColmapFormat::kBinary;
-  std::vector<std::string> notes;  // choices made for the user
+  std::vector<std::string> notes;  // which model was chosen, and errors of others
 };
 
-/// Looks in sparse/N, in sparse/ and in the scene folder itself; of several models takes the one with most images.
-/// @throws InputError if there is none.
+/// Searches sparse/N, sparse/ and the scene folder itself; of several models, chooses the one with the most images.
+/// @throws InputError if there is none
 SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs

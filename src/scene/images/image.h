@@ -1,4 +1,4 @@
-// 8-bit images as the program keeps them in memory.
+// 8-bit images in memory.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,14 @@
 
 namespace b3dgs {
 
-/// Row-major, interleaved, 8 bits a channel; three channels are RGB.
+struct ImageSize {
+  int width = 0, height = 0;  // px
+
+  bool operator==(const ImageSize& other) const { return width == other.width && height == other.height; }
+  bool operator!=(const ImageSize& other) const { return !(*this == other); }
+};
+
+/// Row-major, interleaved, 8 bits per channel; three channels are RGB.
 struct Image8 {
   int width = 0, height = 0, channels = 3;
   std::vector<std::uint8_t> pixels;  // [height, width, channels]

@@ -34,7 +34,7 @@ bool is_file(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
-// 4 for "images_4" and the base "images"; 0 if the name has not that form.
+// 4, and "images" in `base`, for "images_4"; 0 for names of another form.
 int divisor_of(const std::string& images, std::string& base) {
   const std::size_t underscore = images.rfind('_');
   if (underscore == std::string::npos || underscore == 0) return 0;
@@ -55,7 +55,7 @@ std::string list_subfolders(const fs::path& source) {
   std::sort(names.begin(), names.end());
   std::string list;
   for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list.empty() ? "none" : list;
+  return list.empty() ? "no folders" : list;
 }
 
 }  // namespace
@@ -71,14 +71,14 @@ ImageFolder::ImageFolder(const fs::path& source, const std::string& images)
   if (divisor > 0 && fs::is_directory(source / base)) {
     folder_ = source / base;
     divisor_ = divisor;
-    note_ = detail::concat(images, "/ does not exist: reduced ", base, "/ by ", divisor, " while loading");
+    note_ = detail::concat(images, "/ not found: using ", base, "/ with images reduced by ", divisor);
     list_files();
-  } else if (images == "images") {  // the names may be complete from the scene folder on
+  } else if (images == "images") {  // the names may be relative to the scene folder
     folder_ = source;
-    note_ = "images/ does not exist: looked for the images in the scene folder itself";
+    note_ = "images/ not found: searching the scene folder itself";
   } else {
-    input_error(folder_.string(), ": the image folder does not exist; folders there: ", list_subfolders(source),
-                "; name one with -i");
+    input_error(folder_.string(), ": image folder not found; the scene folder contains ", list_subfolders(source),
+                "; choose one with -i");
   }
 }
 
@@ -100,7 +100,7 @@ void ImageFolder::list_files() {
   }
 }
 
-std::vector<std::string> ImageFolder::names_below_folder(const std::string& name) const {
+std::vector<std::string> ImageFolder::names_in_folder(const std::string& name) const {
   std::string path = name;
   std::replace(path.begin(), path.end(), '\\', '/');
   std::vector<std::string> names{path};
@@ -110,8 +110,33 @@ std::vector<std::string> ImageFolder::names_below_folder(const std::string& name
   return names;
 }
 
+std::map<std::string, fs::path> ImageFolder::find_all(const std::vector<std::string>& names) const {
+  std::map<std::string, fs::path> files;
+  std::map<fs::path, std::string> owners;
+  for (const std::string& name : names) {
+    const fs::path file = find(name);
+    if (file.empty()) continue;
+    files[name] = file;
+    owners[file] = name;
+  }
+  for (const std::string& name : names) {
+    if (files.count(name)) continue;
+    const fs::path file = find_similar(name);
+    if (file.empty()) continue;
+    const auto other = owners.find(file);
+    if (other == owners.end()) {
+      files[name] = file;
+      owners[file] = name;
+    } else if (find(other->second).empty()) {  // both are only similar: one of them would get a wrong photograph
+      input_error(file.string(), ": the registered images ", other->second, " and ", name,
+                  " both match only this file; keep their sub-folders in the image folder");
+    }
+  }
+  return files;
+}
+
 fs::path ImageFolder::find(const std::string& name) const {
-  const std::vector<std::string> names = names_below_folder(name);
+  const std::vector<std::string> names = names_in_folder(name);
   for (const std::string& candidate : names) {
     if (is_file(folder_ / candidate)) return folder_ / candidate;
   }
@@ -119,7 +144,7 @@ fs::path ImageFolder::find(const std::string& name) const {
 }
 
 fs::path ImageFolder::find_similar(const std::string& name) const {
-  const std::vector<std::string> names = names_below_folder(name);
+  const std::vector<std::string> names = names_in_folder(name);
   for (const std::string& candidate : names) {
     const auto entry = by_path_.find(key_of(candidate));
     if (entry != by_path_.end() && !entry->second.empty()) return entry->second;
@@ -127,7 +152,7 @@ fs::path ImageFolder::find_similar(const std::string& name) const {
   const fs::path shortest = names.back();
   const auto entry = by_name_.find(key_of(shortest.filename()));
   if (entry == by_name_.end() || entry->second.empty()) return {};
-  // left/0001.jpg does not mean right/0001.jpg.
+  // left/0001.jpg is not right/0001.jpg.
   const bool is_flat = !shortest.has_parent_path() || entry->second.parent_path() == folder_;
   return is_flat ? entry->second : fs::path();
 }

@@ -1,7 +1,8 @@
-// From the names in a COLMAP model to files on disk.
+// Finds the files of the images that a COLMAP model names.
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <set>
 #include <string>
 #include <unordered_map>
@@ -11,38 +12,42 @@ namespace b3dgs {
 
 class ImageFolder {
  public:
-  /// `images` is the folder below `source`. Where "images_4" is missing but "images" is there, that one stands in with
-  /// divisor() 4. @throws InputError if no folder can stand in for a missing one.
+  /// `images` is the folder inside `source`. If "images_4" does not exist but "images" does, that is used instead, with
+  /// divisor() 4; if "images" does not exist, `source` itself. @throws InputError if another folder does not exist
   ImageFolder(const std::filesystem::path& source, const std::string& images);
 
   const std::filesystem::path& folder() const { return folder_; }
   int divisor() const { return divisor_; }
-  /// What was replaced, for the user; "" if nothing.
+  /// Which folder is used instead, for the user; "" if none is.
   const std::string& note() const { return note_; }
 
-  /// The file that a registered name means, empty if there is none: the name below the folder, without a leading
-  /// "images/", or below the scene folder.
+  /// The files of registered images, by name. An image without a file of its name gets one with a similar name that no
+  /// other image has; images without either are left out. @throws InputError if two images match only the same file
+  std::map<std::string, std::filesystem::path> find_all(const std::vector<std::string>& names) const;
+
+  /// The file with this name, empty if there is none: relative to the folder, with or without a leading "images/", or
+  /// to the scene folder.
   std::filesystem::path find(const std::string& name) const;
 
-  /// A file that is probably meant, empty if none or several are: the same name with another extension or case, or the
-  /// last part of the name where either the name or the file has no sub-folder.
-  std::filesystem::path find_similar(const std::string& name) const;
-
-  /// Image files in the folder that are not among `used`.
+  /// Number of image files in the folder that are not in `used`.
   std::size_t count_others(const std::set<std::filesystem::path>& used) const;
 
  private:
-  using Index = std::unordered_map<std::string, std::filesystem::path>;  // an empty path: several files have the key
+  using Index = std::unordered_map<std::string, std::filesystem::path>;  // empty path: several files have the key
+
+  /// A file with the same name but another extension or case, or the same last part where either the name or the file
+  /// has no sub-folder; empty if there is none, or more than one.
+  std::filesystem::path find_similar(const std::string& name) const;
 
   void list_files();
-  std::vector<std::string> names_below_folder(const std::string& name) const;
+  std::vector<std::string> names_in_folder(const std::string& name) const;
 
   std::filesystem::path source_, folder_;
   std::string images_;
   int divisor_ = 1;
   std::string note_;
   std::vector<std::filesystem::path> files_;
-  Index by_path_, by_name_;  // lower case, without extension
+  Index by_path_, by_name_;  // keys in lower case, without extension
 };
 
 }  // namespace b3dgs

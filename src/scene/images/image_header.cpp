@@ -25,29 +25,30 @@ bool is_jpeg(const Bytes& bytes) {
   return bytes.size() >= 3 && bytes[0] == 0xff && bytes[1] == 0xd8 && bytes[2] == 0xff;
 }
 
-// JPEG markers that matter here (the second byte, after 0xff).
+// Second bytes of JPEG markers, after 0xff (ITU-T T.81, table B.1).
 constexpr std::uint8_t kEndOfImage = 0xd9, kStartOfScan = 0xda;
 bool is_restart(std::uint8_t marker) {
   return marker >= 0xd0 && marker <= 0xd7;
 }
 bool is_start_of_frame(std::uint8_t marker) {
-  return marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;  // tables and reserved
+  return marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;  // DHT, JPG, DAC
 }
 
-// Calls visit(marker, position of its segment's length, length) for each marker until it returns false or the end of
-// image is visited. Returns false if the bytes end before either.
+// Calls visit(marker, position of its segment's length, length) for each marker until it returns false or the
+// end-of-image marker is visited. Returns false if the bytes end before that.
 template <class Visit>
 bool walk_jpeg(const Bytes& bytes, Visit&& visit) {
   std::size_t at = 2;
   for (;;) {
-    // Between segments stands 0xff, repeated as often as the writer liked; inside a scan anything but a marker is data.
+    // A marker may be preceded by any number of 0xff; inside a scan, everything that is not a marker is data.
     const void* found = at < bytes.size() ? std::memchr(bytes.data() + at, 0xff, bytes.size() - at) : nullptr;
     if (!found) return false;
     at = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - bytes.data());
     while (at < bytes.size() && bytes[at] == 0xff) ++at;
     if (at >= bytes.size()) return false;
     const std::uint8_t marker = bytes[at++];
-    if (marker == 0 || is_restart(marker)) continue;  // a data byte 0xff, a restart: no segment
+    if (marker == 0 || is_restart(marker))
+      continue;  // an escaped data byte 0xff or a restart marker: no segment follows
     if (marker == kEndOfImage) {
       visit(marker, at, std::size_t{0});
       return true;
@@ -65,7 +66,7 @@ bool walk_jpeg(const Bytes& bytes, Visit&& visit) {
 template <class Visit>
 bool walk_png(const Bytes& bytes, Visit&& visit) {
   std::size_t at = kPngSignature.size();
-  while (at + 12 <= bytes.size()) {  // length, type, checksum
+  while (at + 12 <= bytes.size()) {  // length, type and checksum of a chunk
     const std::size_t length = big_endian(bytes, at, 4);
     if (length > bytes.size() - at - 12) return false;
     if (!visit(std::string(bytes.begin() + at + 4, bytes.begin() + at + 8), at + 8, length)) return true;
@@ -79,7 +80,7 @@ bool walk_png(const Bytes& bytes, Visit&& visit) {
 std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
   ImageSize size;
   if (is_png(bytes)) {
-    if (bytes.size() < 24) return std::nullopt;  // IHDR comes first: width at 16, height at 20
+    if (bytes.size() < 24) return std::nullopt;  // IHDR is the first chunk: width at byte 16, height at 20
     size = {static_cast<int>(big_endian(bytes, 16, 4)), static_cast<int>(big_endian(bytes, 20, 4))};
   } else if (is_jpeg(bytes)) {
     walk_jpeg(bytes, [&](std::uint8_t marker, std::size_t at, std::size_t length) {

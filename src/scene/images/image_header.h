@@ -1,5 +1,5 @@
-// What the first and last bytes of JPEG and PNG files say: size, and whether the file is whole. Decoders give neither
-// cheaply: they decode everything for the size, and fill the missing part of a truncated JPEG with grey.
+// Size and completeness of JPEG and PNG files, without decoding them. OpenCV decodes the whole image to tell its size,
+// and fills the missing part of a truncated JPEG with grey.
 #pragma once
 
 #include <cstdint>
@@ -7,15 +7,15 @@
 #include <string>
 #include <vector>
 
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 
 namespace b3dgs {
 
-/// Size from the beginning of a JPEG or PNG file; nothing if it is another format or the size lies further on.
+/// Size from the first bytes of a JPEG or PNG file; nothing for other formats, or if the size comes later in the file.
 std::optional<ImageSize> image_size_from_header(const std::vector<std::uint8_t>& beginning);
 
-/// Why a whole file cannot be a complete JPEG or PNG ("ends in the middle of ..."), or "" if it may be one or is
-/// another format.
+/// Why the bytes of a file are not a complete JPEG or PNG ("the PNG ends before ..."); "" if they seem complete or are
+/// of another format.
 std::string image_damage(const std::vector<std::uint8_t>& file);
 
 }  // namespace b3dgs

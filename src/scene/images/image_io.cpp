@@ -18,8 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::size_t kHeaderBytes = std::size_t{1}
-                                     << 16;  // most sizes stand in here; a long EXIF part pushes some out
+// The size is usually within these bytes; a long EXIF segment can push it further back.
+constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;
 
 Bytes read_bytes(FileReader& file, std::size_t at_most) {
   Bytes bytes(std::min<std::uint64_t>(file.remaining(), at_most));
@@ -27,22 +27,22 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
   return bytes;
 }
 
-// The file's own channels and depth: decoders reduce neither as documented here. The result lies in the memory of
-// `target` if it has that size and type.
+// Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
+// read_image(). The result is in the memory of `target` if it has the same size and type.
 cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target = {}) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
   cv::Mat image = target;
   std::string reason;
   try {
-    // Unchanged also means: not turned as EXIF says.
+    // IMREAD_UNCHANGED also ignores the EXIF orientation.
     cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : " (" + error.err + ")";
   }
   if (image.empty()) {
     input_error(path.string(), ": cannot be decoded", reason,
-                "; it is damaged or not of a known image format: convert it to PNG or JPEG, or remove it");
+                "; the file is damaged or of an unknown image format: convert it to PNG or JPEG, or remove it");
   }
   return image;
 }
@@ -50,14 +50,14 @@ cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target =
 cv::Mat reduce_to_8_bits(const fs::path& path, const cv::Mat& image) {
   if (image.depth() == CV_8U) return image;
   if (image.depth() != CV_16U) {
-    input_error(path.string(), ": expected 8 or 16 bits a channel, found another number format; convert it to PNG");
+    input_error(path.string(), ": expected 8 or 16 bits per channel, found another number format; convert it to PNG");
   }
   cv::Mat reduced;
   image.convertTo(reduced, CV_8U, 1.0 / 257.0);  // 65535 -> 255, rounded to nearest
   return reduced;
 }
 
-// Straight (not premultiplied) alpha, as PNG has it.
+// Alpha is not premultiplied, as in PNG.
 void composite(const cv::Mat& bgra, bool white_background, std::uint8_t* to) {
   const int background = white_background ? 255 : 0;
   for (int row = 0; row < bgra.rows; ++row) {
@@ -81,7 +81,7 @@ void convert(const fs::path& path, const cv::Mat& decoded, bool white_background
   if (image.channels() != 1 && image.channels() != 3) {
     input_error(path.string(), ": expected 1, 3 or 4 channels, found ", image.channels(), "; convert it to PNG");
   }
-  // May be the memory of `decoded`: a pixel is read before it is written.
+  // `rgb` may be the memory of `decoded`: each pixel is read before it is written.
   cv::Mat to(image.rows, image.cols, CV_8UC3, rgb);
   cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
@@ -98,11 +98,12 @@ Image8 read_image(const fs::path& path, bool white_background) {
 
 void read_image_into(const fs::path& path, bool white_background, ImageSize size, std::uint8_t* rgb) {
   FileReader file(path);
-  const cv::Mat target(size.height, size.width, CV_8UC3, rgb);  // what most files decode to
+  const cv::Mat target(size.height, size.width, CV_8UC3, rgb);  // the size and type of most files
   const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()), target);
-  if (decoded.cols != size.width || decoded.rows != size.height) {
-    input_error(path.string(), ": its header said ", size.width, " x ", size.height, " px when the scene was loaded, ",
-                "decoded it has ", decoded.cols, " x ", decoded.rows, "; the file is damaged or was replaced");
+  if (ImageSize{decoded.cols, decoded.rows} != size) {
+    input_error(path.string(), ": expected ", size.width, " x ", size.height,
+                " px (its size when the scene was loaded), ", "found ", decoded.cols, " x ", decoded.rows,
+                "; the file is damaged or was replaced");
   }
   convert(path, decoded, white_background, rgb);
 }
@@ -127,7 +128,7 @@ Image8 resize_image(const Image8& image, int width, int height) {
 void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels) {
   const auto [width, height] = size;
   B3DGS_CHECK(width > 0 && height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
-  if (width == image.width && height == image.height) {
+  if (size == ImageSize{image.width, image.height}) {
     std::copy(image.pixels.begin(), image.pixels.end(), pixels);
     return;
   }
@@ -144,7 +145,7 @@ void write_image(const fs::path& path, const Image8& image) {
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return std::tolower(c); });
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
-    input_error(path.string(), ": expected a name that ends in .png, .jpg or .jpeg");
+    input_error(path.string(), ": expected a file name that ends in .png, .jpg or .jpeg");
   }
   const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
   cv::Mat bgr;

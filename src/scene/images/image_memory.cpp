@@ -34,13 +34,13 @@ void ImageMemory::release_held(std::int64_t bytes) {
   held_ -= bytes;
 }
 
-void ImageMemory::take_buffers(std::int64_t bytes) {
+void ImageMemory::add_buffers(std::int64_t bytes) {
   const std::lock_guard<std::mutex> lock(mutex_);
   buffers_ += bytes;
   note_peak();
 }
 
-void ImageMemory::give_buffers_back(std::int64_t bytes) {
+void ImageMemory::release_buffers(std::int64_t bytes) {
   const std::lock_guard<std::mutex> lock(mutex_);
   buffers_ -= bytes;
 }

@@ -1,5 +1,5 @@
-// What the decoded photographs of a scene may take of host memory: a limit, divided between photographs that stay and
-// the buffers of those that read ahead; and a count of what is in use.
+// Host memory for the decoded photographs of a scene: a limit, divided between photographs that are cached and the
+// buffers of readers that prefetch, and the number of bytes in use.
 #pragma once
 
 #include <algorithm>
@@ -9,24 +9,24 @@
 
 namespace b3dgs {
 
-/// Bytes for --host_memory_gb; for -1, 80 % of `available_bytes`.
+/// The limit for --host_memory_gb, in bytes; for -1, 80 % of `available_bytes`.
 std::int64_t image_memory_limit(double host_memory_gb, std::int64_t available_bytes);
 
-/// Threads may share it.
+/// Thread-safe.
 class ImageMemory {
  public:
-  static constexpr int kMaxBuffers = 64;  // of one reader: beyond a second of steps nothing is gained
+  static constexpr int kMaxBuffers = 64;  // per reader; more than a second of steps gains nothing
 
   struct Plan {
     std::int64_t limit = std::numeric_limits<std::int64_t>::max();
-    std::int64_t photographs = 0, largest = 0;  // bytes: of all, of the largest
-    std::int64_t fixed = 0;                     // bytes in use whatever the limit: masks, maps that undo distortion
-    int n_readers = 1;                          // that read ahead at the same time
+    std::int64_t photographs = 0, largest = 0;  // bytes: of all together, and of the largest
+    std::int64_t fixed = 0;                     // bytes used regardless of the limit: masks, undistortion maps
+    int n_readers = 1;                          // that prefetch at the same time
   };
 
-  /// Without a limit.
+  /// No limit.
   ImageMemory() = default;
-  /// If not all photographs fit, readers get up to a quarter of the memory; a buffer each, if that is more.
+  /// If not all photographs fit, readers get up to a quarter of the memory, but at least one buffer each.
   explicit ImageMemory(const Plan& plan);
 
   std::int64_t limit() const { return plan_.limit; }
@@ -34,16 +34,16 @@ class ImageMemory {
   /// Buffers for one reader, 1 to kMaxBuffers.
   int n_buffers() const { return n_buffers_; }
 
-  /// Counts a photograph that stays if there is room for it.
+  /// Reserves memory for a photograph to cache; false if there is not enough.
   bool try_hold(std::int64_t bytes);
-  /// Undoes that.
+  /// Undoes try_hold().
   void release_held(std::int64_t bytes);
-  /// Counts buffers; a reader takes no more than n_buffers() of the largest photograph.
-  void take_buffers(std::int64_t bytes);
-  void give_buffers_back(std::int64_t bytes);
+  /// Counts the buffers of a reader, which has at most n_buffers() of the size of the largest photograph.
+  void add_buffers(std::int64_t bytes);
+  void release_buffers(std::int64_t bytes);
 
   std::int64_t used() const;  // bytes, Plan::fixed included
-  std::int64_t peak() const;  // the most that was ever used
+  std::int64_t peak() const;  // largest used() so far
 
  private:
   void note_peak() { peak_ = std::max(peak_, held_ + buffers_); }
@@ -55,13 +55,13 @@ class ImageMemory {
   std::int64_t held_ = 0, buffers_ = 0, peak_ = 0;  // bytes; held_ includes Plan::fixed
 };
 
-/// Buffers that are counted for as long as this lives.
+/// Counts buffers while it exists.
 class ImageBufferCount {
  public:
   ImageBufferCount(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) {
-    memory_.take_buffers(bytes_);
+    memory_.add_buffers(bytes_);
   }
-  ~ImageBufferCount() { memory_.give_buffers_back(bytes_); }
+  ~ImageBufferCount() { memory_.release_buffers(bytes_); }
   ImageBufferCount(const ImageBufferCount&) = delete;
   ImageBufferCount& operator=(const ImageBufferCount&) = delete;
 

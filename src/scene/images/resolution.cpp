@@ -37,8 +37,8 @@ ImageSize training_size(ImageSize size, int resolution) {
 void check_resolution(int resolution) {
   const bool divides = resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
   if (resolution == -1 || divides || resolution >= kMinWidth) return;
-  const std::string expected = detail::concat("1, 2, 4 or 8 to divide the size, -1 for at most ", kMaxDefaultWidth,
-                                              " px of width, or a width of at least ", kMinWidth, " px");
+  const std::string expected = detail::concat("1, 2, 4 or 8 to divide the size, -1 for a width of at most ",
+                                              kMaxDefaultWidth, " px, or a width of at least ", kMinWidth, " px");
   if (resolution < 1) input_error("-r ", resolution, ": expected ", expected);
   input_error("-r ", resolution, ": images would be ", resolution, " px wide; expected ", expected);
 }

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "train/checkpoint/checkpoint_file.h"
+#include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
@@ -17,7 +18,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// {"bytes", "crc32"} of a photograph, or null where there is none to be read.
+/// {"bytes", "crc32"} of a photograph, or null if it cannot be read.
 Json photograph_fingerprint(const std::string& path) {
   constexpr std::size_t kRead = std::size_t{64} << 10;
   std::ifstream file(path, std::ios::binary);
@@ -30,14 +31,14 @@ Json photograph_fingerprint(const std::string& path) {
   return {{"bytes", bytes}, {"crc32", ::crc32_z(0, reinterpret_cast<const Bytef*>(start.data()), n)}};
 }
 
-/// The same up to rounding: the order of a sum may change from version to version.
+/// Equal up to rounding: the order of a sum may change from version to version.
 bool is_same_extent(const Json& before, const Json& after) {
   constexpr double kTolerance = 1e-6;
   const auto a = before.get<double>(), b = after.get<double>();
   return std::abs(a - b) <= kTolerance * std::max(std::abs(a), std::abs(b));
 }
 
-/// A text as it comes back from a file: bytes that are no UTF-8 are replaced on the way.
+/// `json` as it will be read back from a file: invalid UTF-8 is replaced when it is written.
 Json as_read_back(const Json& json) {
   return Json::parse(json.dump(-1, ' ', false, Json::error_handler_t::replace));
 }
@@ -50,7 +51,7 @@ Json describe_views(const Scene& scene) {
   return as_read_back(views);
 }
 
-/// Calls field(name, tensor) for each tensor of a state, in the order of the file.
+/// Calls field(name, tensor) for each tensor of a state, in file order.
 template <class State, class Field>
 void visit_tensors(State& state, Field&& field) {
   const auto visit_groups = [&](const std::string& prefix, auto& groups) {
@@ -59,10 +60,11 @@ void visit_tensors(State& state, Field&& field) {
   visit_groups("gaussians.", state.gaussians);
   visit_groups("adam_m.", state.adam.m);
   visit_groups("adam_v.", state.adam.v);
-  visit_groups("statistics.", state.statistics);
+  const std::vector<std::string> columns = state.statistics.names();
+  for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
 }
 
-/// All tensors have the rows and columns that the header and the config ask for.
+/// @throws InputError unless all tensors have the shapes and types that header and config imply
 void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
   const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
@@ -81,7 +83,7 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const 
   });
 }
 
-/// Counts and sums of squares are not negative. Tensors are on the CPU.
+/// @throws InputError if a count or a sum of squares is negative. Tensors are on the CPU.
 void check_values(const TrainState& state, const std::string& place) {
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     if (tensor.scalar_type() == torch::kInt32) {
@@ -101,24 +103,24 @@ Json scene_fingerprint(const Scene& scene) {
 }
 
 void check_scene(const Json& header, const Scene& scene, const std::string& place) {
-  const std::string remedy = "; resume with the -s, -i, -r and --eval that it was trained with";
+  const std::string remedy = "; resume with the same -s, -i, -r and --eval";
   try {
     const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
     if (before.size() != after.size()) {
-      input_error(place, ": was trained on ", before.size(), " views, the scene has ", after.size(), remedy);
+      input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), remedy);
     }
     for (std::size_t i = 0; i < before.size(); ++i) {
       if (before[i] != after[i]) {
-        input_error(place, ": training view ", i, " was ", before[i].dump(), ", in the scene it is ", after[i].dump(),
-                    remedy);
+        input_error(place, ": training view ", i, " was ", before[i].dump(), ", but in the scene it is ",
+                    after[i].dump(), remedy);
       }
     }
     if (!is_same_extent(saved.at("extent"), scene.extent)) {
-      input_error(place, ": was trained on a scene of extent ", saved.at("extent").dump(), ", this one has ",
+      input_error(place, ": trained on a scene of extent ", saved.at("extent").dump(), ", but this one has extent ",
                   Json(scene.extent).dump(), remedy);
     }
   } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": the header is not what this program writes: ", error.what());
+    input_error(place, ": invalid checkpoint header: ", error.what());
   }
 }
 
@@ -140,7 +142,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
           {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
           {"loss_average", state.loss_average},
           {"elapsed_s", state.elapsed_s},
-          {"course", state.course},
+          {"training_id", state.training_id},
           {"is_density_pending", state.is_density_pending},
           {"n_removed", state.n_removed},
           {"held_at", state.held_at},
@@ -174,11 +176,14 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.view_order = std::move(header.view_order);
   state.loss_average = header.loss_average;
   state.elapsed_s = header.elapsed_s;
-  state.course = std::move(header.course);
+  state.training_id = std::move(header.training_id);
   state.is_density_pending = header.is_density_pending;
   state.n_removed = header.n_removed;
   state.held_at = header.held_at;
   state.kernel_selection = std::move(header.kernel_selection);
+  // Which columns of statistics a checkpoint holds depends on the strategy.
+  state.statistics = make_density_strategy(kDefaultDensityStrategy, checkpoint.config, scene.extent)
+                         ->make_statistics(/*n_gaussians=*/0, torch::kCPU);
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {
@@ -187,28 +192,28 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     }
     tensor = file.tensors[next++].second;
   });
-  if (next != file.tensors.size()) input_error(place, ": has the unknown tensor ", file.tensors[next].first);
+  if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
   check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
   check_values(state, place);
   visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
   return checkpoint;
 }
 
-void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& course, int iteration, int keep) {
+void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& training_id, int iteration, int keep) {
   std::vector<std::filesystem::path> own;  // the newest first
   const std::vector<int> iterations = folder.checkpoint_iterations();
   for (auto it = iterations.rbegin(); it != iterations.rend(); ++it) {
     if (*it > iteration) continue;
     try {
       const Json header = read_checkpoint_header(folder.checkpoint(*it));
-      const std::string other = header.value("course", "");
-      if (other.empty() || other == course) own.push_back(folder.checkpoint(*it));
+      const std::string other = header.value("training_id", "");
+      if (other.empty() || other == training_id) own.push_back(folder.checkpoint(*it));
     } catch (const std::exception&) {
-      continue;  // whose it was cannot be known
+      continue;  // damaged: it cannot be told which training wrote it
     }
   }
   for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) {
-    std::error_code error;  // one that cannot be removed does no harm
+    std::error_code error;  // ignored: a superseded checkpoint that stays does no harm
     std::filesystem::remove(own[i], error);
   }
 }
@@ -222,7 +227,7 @@ std::filesystem::path newest_valid_checkpoint(const ModelFolder& folder,
       verify_checkpoint_file(path);
       return path;
     } catch (const InputError& error) {
-      if (on_message) on_message(std::string("not used: ") + error.what());
+      if (on_message) on_message(std::string("skipped damaged checkpoint: ") + error.what());
     }
   }
   return {};

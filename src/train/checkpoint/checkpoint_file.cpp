@@ -16,7 +16,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::array<torch::ScalarType, kCheckpointDtypes.size()> kTorchTypes{torch::kFloat32, torch::kInt32,
                                                                               torch::kInt64};
 
-constexpr std::size_t kTensorOffset =  // less the header
+constexpr std::size_t kTensorOffset =  // without the header
     kCheckpointMagic.size() + 2 * sizeof(std::uint32_t) + sizeof(std::uint64_t);
 
 }  // namespace
@@ -24,12 +24,12 @@ constexpr std::size_t kTensorOffset =  // less the header
 CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Json header,
                                            const std::vector<TensorEntry>& tensors)
     : header_(std::move(header)), file_(path) {
-  // As if all checksums were of the greatest length: the header that is written in the end is no longer than this one.
+  // Reserves space for checksums with the maximum number of digits: the final header is not longer than this one.
   constexpr std::uint32_t kLongest = std::numeric_limits<std::uint32_t>::max();
   Json& entries = header_["tensors"] = Json::array();
   for (const TensorEntry& tensor : tensors) {
     const auto type = std::find(kTorchTypes.begin(), kTorchTypes.end(), tensor.type);
-    B3DGS_CHECK(type != kTorchTypes.end(), tensor.name, " has a type that checkpoints do not hold");
+    B3DGS_CHECK(type != kTorchTypes.end(), tensor.name, ": its type cannot be stored in a checkpoint");
     const CheckpointDtypeRow& dtype = kCheckpointDtypes[static_cast<std::size_t>(type - kTorchTypes.begin())];
     std::uint64_t bytes = dtype.bytes;
     for (const std::int64_t size : tensor.shape) bytes *= static_cast<std::uint64_t>(size);
@@ -38,7 +38,7 @@ CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Js
   }
   header_bytes_ = header_text().size();
   file_.write(std::string(kTensorOffset + header_bytes_, ' '));
-  for (Json& entry : entries) entry["crc32"] = 0;  // of no bytes
+  for (Json& entry : entries) entry["crc32"] = 0;  // of zero bytes
   if (!entries.empty()) left_ = entries[0]["bytes"];
 }
 
@@ -52,7 +52,7 @@ void CheckpointFileWriter::append(const void* data, std::uint64_t bytes) {
   const char* from = static_cast<const char*>(data);
   while (bytes > 0) {
     while (left_ == 0 && ++tensor_ < entries.size()) left_ = entries[tensor_]["bytes"];
-    B3DGS_CHECK(left_ > 0, "a checkpoint is given more bytes than its tensors have");
+    B3DGS_CHECK(left_ > 0, "append(): more bytes than the tensors have");
     const std::uint64_t own = std::min(bytes, left_);
     Json& crc = entries[tensor_]["crc32"];
     crc = add_crc(crc.get<std::uint32_t>(), from, own);
@@ -65,7 +65,7 @@ void CheckpointFileWriter::append(const void* data, std::uint64_t bytes) {
 void CheckpointFileWriter::finish() {
   const Json& entries = header_["tensors"];
   while (left_ == 0 && ++tensor_ < entries.size()) left_ = entries[tensor_]["bytes"];
-  B3DGS_CHECK(left_ == 0, "a checkpoint lacks ", left_, " bytes of its tensors");
+  B3DGS_CHECK(left_ == 0, "finish(): ", left_, " bytes of a tensor are missing");
   std::string text = header_text();
   text.resize(header_bytes_, ' ');
   const std::uint32_t version = kCheckpointVersion, crc = add_crc(0, text.data(), text.size());

@@ -1,4 +1,4 @@
-// Everything that changes from step to step: what a checkpoint has to hold for a run to continue as if never stopped.
+// Everything that changes from step to step, and so the content of a checkpoint.
 #pragma once
 
 #include <cstdint>
@@ -13,19 +13,19 @@
 namespace b3dgs {
 
 struct TrainState {
-  int iteration = 0;  // last one done; random numbers follow from it and the seed (random.h)
-  int sh_degree = 0;  // in use; shN has room for the config's
+  int iteration = 0;  // last one done; random numbers follow from it and the seed (core/random.h)
+  int sh_degree = 0;  // currently optimised; shN has coefficients up to the config's degree
   GaussianTensors gaussians;
   AdamState adam;
   DensityStatistics statistics;
   ViewOrder view_order;
   double loss_average = 0;  // 0.4 x new + 0.6 x old
-  double elapsed_s = 0;     // of training, over all runs so far
-  std::string course;       // id of the training (course.h); empty in checkpoints of early versions
-  // Density control of the last iteration is still to come: the training ended between its step and that.
+  double elapsed_s = 0;     // of training, over all sessions
+  std::string training_id;  // see training_id.h; empty in checkpoints of early versions
+  // The session ended between the last iteration's step and its density control, which is still to be done.
   bool is_density_pending = false;
-  std::int64_t n_removed = 0;  // Gaussians that could not be rendered (bad_gaussians.h)
-  std::int64_t held_at = 0;    // Gaussians beyond which memory does not let the model grow; 0: not held
+  std::int64_t n_removed = 0;  // invalid Gaussians that were removed (invalid_gaussians.h)
+  std::int64_t held_at = 0;    // the count is held here for lack of memory; 0 = not held
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 };
 

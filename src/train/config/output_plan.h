@@ -1,4 +1,4 @@
-// What training writes after which iteration.
+// What a training writes, and when.
 #pragma once
 
 #include <algorithm>
@@ -9,9 +9,9 @@ namespace b3dgs {
 
 struct OutputPlan {
   bool log = false;           // a line in train.jsonl
-  bool statistics = false;    // a line in train.jsonl about the load per tile and pixel
-  bool kernel_times = false;  // lines in train.jsonl about the candidate kernels
-  bool evaluate = false;      // on the test views
+  bool statistics = false;    // a line there with load statistics
+  bool kernel_times = false;  // lines there with times of the candidate kernels
+  bool evaluate = false;      // the test views
   bool save = false;          // a PLY
   bool checkpoint = false;
 };
@@ -25,7 +25,7 @@ inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has
   OutputPlan plan;
   plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
   plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
-  // In the first iteration the load is least even.
+  // The load is most uneven in the first iteration.
   plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
   plan.kernel_times = config.kernel_times_interval > 0 && iteration % config.kernel_times_interval == 0;
   plan.save = is_last || is_in(config.save_iterations);

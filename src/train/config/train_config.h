@@ -74,7 +74,7 @@ struct TrainConfig {
   double prune_screen_size = 0;  // px
   int opacity_reset_interval = 3000;
   int sh_increase_interval = 1000;
-  std::int64_t max_gaussians = 0;  // 0: no limit
+  std::int64_t max_gaussians = 0;  // 0 = no limit
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -86,7 +86,7 @@ struct TrainConfig {
   std::string tile = "auto";
   std::string culling = "ellipse";
   bool deterministic = false;
-  int threads = 0;  // 0: all cores
+  int threads = 0;  // 0 = all cores
 
   // Log (train.jsonl)
   int stats_interval = 1000;

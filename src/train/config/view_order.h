@@ -1,4 +1,4 @@
-// Which view comes next: views are drawn at random without replacement, until all were drawn.
+// The order of the training views: drawn without replacement from a shuffled stack, which is refilled when empty.
 #pragma once
 
 #include <algorithm>
@@ -10,12 +10,12 @@
 
 namespace b3dgs {
 
-/// Both members are the whole state; a checkpoint stores them.
+/// Both members are part of a checkpoint.
 struct ViewOrder {
   std::uint32_t n_refills = 0;
-  std::vector<std::int32_t> remaining;  // next() takes the last one
+  std::vector<std::int32_t> remaining;  // the next view is the last element
 
-  /// The next view, in [0, n_views).
+  /// Takes the next view: an index in [0, n_views).
   std::int32_t next(std::int64_t seed, std::int32_t n_views) {
     if (remaining.empty()) refill(seed, n_views);
     const std::int32_t view = remaining.back();
@@ -23,7 +23,7 @@ struct ViewOrder {
     return view;
   }
 
-  /// The next n results of next(), without changing the state.
+  /// The next n views that next() will return, without taking them.
   std::vector<std::int32_t> upcoming(std::int64_t seed, std::int32_t n_views, std::size_t n) const {
     std::vector<std::int32_t> views(remaining.rbegin(),
                                     remaining.rbegin() + static_cast<std::ptrdiff_t>(std::min(n, remaining.size())));

@@ -14,8 +14,11 @@ namespace b3dgs {
 
 DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device) {
   const auto counts = torch::TensorOptions(torch::kInt32).device(device);
-  return {torch::zeros({n_gaussians}, counts.dtype(torch::kFloat32)), torch::zeros({n_gaussians}, counts),
-          torch::zeros({n_gaussians}, counts)};
+  DensityStatistics statistics;
+  statistics.grad_norm_sum = torch::zeros({n_gaussians}, counts.dtype(torch::kFloat32));
+  statistics.view_count = torch::zeros({n_gaussians}, counts);
+  statistics.max_radii = torch::zeros({n_gaussians}, counts);
+  return statistics;
 }
 
 void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics) {
@@ -33,7 +36,7 @@ void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t heigh
     return cuda::add_view(args, torch_launch_context().stream);
   }
 #endif
-  // Without a tensor in between: for want of memory a step may fail before its first change, not here.
+  // No temporary tensor: a step may run out of memory before its first change to the model, but not here.
   constexpr std::int64_t kGrain = 4096;
   const float half_width = 0.5f * static_cast<float>(width), half_height = 0.5f * static_cast<float>(height);
   const auto* const gradients = view.means2d_grad.data_ptr<float>();
@@ -43,7 +46,7 @@ void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t heigh
   auto* const max_radii = statistics.max_radii.data_ptr<std::int32_t>();
   parallel_chunks(view.radii.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
-      // Gaussians that were not seen have no gradient: their sums do not change.
+      // The gradient of a Gaussian that was not seen is 0, so its sum does not change.
       const float dx = gradients[2 * i] * half_width, dy = gradients[2 * i + 1] * half_height;
       sums[i] += std::sqrt(dx * dx + dy * dy);
       counts[i] += radii[i] > 0;

@@ -1,4 +1,4 @@
-// Adds one view to the statistics of density control, one thread per Gaussian.
+// Adds one view to the density statistics, one thread per Gaussian.
 
 #include "core/cuda_check.h"
 #include "train/density/density_statistics_cuda.h"

@@ -1,28 +1,49 @@
-// What density control learns of each Gaussian between two of its rounds.
+// What density control records of each Gaussian between two rounds.
 #pragma once
 
-#include <array>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include "raster/torch/rasterizer.h"
 
 namespace b3dgs {
 
 struct DensityStatistics {
-  torch::Tensor grad_norm_sum;  // [N] float, norms of the gradient by the projected centre, in units of half the image
+  /// A further column of one strategy.
+  struct Column {
+    std::string name;
+    torch::Tensor values;  // [N] float
+  };
+
+  torch::Tensor grad_norm_sum;  // [N] float, sum over views of the norm of dL/d(projected centre), half image sizes
   torch::Tensor view_count;     // [N] int32, views that saw the Gaussian
   torch::Tensor max_radii;      // [N] int32, px, largest radius in any of them
+  std::vector<Column> extra;
 
-  static constexpr std::array<const char*, 3> kNames{"grad_norm_sum", "view_count", "max_radii"};
-  std::array<torch::Tensor*, 3> all() { return {&grad_norm_sum, &view_count, &max_radii}; }
-  std::array<const torch::Tensor*, 3> all() const { return {&grad_norm_sum, &view_count, &max_radii}; }
+  /// All columns and their names, in the order of a checkpoint.
+  std::vector<torch::Tensor*> all() {
+    std::vector<torch::Tensor*> columns{&grad_norm_sum, &view_count, &max_radii};
+    for (Column& column : extra) columns.push_back(&column.values);
+    return columns;
+  }
+  std::vector<const torch::Tensor*> all() const {
+    std::vector<const torch::Tensor*> columns{&grad_norm_sum, &view_count, &max_radii};
+    for (const Column& column : extra) columns.push_back(&column.values);
+    return columns;
+  }
+  std::vector<std::string> names() const {
+    std::vector<std::string> names{"grad_norm_sum", "view_count", "max_radii"};
+    for (const Column& column : extra) names.push_back(column.name);
+    return names;
+  }
 };
 
-/// Nothing seen yet.
+/// Zeros, without extra columns.
 DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device);
 
 /// Adds one view of width x height px. A gradient in 1/px times half the width (height) is one in normalised device
-/// units, as which the threshold of the original is meant.
+/// coordinates, the unit of the original 3DGS threshold. Allocates nothing.
 void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics);
 
 }  // namespace b3dgs

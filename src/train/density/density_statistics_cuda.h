@@ -1,4 +1,4 @@
-// The door to density_statistics.cu.
+// CUDA version of add_view(), without torch.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,14 +11,14 @@ namespace b3dgs::cuda {
 struct AddViewArgs {
   std::int64_t n_gaussians = 0;
   const float* means2d_grad = nullptr;    // [N, 2] 1/px
-  const std::int32_t* radii = nullptr;    // [N] px, 0 if not seen
+  const std::int32_t* radii = nullptr;    // [N] px, 0 = not seen
   float half_width = 0, half_height = 0;  // px, of the image
-  float* grad_norm_sum = nullptr;         // [N] in units of half the image
+  float* grad_norm_sum = nullptr;         // [N] half image sizes
   std::int32_t* view_count = nullptr;     // [N]
   std::int32_t* max_radii = nullptr;      // [N] px
 };
 
-/// Gaussians that the view does not see keep their sums. Does not wait.
+/// Gaussians that the view does not see keep their sums. Asynchronous.
 void add_view(const AddViewArgs& args, cudaStream_t stream);
 
 }  // namespace b3dgs::cuda

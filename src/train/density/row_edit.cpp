@@ -24,15 +24,15 @@ std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int6
   return sizes;
 }
 
-/// Rows of the memory that the tensor lies in, from its first on.
+/// Rows that fit into the tensor's storage, counted from its first row.
 std::int64_t stored_rows(const torch::Tensor& tensor) {
   const auto n = static_cast<std::int64_t>(tensor.storage().nbytes() / tensor.itemsize()) - tensor.storage_offset();
   return row_elements(tensor) > 0 ? n / row_elements(tensor) : std::numeric_limits<std::int64_t>::max();
 }
 
-/// The first n_rows of that memory, whatever the tensor's own size.
+/// The first n_rows of that storage, whatever the tensor's own size.
 torch::Tensor with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
-  B3DGS_CHECK(tensor.is_contiguous() && n_rows <= stored_rows(tensor), n_rows, " rows in room for ",
+  B3DGS_CHECK(tensor.is_contiguous() && n_rows <= stored_rows(tensor), n_rows, " rows in storage for ",
               stored_rows(tensor));
   return tensor.as_strided(sizes_with_rows(tensor, n_rows), tensor.strides());
 }
@@ -49,27 +49,27 @@ void visit_tensors(GaussianTensors& gaussians, AdamState& adam, DensityStatistic
 void check_edit(const RowEdit& edit) {
   const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept;
   B3DGS_CHECK(n_new >= 0 && edit.new_means.size(0) == n_new && edit.new_log_scales.size(0) == n_new, "the edit keeps ",
-              edit.n_kept, " of ", n_rows, " rows and brings ", edit.new_means.size(0), " means and ",
-              edit.new_log_scales.size(0), " scales");
+              edit.n_kept, " of ", n_rows, " rows, but has ", edit.new_means.size(0), " new means and ",
+              edit.new_log_scales.size(0), " new scales");
 }
 
-/// Rows that are moved at a time.
+/// Rows moved at a time.
 std::int64_t piece_rows(const torch::Tensor& tensor, std::int64_t piece_elements) {
   return std::max<std::int64_t>(1, piece_elements / std::max<std::int64_t>(1, row_elements(tensor)));
 }
 
-/// Elements of scratch for one tensor: its new rows, which are read before their sources move, and a piece.
+/// Elements of scratch for one tensor: its new rows, which are read before their sources move, and one piece.
 std::int64_t scratch_elements(const RowEdit& edit, const torch::Tensor& tensor, std::int64_t piece_elements) {
   const std::int64_t n_new = edit.sources.size(0) - edit.n_kept;
   return (n_new + std::min(edit.n_kept, piece_rows(tensor, piece_elements))) * row_elements(tensor);
 }
 
-/// Gives the tensor the edit's rows in its own memory, `piece` rows at a time.
+/// Applies the edit to the tensor within its own storage, `piece` rows at a time.
 void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& scratch, torch::Tensor& tensor,
                  bool copies_new) {
   const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept, per_row = row_elements(tensor);
   const torch::Tensor elements = scratch.view(tensor.scalar_type());
-  /// Rows of sources [begin, end) in the scratch, from row `at` on.
+  // Copies the rows of sources [begin, end) to the scratch, from its row `at` on.
   const auto gather = [&](std::int64_t at, std::int64_t begin, std::int64_t end) {
     torch::Tensor rows =
         elements.slice(0, at * per_row, (at + end - begin) * per_row).view(sizes_with_rows(tensor, end - begin));
@@ -79,7 +79,7 @@ void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& s
   torch::Tensor new_rows;
   if (copies_new) new_rows = gather(0, edit.n_kept, n_rows);
   torch::Tensor result = with_rows(tensor, n_rows);
-  // Sources of kept rows lie where the rows go or behind: no piece overwrites what a later one reads.
+  // Kept rows stay in place or move to a lower index: no piece overwrites what a later one reads.
   for (std::int64_t begin = 0; begin < edit.n_kept; begin += piece) {
     const std::int64_t end = std::min(begin + piece, edit.n_kept);
     result.slice(0, begin, end).copy_(gather(n_new, begin, end));
@@ -111,7 +111,7 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
                         DensityStatistics& statistics) {
   check_edit(edit);
   const std::int64_t n_rows = edit.sources.size(0);
-  B3DGS_CHECK(n_room >= n_rows, "room for ", n_room, " of ", n_rows, " rows");
+  B3DGS_CHECK(n_room >= n_rows, "reserving ", n_room, " rows for an edit of ", n_rows);
   std::int64_t n_scratch = 0;
   visit_tensors(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
     n_scratch = std::max(n_scratch, scratch_elements(edit, tensor, piece_elements_));
@@ -126,7 +126,7 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
 }
 
 void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {
-  B3DGS_CHECK(scratch_.defined(), "an edit without room for it");
+  B3DGS_CHECK(scratch_.defined(), "apply() without reserve()");
   const torch::Tensor scratch = std::exchange(scratch_, {});
   const auto edit_all = [&](auto& group, bool copies_new) {
     for (torch::Tensor* tensor : group.all())

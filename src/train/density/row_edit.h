@@ -1,4 +1,4 @@
-// What density control does to the rows of a model, as data: one function applies it to everything that has these rows.
+// Additions and removals of Gaussians as data, applied to every tensor with one row per Gaussian.
 #pragma once
 
 #include <cstdint>
@@ -11,49 +11,49 @@
 
 namespace b3dgs {
 
-/// Rows after the edit: first those that are kept, in their order, then new ones.
+/// Rows after the edit: first the kept ones, in ascending order, then the new ones.
 struct RowEdit {
-  torch::Tensor sources;         // [M] int64, row before the edit from which each row takes its parameters
+  torch::Tensor sources;         // [M] int64, row before the edit whose parameters each row takes
   std::int64_t n_kept = 0;       // of the M rows
-  torch::Tensor new_means;       // [M - n_kept, 3] of the new rows, in place of the source's
-  torch::Tensor new_log_scales;  // [M - n_kept, 3] likewise
+  torch::Tensor new_means;       // [M - n_kept, 3] of the new rows, instead of the source's
+  torch::Tensor new_log_scales;  // [M - n_kept, 3] of the new rows, instead of the source's
 };
 
-/// A tensor, contents undefined. @throws OutOfMemoryError
+/// An uninitialised tensor. @throws OutOfMemoryError
 using AllocateTensor = std::function<torch::Tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options)>;
 torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options);
 
-/// Applies edits to all tensors of a model, one after the other and in place, so that besides the model there is never
-/// more than one of its tensors and the rows that are new to it.
+/// Applies edits to all tensors of a model, one after the other and in place: beside the model, memory holds at most
+/// one of its tensors and that tensor's new rows.
 class RowEditor {
  public:
-  /// Rows are moved in pieces of about so many elements: large enough that a GPU has enough to do.
+  /// Rows are moved in pieces of about this many elements: enough to keep a GPU busy.
   static constexpr std::int64_t kPieceElements = 16 << 20;
 
   explicit RowEditor(AllocateTensor allocate = allocate_tensor, std::int64_t piece_elements = kPieceElements)
       : allocate_(std::move(allocate)), piece_elements_(piece_elements) {}
 
-  /// Everything for which apply() needs memory: tensors with less than the edit's rows move to where there is room for
-  /// n_room (at least the edit's). If this throws, the model is as it was. @throws OutOfMemoryError
+  /// Allocates everything that apply() needs: tensors with capacity for fewer rows than the edit's are reallocated with
+  /// capacity for n_room (at least the edit's). If this throws, the model is unchanged. @throws OutOfMemoryError
   void reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensors& gaussians, AdamState& adam,
                DensityStatistics& statistics);
 
-  /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source with the edit's
-  /// means and scales; their moments and statistics are 0. After reserve() of this edit it asks for no memory.
+  /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source, but the edit's
+  /// means and scales; their moments and statistics are 0. Call reserve() with this edit first; this allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
  private:
-  /// Rows for which a tensor has memory. One that this editor made may be the beginning of a longer one; behind the
-  /// rows of others there may be anything.
+  /// Rows that fit into a tensor's memory. Tensors that this editor allocated may have spare capacity; memory behind
+  /// other tensors may be in use.
   std::int64_t capacity(const torch::Tensor& tensor) const;
 
   AllocateTensor allocate_;
   std::int64_t piece_elements_;
-  std::set<const void*> made_;  // first elements of the tensors that reserve() moved
+  std::set<const void*> made_;  // data pointers of the tensors that reserve() allocated
   torch::Tensor scratch_;       // flat, of 4-byte elements
 };
 
-/// Both, with no room to spare.
+/// reserve() and apply(), without spare capacity.
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
 }  // namespace b3dgs

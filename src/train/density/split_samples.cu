@@ -1,4 +1,4 @@
-// Samples of split Gaussians, one thread each: a few thousand every hundred steps.
+// Positions of the parts of split Gaussians, one thread per sample: a few thousand every hundred steps.
 
 #include "core/cuda_check.h"
 #include "train/density/split_samples_cuda.h"

@@ -1,4 +1,5 @@
-// Where the parts of a split Gaussian go: samples of the Gaussian itself. One arithmetic for CPU and GPU.
+// Positions of the parts of a split Gaussian: samples of that Gaussian (Kerbl et al. 2023, section 5.2). The same
+// arithmetic on CPU and GPU.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +11,7 @@ namespace b3dgs {
 
 inline constexpr int kSplitSamples = 2;  // parts of a split Gaussian
 
-/// All arrays lie on one device.
+/// All arrays are on one device.
 struct SplitSampleArgs {
   std::int64_t n_rows = 0;
   const std::int64_t* rows = nullptr;  // [n_rows] Gaussians that are split
@@ -18,11 +19,11 @@ struct SplitSampleArgs {
   const float* log_scales = nullptr;   // [N, 3]
   const float* quats = nullptr;        // [N, 4] w x y z
   RandomKey key{};
-  int sample = 0;        // in [0, kSplitSamples): tells samples of the same row apart
+  int sample = 0;        // in [0, kSplitSamples): which sample of its row
   float* out = nullptr;  // [n_rows, 3] out, world
 };
 
-/// Sample i. In double, so that devices differ by a last digit at most.
+/// Sample i. Computed in double, so that CPU and GPU differ by one ulp at most.
 B3DGS_HD void draw_split_sample(const SplitSampleArgs& args, std::int64_t i) {
   const std::int64_t row = args.rows[i];
   const float *mean = args.means + 3 * row, *log_scale = args.log_scales + 3 * row, *quat = args.quats + 4 * row;

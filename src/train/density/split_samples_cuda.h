@@ -1,4 +1,4 @@
-// The door to split_samples.cu.
+// CUDA version of the split samples, without torch.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -7,7 +7,7 @@
 
 namespace b3dgs::cuda {
 
-/// Draws all samples. Does not wait.
+/// Draws all samples. Asynchronous.
 void draw_split_samples(const SplitSampleArgs& args, cudaStream_t stream);
 
 }  // namespace b3dgs::cuda

@@ -5,16 +5,16 @@
 
 #include "core/check.h"
 #include "model/neighbors.h"
+#include "raster/math/opacity.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr double kShC0 = 0.28209479177387814;  // the constant harmonic, 1 / (2 sqrt(pi))
-
 torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64_t> sizes) {
   torch::Tensor tensor = torch::empty(sizes, torch::kFloat32);
-  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(), " values for a tensor ",
-              tensor.sizes());
+  B3DGS_CHECK(tensor.numel() == static_cast<std::int64_t>(values.size()), values.size(),
+              " values for a tensor of shape ", tensor.sizes());
   std::copy(values.begin(), values.end(), tensor.data_ptr<float>());
   return tensor;
 }
@@ -33,7 +33,7 @@ SplatCloud splats_from_points(const PointCloud& points, int sh_degree) {
   cloud.sh_degree = sh_degree;
   cloud.means = points.positions;
   cloud.quats.assign(4 * n, 0.0f);
-  cloud.logit_opacities.assign(n, static_cast<float>(std::log(kInitialOpacity / (1 - kInitialOpacity))));
+  cloud.logit_opacities.assign(n, logit(kInitialOpacity));
   cloud.shN.assign(3 * n * static_cast<std::size_t>(sh_coefficient_count(sh_degree) - 1), 0.0f);
   cloud.log_scales.reserve(3 * n);
   cloud.sh0.reserve(3 * n);
@@ -43,7 +43,7 @@ SplatCloud splats_from_points(const PointCloud& points, int sh_degree) {
       cloud.log_scales.push_back(static_cast<float>(0.5 * std::log(static_cast<double>(distances[i]))));
     }
     for (std::size_t channel = 0; channel < 3; ++channel) {
-      cloud.sh0.push_back(static_cast<float>((points.colors[3 * i + channel] / 255.0 - 0.5) / kShC0));
+      cloud.sh0.push_back(static_cast<float>((points.colors[3 * i + channel] / 255.0 - 0.5) / kSh0));
     }
   }
   return cloud;
@@ -76,14 +76,6 @@ SplatCloud to_splat_cloud(const GaussianTensors& gaussians) {
   cloud.sh0 = to_vector(gaussians.sh0);
   cloud.shN = to_vector(gaussians.shN);
   return cloud;
-}
-
-int sh_degree_of(const GaussianTensors& gaussians) {
-  const std::int64_t coefficients = gaussians.shN.size(1) + 1;
-  for (int degree = 0; degree <= 3; ++degree) {
-    if (sh_coefficient_count(degree) == coefficients) return degree;
-  }
-  throw LogicError(detail::concat("shN holds ", coefficients - 1, " coefficients; 0, 3, 8 or 15 belong to a degree"));
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// Parameters of a model as tensors: from points or files, and back.
+// Converts between point clouds, SplatCloud (host arrays) and parameter tensors.
 #pragma once
 
 #include "model/formats/splat_cloud.h"
@@ -9,17 +9,14 @@ namespace b3dgs {
 
 inline constexpr double kInitialOpacity = 0.1;
 
-/// One Gaussian per point, as the original 3DGS starts: isotropic scale = root of the mean squared distance to the 3
-/// nearest neighbours, no rotation, opacity kInitialOpacity, colour as SH degree 0. shN has room for `sh_degree` and is
-/// zero.
+/// One Gaussian per point, as in the original 3DGS: isotropic scale = root mean square distance to the 3 nearest
+/// neighbours, identity rotation, opacity kInitialOpacity, colour as SH degree 0. shN is zero, for degrees up to
+/// `sh_degree`.
 SplatCloud splats_from_points(const PointCloud& points, int sh_degree);
 
-/// Float tensors on `device`; coefficients above the cloud's own degree are zero, and those above `sh_degree` dropped.
+/// Float tensors on `device` with SH coefficients up to `sh_degree`: missing ones are zero, higher ones are dropped.
 GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device);
 
 SplatCloud to_splat_cloud(const GaussianTensors& gaussians);
-
-/// Degree for which shN has room.
-int sh_degree_of(const GaussianTensors& gaussians);
 
 }  // namespace b3dgs

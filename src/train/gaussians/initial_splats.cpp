@@ -2,6 +2,7 @@
 
 #include "core/check.h"
 #include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
@@ -11,9 +12,9 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
   std::string place = scene.source_path + ": the COLMAP model";
   if (config.init_ply.empty()) {
     points = scene.points;
-  } else if (is_splat_ply(config.init_ply)) {
-    SplatCloud cloud = read_splat_ply(config.init_ply);
-    if (cloud.size() == 0) input_error(config.init_ply, ": holds no Gaussians to start from");
+  } else if (holds_splats(config.init_ply)) {
+    SplatCloud cloud = read_splats(config.init_ply);
+    if (cloud.size() == 0) input_error(config.init_ply, ": no Gaussians to start from");
     return cloud;
   } else {
     points = read_point_ply(config.init_ply);
@@ -21,7 +22,7 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
   }
   if (points.size() == 0) {
     input_error(place,
-                " has no 3D points to start from; give some with --init_ply FILE, or triangulate the scene again");
+                " has no 3D points to start from; pass some with --init_ply FILE, or triangulate the scene again");
   }
   return splats_from_points(points, 0);
 }

@@ -1,4 +1,4 @@
-// What training starts from.
+// The initial Gaussians of a training.
 #pragma once
 
 #include "model/formats/splat_cloud.h"
@@ -7,8 +7,8 @@
 
 namespace b3dgs {
 
-/// The Gaussians of --init_ply as they are; else one for each of its points, or of the scene's.
-/// @throws InputError if there is nothing to start from
+/// The Gaussians of --init_ply unchanged, or one per point of --init_ply, or else one per point of the scene.
+/// @throws InputError if there are no points or Gaussians
 SplatCloud initial_splats(const TrainConfig& config, const Scene& scene);
 
 }  // namespace b3dgs

@@ -9,7 +9,7 @@
 namespace b3dgs {
 
 int reading_threads(bool cpu_is_busy) {
-  constexpr int kMost = 24;  // a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1
+  constexpr int kMost = 24;  // decoding a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1 ms
   return cpu_is_busy ? 1 : std::clamp(thread_count() - 1, 1, kMost);
 }
 
@@ -46,7 +46,7 @@ void ImageReader::expect(const std::vector<std::int32_t>& images) {
     for (const auto [slot, image] : slots_.assign(wanted)) {
       Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
       buffer.wanted = image;
-      if (!buffer.is_written) buffer.content = kNone;  // or a thread that is still writing leaves its image there
+      if (!buffer.is_written) buffer.content = kNone;  // otherwise the thread that is writing sets it
     }
     order_.clear();
     for (const std::int32_t image : wanted) order_.push_back(slots_.slot_of(image));
@@ -86,7 +86,7 @@ int ImageReader::next_to_read() const {
 }
 
 void ImageReader::run_thread() {
-  set_thread_count(1);  // of this thread: what it calls must not start more
+  set_thread_count(1);  // decoding must not start further threads
   std::unique_lock<std::mutex> lock(mutex_);
   for (;;) {
     int slot = -1;
@@ -135,7 +135,7 @@ std::vector<std::uint8_t*> ImageBuffers::pointers() const {
 
 void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, int n_threads,
                    const std::function<void(std::size_t, const std::uint8_t*)>& body) {
-  // Held ones stay so: what is in memory is never given back while a scene is in use.
+  // Images in memory stay there: they are never released while a scene is in use.
   std::vector<std::shared_ptr<const Image8>> held;
   std::vector<std::shared_ptr<const ViewImage>> on_disk;
   std::vector<std::int32_t> number;  // among those on disk

@@ -1,4 +1,4 @@
-// Photographs in the order in which they are wanted, read ahead by threads into a fixed number of buffers.
+// Background threads that read photographs ahead, in the order of use, into a fixed number of buffers.
 #pragma once
 
 #include <condition_variable>
@@ -15,17 +15,18 @@
 
 namespace b3dgs {
 
-/// Threads that read ahead, beside a training that keeps the CPU busy or one that leaves it to them.
+/// Number of reading threads: few if training itself keeps the CPU busy.
 int reading_threads(bool cpu_is_busy);
 
-/// Used by one thread. Its own threads end with it.
+/// Used by one thread at a time. Its own threads end with it.
 class ImageReader {
  public:
   struct Setup {
     std::vector<std::shared_ptr<const ViewImage>> images;
-    std::vector<std::uint8_t*> buffers;  // at least one, each for the largest image; they must outlive the reader
+    std::vector<std::uint8_t*> buffers;  // at least one, each large enough for any image; they must outlive the reader
     int n_threads = 1;
-    std::function<void(int buffer)> before_write;  // called by a thread before it writes to a buffer; may be empty
+    std::function<void(int buffer)>
+        before_write;  // called by a reading thread before it writes to a buffer; may be empty
   };
 
   explicit ImageReader(Setup setup);
@@ -35,15 +36,15 @@ class ImageReader {
 
   int n_buffers() const { return static_cast<int>(setup_.buffers.size()); }
 
-  /// The images that will be waited for, the next one first; as many of them as there are buffers are read. Buffers of
-  /// others may be overwritten from now on. Does not wait.
+  /// Announces the images that will be waited for, the next one first. As many as there are buffers are read; buffers
+  /// of other images may be overwritten from now on. Asynchronous.
   void expect(const std::vector<std::int32_t>& images);
 
-  /// Whether wait() would return at once.
+  /// Whether wait() would return immediately and without an error.
   bool is_ready(std::int32_t image) const;
 
-  /// Number of the buffer that holds the image: one for which is_ready(), or which the last expect() has found a buffer
-  /// for. Waits until it is read. @throws what reading it has thrown
+  /// Waits until the image is read and returns the index of its buffer. The image must be ready already, or among those
+  /// that the last expect() assigned a buffer. @throws the exception that reading it has thrown
   int wait(std::int32_t image) const;
 
   const std::uint8_t* bytes(int buffer) const { return setup_.buffers[static_cast<std::size_t>(buffer)]; }
@@ -52,7 +53,7 @@ class ImageReader {
   static constexpr std::int32_t kNone = -1;
   struct Buffer {
     std::int32_t wanted = kNone, content = kNone;  // images; equal once it is read
-    bool is_written = false;                       // by a thread, now
+    bool is_written = false;                       // a thread is writing to it
     std::exception_ptr error;                      // of reading `content`
   };
 
@@ -62,26 +63,26 @@ class ImageReader {
   bool is_read(std::int32_t image) const;
 
   const Setup setup_;
-  UploadSlots slots_;  // which image belongs into which buffer
+  UploadSlots slots_;  // which image belongs in which buffer
   mutable std::mutex mutex_;
   mutable std::condition_variable work_, done_;
-  std::vector<Buffer> buffers_;  // this and the next two under the mutex
+  std::vector<Buffer> buffers_;  // this and the next two are guarded by mutex_
   std::vector<int> order_;       // of buffers, the most urgent first
   bool is_stopping_ = false;
   std::vector<std::thread> threads_;
 };
 
-/// How many buffers a reader of some images gets.
+/// The buffers of a reader.
 struct BufferPlan {
-  /// As many as the memory of the images allows, but no more than `images`; each for the largest of them.
+  /// As many as the scene's ImageMemory allows, at most one per image; each large enough for any of them.
   explicit BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images);
 
   int count = 0;
   std::int64_t n_bytes = 0;                  // of each
-  std::unique_ptr<ImageBufferCount> in_use;  // counted by the memory of the scene as long as this lives
+  std::unique_ptr<ImageBufferCount> in_use;  // reserves them in the scene's ImageMemory while this exists
 };
 
-/// Buffers in ordinary memory.
+/// Buffers in pageable host memory.
 class ImageBuffers {
  public:
   explicit ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images);
@@ -92,8 +93,8 @@ class ImageBuffers {
   std::vector<std::unique_ptr<std::uint8_t[]>> buffers_;
 };
 
-/// Calls body(index, RGB bytes) for the images in their order, on this thread, while others read ahead. Those in memory
-/// are not copied; the bytes are valid during the call. @throws InputError for an image that cannot be read
+/// Calls body(index, RGB bytes) for each image in order, on this thread, while other threads read ahead. Images in
+/// memory are not copied. The bytes are valid during the call. @throws InputError for an image that cannot be read
 void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, int n_threads,
                    const std::function<void(std::size_t index, const std::uint8_t* rgb)>& body);
 

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
-#include "model/pinhole_view.h"
+#include "model/raster_input.h"
 #include "scene/view_image.h"
 #include "train/images/image_reader.h"
 #include "train/loss/loss.h"
@@ -24,7 +24,7 @@ namespace {
 using Indices = std::vector<std::int32_t>;
 
 torch::Tensor bytes_at(const std::uint8_t* bytes, torch::IntArrayRef sizes, torch::Device device) {
-  // from_blob wants a pointer that it could write through; nothing does.
+  // from_blob takes a non-const pointer, but nothing writes to these tensors.
   return torch::from_blob(const_cast<std::uint8_t*>(bytes), sizes, torch::TensorOptions(torch::kUInt8).device(device));
 }
 
@@ -32,18 +32,18 @@ torch::Tensor truth_at(const std::uint8_t* rgb, const TrainView& view, torch::De
   return bytes_at(rgb, {view.camera.height, view.camera.width, 3}, device);
 }
 
-/// All but the tensors.
+/// Everything except the tensors.
 TrainView describe_view(const View& view) {
   const int width = view.camera.width, height = view.camera.height;
   B3DGS_CHECK(view.image && view.image->size().width == width && view.image->size().height == height, "view ",
-              view.name, " has no RGB image of its camera's size, ", width, " x ", height);
+              view.name, " has no RGB image of the size of its camera, ", width, " x ", height);
   TrainView own;
   own.name = view.name;
   own.camera = to_pinhole_view(view.camera);
   own.n_valid = static_cast<std::int64_t>(width) * height;
   if (view.valid) {
     B3DGS_CHECK(view.valid->width == width && view.valid->height == height, "the mask of view ", view.name,
-                " has another size than its image");
+                " differs in size from its image");
     own.n_valid = count_valid(view.valid->pixels.data(), own.n_valid);
   }
   return own;
@@ -65,7 +65,7 @@ std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device 
     return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
   }
 #endif
-  return 0;  // a CPU has no memory of its own
+  return 0;  // photographs are in host memory anyway
 }
 
 std::string describe(const ImagePlaces& places) {
@@ -89,7 +89,7 @@ ImagePlaces places_of(const std::vector<View>& views) {
   return places;
 }
 
-/// What brings the views that are not resident: threads that read, and on a GPU an uploader.
+/// Brings views that are not resident: reading threads, and on a GPU an uploader.
 struct ImageStore::Streamed {
   std::unique_ptr<ImageBuffers> buffers;  // on the CPU
 #if B3DGS_TORCH_CUDA
@@ -98,7 +98,7 @@ struct ImageStore::Streamed {
   UploadSlots slots{static_cast<int>(kLookAhead) + 1};
   int slot_in_use = -1;
 #endif
-  std::unique_ptr<ImageReader> reader;  // ends before its buffers do
+  std::unique_ptr<ImageReader> reader;  // declared last: ends before its buffers do
 };
 
 ImageStore::~ImageStore() = default;
@@ -150,7 +150,7 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
   if (n_resident_ < size()) start_streaming();
 }
 
-/// Copies photographs to a GPU. Those that were not in host memory do not stay there.
+/// Copies photographs to a GPU. Those read from disk for this do not stay in host memory.
 void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress) {
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const std::int32_t i : stays) images.push_back(images_[static_cast<std::size_t>(i)]);
@@ -200,7 +200,7 @@ ImagePlaces ImageStore::places() const {
 
 std::size_t ImageStore::look_ahead() const {
   if (streamed_ == nullptr) return 0;
-  // So many that they name an image for each buffer, resident views lying between them.
+  // Enough to name an image for each buffer although some of the upcoming views are resident.
   constexpr std::int64_t kMostPerBuffer = 4;
   const std::int64_t n_streamed = size() - n_resident_, n_buffers = streamed_->reader->n_buffers();
   const std::int64_t wanted = (n_buffers * size() + n_streamed - 1) / n_streamed;
@@ -236,7 +236,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
   const cudaStream_t stream = torch_launch_context().stream;
   if (s.slot_in_use >= 0) s.uploader->release(std::exchange(s.slot_in_use, -1), stream);
 
-  // This view and the next ones, as far as they are on the device or can be uploaded without waiting.
+  // This view and the next ones, up to the first that is neither on the device nor ready for upload.
   const auto is_here = [&](std::int32_t other) { return s.slots.slot_of(other) >= 0; };
   if (!is_resident(index) && !is_here(index)) {
     reader.expect(streamed);
@@ -251,7 +251,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
     const int buffer = reader.wait(other);
     s.uploader->upload(buffer, images_[static_cast<std::size_t>(other)]->n_bytes(), slot);
   }
-  // The buffers of those that are uploaded are free again once that is done, which their threads wait for.
+  // Buffers of uploaded photographs may be reused; before_write makes the reading thread wait for the upload.
   Indices unread;
   for (const std::int32_t other : streamed) {
     if (!is_here(other)) unread.push_back(other);
@@ -280,7 +280,7 @@ std::int64_t ImageStore::release_resident(std::int64_t bytes) {
     --n_resident_;
   }
   if (freed == 0) return 0;
-  release_unused_torch_memory();  // the slots for uploads are not LibTorch's
+  release_unused_torch_memory();  // the upload slots are not allocated by LibTorch
   if (retired_ == nullptr) retired_ = std::move(streamed_);
   start_streaming();
   return freed;
@@ -289,7 +289,7 @@ std::int64_t ImageStore::release_resident(std::int64_t bytes) {
 #else
 
 TrainView ImageStore::take_on_gpu(std::int32_t, const Indices&) {
-  B3DGS_CHECK(false, "this build has no GPU");
+  B3DGS_CHECK(false, "this build has no CUDA");
   return {};
 }
 

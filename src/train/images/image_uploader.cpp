@@ -21,7 +21,7 @@ ImageUploader::ImageUploader(int n_slots, int n_staging, std::int64_t image_byte
   const auto n_bytes = static_cast<std::size_t>(image_bytes);
   try {
     B3DGS_CUDA_CHECK(cudaGetDevice(&device_));
-    // Not bound to the default stream's order: LibTorch computes there.
+    // Non-blocking: does not synchronise with the default stream, on which LibTorch computes.
     B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
     for (int i = 0; i < n_slots; ++i) {
       Slot& slot = slots_.emplace_back();
@@ -45,7 +45,7 @@ ImageUploader::~ImageUploader() {
 }
 
 void ImageUploader::free_all() noexcept {
-  if (stream_ != nullptr) cudaStreamSynchronize(stream_);  // nothing is copied any more
+  if (stream_ != nullptr) cudaStreamSynchronize(stream_);  // wait for uploads
   for (const Slot& slot : slots_) {
     if (slot.uploaded != nullptr) cudaEventDestroy(slot.uploaded);
     if (slot.released != nullptr) cudaEventDestroy(slot.released);
@@ -65,10 +65,10 @@ std::vector<std::uint8_t*> ImageUploader::staging() const {
 }
 
 void ImageUploader::upload(int buffer, std::int64_t n_bytes, int slot) {
-  B3DGS_CHECK(n_bytes <= image_bytes_, "an image has ", n_bytes, " bytes, a slot ", image_bytes_);
+  B3DGS_CHECK(n_bytes <= image_bytes_, "image of ", n_bytes, " bytes, slot of ", image_bytes_);
   const Staging& from = staging_[static_cast<std::size_t>(buffer)];
   const Slot& to = slot_at(slot);
-  B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_, to.released, 0));  // nothing to wait for at first use
+  B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_, to.released, 0));  // returns at once if never recorded
   B3DGS_CUDA_CHECK(
       cudaMemcpyAsync(to.bytes, from.bytes, static_cast<std::size_t>(n_bytes), cudaMemcpyHostToDevice, stream_));
   B3DGS_CUDA_CHECK(cudaEventRecord(to.uploaded, stream_));
@@ -76,7 +76,7 @@ void ImageUploader::upload(int buffer, std::int64_t n_bytes, int slot) {
 }
 
 void ImageUploader::wait_for_upload_of(int buffer) const {
-  B3DGS_CUDA_CHECK(cudaSetDevice(device_));  // of this thread
+  B3DGS_CUDA_CHECK(cudaSetDevice(device_));  // is per thread
   B3DGS_CUDA_CHECK(cudaEventSynchronize(staging_[static_cast<std::size_t>(buffer)].uploaded));
 }
 

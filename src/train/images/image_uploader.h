@@ -1,4 +1,4 @@
-// Buffers in pinned memory for photographs, and a stream that brings them to a few slots on the device while the GPU
+// Pinned host buffers for photographs, and a stream that uploads them to a few slots in GPU memory while the GPU
 // computes.
 #pragma once
 
@@ -9,33 +9,32 @@
 
 namespace b3dgs::cuda {
 
-/// Of the current device, now.
+/// Free memory of the current device.
 std::int64_t free_device_bytes();
 
 class ImageUploader {
  public:
-  /// Slots on the device and staging buffers in host memory, each of `image_bytes`. Memory is the uploader's own, not
-  /// an allocator's that would hand it on. @throws CudaError if there is not enough of it, or none that can be pinned
+  /// Slots on the device and pinned staging buffers on the host, each of `image_bytes`. They are allocated by CUDA
+  /// directly, since LibTorch's allocator may reuse memory while a copy is running. @throws CudaError
   ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes);
   ~ImageUploader();
   ImageUploader(const ImageUploader&) = delete;
   ImageUploader& operator=(const ImageUploader&) = delete;
 
-  /// The staging buffers, for the caller to fill.
+  /// The staging buffers, to be filled by the caller.
   std::vector<std::uint8_t*> staging() const;
 
-  /// Starts to bring the first `n_bytes` of a staging buffer to a slot, once all that used the slot is done. Does not
-  /// wait.
+  /// Uploads the first `n_bytes` of a staging buffer to a slot, after all work that uses the slot. Asynchronous.
   void upload(int buffer, std::int64_t n_bytes, int slot);
 
-  /// Waits until the last upload from the staging buffer is done: it may be written then. Any thread may call this, if
-  /// no upload() from the buffer happens at the same time.
+  /// Waits until the last upload from the staging buffer is done, so that it may be overwritten. Any thread may call
+  /// this, but not during an upload() from the same buffer.
   void wait_for_upload_of(int buffer) const;
 
-  /// The slot's bytes on the device, complete for work that is queued on `reader` from now on. Does not wait.
+  /// The slot's device memory, complete for work queued on `reader` from now on. Asynchronous.
   const std::uint8_t* acquire(int slot, cudaStream_t reader);
 
-  /// What is queued on `reader` by now is the last that reads the slot. Does not wait.
+  /// Work queued on `reader` so far is the last that reads the slot. Asynchronous.
   void release(int slot, cudaStream_t reader);
 
  private:

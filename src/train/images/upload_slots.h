@@ -1,4 +1,4 @@
-// Which photograph lies in which of a few slots, on the device or in host memory. Pure: it moves no bytes.
+// Which photograph is in which of a few slots, in GPU or host memory. Only bookkeeping: it moves no bytes.
 #pragma once
 
 #include <algorithm>
@@ -18,16 +18,16 @@ class UploadSlots {
 
   explicit UploadSlots(int n_slots) : views_(static_cast<std::size_t>(n_slots), kEmpty) {}
 
-  /// Slot of a view, -1 if it has none.
+  /// Slot of a view; -1 = none.
   int slot_of(std::int32_t view) const {
     const auto it = std::find(views_.begin(), views_.end(), view);
     return it == views_.end() ? -1 : static_cast<int>(it - views_.begin());
   }
 
-  /// Gives each of `wanted` (at most as many as there are slots) a slot: the uploads that this takes, in the order of
-  /// `wanted`. Slots of wanted views stay as they are.
+  /// Assigns a slot to each of `wanted` (at most as many as there are slots). Wanted views that have a slot keep it.
+  /// Returns the uploads that are needed, in the order of `wanted`.
   std::vector<Upload> assign(const std::vector<std::int32_t>& wanted) {
-    B3DGS_CHECK(wanted.size() <= views_.size(), wanted.size(), " views want ", views_.size(), " slots");
+    B3DGS_CHECK(wanted.size() <= views_.size(), wanted.size(), " views for ", views_.size(), " slots");
     const auto is_wanted = [&](std::int32_t view) {
       return std::find(wanted.begin(), wanted.end(), view) != wanted.end();
     };

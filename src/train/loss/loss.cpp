@@ -1,10 +1,10 @@
-// From tensors to LossArgs.
+// Converts tensors to LossArgs.
 
 #include "train/loss/loss.h"
 
 #include "core/check.h"
 #include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_room.h"
+#include "raster/torch/tensor_storage.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_launch.h"
@@ -46,10 +46,10 @@ LossValue ImageLoss::value() const {
 }
 
 void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
-                        std::int64_t n_valid, double lambda_dssim) {
+                        std::int64_t n_valid, const LossWeights& weights) {
   TensorCheck(device_).dims("rendered", rendered, {"H", "W", 3});
   const auto check_bytes = [&](const char* name, const torch::Tensor& bytes, torch::IntArrayRef sizes) {
-    B3DGS_CHECK(bytes.defined() && bytes.sizes() == sizes, name, " has other sizes than the rendered view, ",
+    B3DGS_CHECK(bytes.defined() && bytes.sizes() == sizes, name, " does not have the size of the rendered view, ",
                 rendered.sizes());
     B3DGS_CHECK(bytes.scalar_type() == torch::kUInt8 && bytes.is_contiguous() && bytes.device() == device_, name,
                 " is not contiguous uint8 on ", device_.str());
@@ -72,7 +72,7 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   args.truth = truth.data_ptr<std::uint8_t>();
   args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
   args.n_valid = n_valid;
-  args.lambda_dssim = lambda_dssim;
+  args.weights = weights;
   args.grad = grad_.data_ptr<float>();
   args.workspace = workspace_.data_ptr<float>();
 #if B3DGS_TORCH_CUDA

@@ -1,6 +1,6 @@
-// L1 + D-SSIM on the GPU: one kernel for the map, its partial derivatives and the value, one for the gradient. A block
-// owns 32 x 32 pixels and filters rows, then columns, in shared memory. What decides the time are reads of shared
-// memory: a thread filters four neighbours at once, which takes 14 values for 44 products.
+// L1 + D-SSIM on the GPU: one kernel computes the SSIM map, its partial derivatives and the value, a second one the
+// gradient. A block owns 32 x 32 pixels and filters rows, then columns, in shared memory. Shared-memory loads are the
+// bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
 
 #include "core/cuda_check.h"
 #include "train/loss/loss_cuda.h"
@@ -11,14 +11,14 @@ namespace {
 
 constexpr int kSide = 32;
 constexpr int kThreads = 256;
-constexpr int kBlocks = 4;  // at once on a multiprocessor, for which registers are limited
+constexpr int kBlocks = 4;  // resident per multiprocessor; limits the registers
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
-constexpr int kRun = 4;  // neighbours that a thread filters at once
-static_assert(kSide * kSide == kRun * kThreads, "a run of a column for each thread");
+constexpr int kRun = 4;  // adjacent outputs that a thread filters at once
+static_assert(kSide * kSide == kRun * kThreads, "one run of a column per thread");
 constexpr int kRunInputs = kRun + 2 * kRadius;
 
-/// Rows begin at multiples of 16 bytes.
+/// Rows start at multiples of 16 bytes.
 constexpr int kPitch = (kHalo + 3) / 4 * 4;
 using HaloPlane = float[kHalo][kPitch];
 using RowPlane = float[kHalo][kSide];
@@ -42,9 +42,9 @@ __device__ __forceinline__ Run filter_run(const float (&in)[kRunInputs]) {
   return run;
 }
 
-/// Neighbours in a row; `from` is aligned to 16 bytes.
+/// Loads the inputs of a run in a row; `from` is aligned to 16 bytes.
 __device__ __forceinline__ void load_run(const float* from, float (&in)[kRunInputs]) {
-  static_assert(kRunInputs % 4 == 2, "four at a time, and two");
+  static_assert(kRunInputs % 4 == 2, "loads of four floats, then one of two");
 #pragma unroll
   for (int k = 0; k + 4 <= kRunInputs; k += 4) {
     const float4 four = *reinterpret_cast<const float4*>(from + k);
@@ -62,7 +62,7 @@ __device__ __forceinline__ void store_run(float* to, const Run& run) {
   *reinterpret_cast<float4*>(to) = make_float4(run.of[0], run.of[1], run.of[2], run.of[3]);
 }
 
-/// The thread's run of a column of filtered rows, filtered.
+/// Filters the thread's run of a column of filtered rows.
 __device__ __forceinline__ Run filter_column(const RowPlane& rows, int first_row, int column) {
   float in[kRunInputs];
 #pragma unroll
@@ -70,14 +70,14 @@ __device__ __forceinline__ Run filter_column(const RowPlane& rows, int first_row
   return filter_run(in);
 }
 
-/// Calls body(row, column) for the first pixels of the runs along all rows of the halo.
+/// Calls body(row, column) with the first pixel of each run in each row of the halo.
 template <class Body>
 __device__ __forceinline__ void for_row_runs(Body&& body) {
   constexpr int kRuns = kSide / kRun;
   for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
 }
 
-/// Calls body(row, column, pixel) for all pixels of the halo; pixel is -1 outside the image.
+/// Calls body(row, column, pixel) for each pixel of the halo; pixel is -1 outside the image.
 template <class Body>
 __device__ __forceinline__ void for_halo(const LossArgs& args, int block_x, int block_y, Body&& body) {
 #pragma unroll 4
@@ -89,7 +89,7 @@ __device__ __forceinline__ void for_halo(const LossArgs& args, int block_x, int 
   }
 }
 
-/// Sums of a block in a fixed order, for thread 0.
+/// Sum over a block in a fixed order; thread 0 gets the result.
 template <class Real>
 __device__ Real block_sum(Real value, Real* scratch) {
   for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xffffffffu, value, offset);
@@ -107,14 +107,14 @@ __device__ __forceinline__ float truth_of(const LossArgs& args, std::int64_t p, 
   return static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
 }
 
-/// Sums of |difference| and of SSIM over a block's valid pixels and channels.
+/// Sums of |rendered - truth| and of SSIM over a block's valid pixels and channels.
 struct BlockLoss {
   float l1 = 0, ssim = 0;
 };
 
-/// A pixel's SSIM in one channel from the filtered maps: rendered, truth, their squares, their product. `partials`, the
-/// pixel's place in planes of n_pixels or null, takes the derivatives by the three maps that depend on the rendered
-/// image, times `scale`.
+/// SSIM of one channel of a pixel from the filtered maps: rendered, truth, their squares, their product. If `partials`
+/// (the pixel's element in planes of n_pixels) is not null, it receives the derivatives by the three maps that depend
+/// on the rendered image, times `scale`.
 __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
   const float mu1 = maps[0], mu2 = maps[1];
   const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
@@ -122,7 +122,7 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
   const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
   const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
   if (partials != nullptr) {
-    // The variances and the covariance hold the means too: all ways by which the mean acts, in one.
+    // Variance and covariance depend on the mean too: this is the total derivative by the mean.
     partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
     partials[n_pixels] = -scale * value * inverse_d;
     partials[2 * n_pixels] = scale * 2 * a * inverse;
@@ -130,10 +130,10 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
   return value;
 }
 
-/// Per block its sums; per pixel and channel, partials.
+/// Writes the sums of each block, and the partials of each pixel and channel.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
-  __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; invalid and outside pixels 0
+  __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; 0 at invalid pixels and outside the image
   __shared__ alignas(16) RowPlane rows[5];
   __shared__ float scratch[kThreads / 32];
   const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y);
@@ -148,7 +148,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
       rendered[row][halo_column] = valid ? args.rendered[3 * p + channel] : 0.0f;
       truth[row][halo_column] = valid ? truth_of(args, p, channel) : 0.0f;
     });
-    __syncthreads();  // this one is complete
+    __syncthreads();  // this channel is loaded
     for_row_runs([&](int row, int first_column) {
       float a[kRunInputs], b[kRunInputs], product[kRunInputs];
       load_run(rendered[row] + first_column, a);
@@ -188,7 +188,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
   if (threadIdx.x == 0) sums[blockIdx.y * gridDim.x + blockIdx.x] = sum;
 }
 
-/// Adds up the blocks' sums in a fixed order; for one block.
+/// Adds up the sums of all blocks in a fixed order; called by one block.
 __device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_blocks, double* scratch, LossValue* out) {
   double own_l1 = 0, own_ssim = 0;
   for (int i = static_cast<int>(threadIdx.x); i < n_blocks; i += kThreads) {
@@ -199,18 +199,18 @@ __device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_bloc
   if (threadIdx.x > 0) return;
   const double values = 3.0 * static_cast<double>(args.n_valid);
   const double mean_l1 = values > 0 ? l1 / values : 0, mean_ssim = values > 0 ? ssim / values : 0;
-  *out = {values > 0 ? (1 - args.lambda_dssim) * mean_l1 + args.lambda_dssim * (1 - mean_ssim) : 0, mean_l1, mean_ssim};
+  *out = values > 0 ? weighted_loss(args.weights, mean_l1, mean_ssim) : LossValue{};
 }
 
-/// The value alone, where no gradient is wanted.
+/// Only the value, if no gradient is wanted.
 __global__ void __launch_bounds__(kThreads)
     loss_sum_kernel(const LossArgs args, const BlockLoss* sums, int n_blocks, LossValue* value) {
   __shared__ double scratch[kThreads / 32];
   sum_loss(args, sums, n_blocks, scratch, value);
 }
 
-/// Gradient by the rendered image: the partials filtered once more, and the sign of the difference. The first row of
-/// blocks finds the value meanwhile.
+/// Gradient by the rendered image: the partials are filtered again, and the sign of the difference is added. The first
+/// row of blocks computes the value at the same time.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
   __shared__ alignas(16) HaloPlane maps[3];
@@ -224,9 +224,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
   const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y) - 1;
   const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
   const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
-  const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
-  const float l1_scale = static_cast<float>(1 - args.lambda_dssim) * per_value;
-  const float ssim_scale = -static_cast<float>(args.lambda_dssim) * per_value;
+  const LossScales scales = loss_scales(args);
 
   for (int channel = 0; channel < 3; ++channel) {
     __syncthreads();  // the last channel has been read
@@ -236,7 +234,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
         maps[m][row][halo_column] = p >= 0 ? partials[(3 * channel + m) * n_pixels + p] : 0.0f;
       }
     });
-    __syncthreads();  // partials are complete
+    __syncthreads();  // the partials are loaded
     for_row_runs([&](int row, int first_column) {
 #pragma unroll
       for (int m = 0; m < 3; ++m) {
@@ -257,7 +255,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
       if (args.valid == nullptr || args.valid[p] != 0) {
         const float a = args.rendered[3 * p + channel], b = truth_of(args, p, channel);
         const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
-        grad = ssim_scale * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + l1_scale * sign;
+        grad = scales.ssim * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + scales.l1 * sign;
       }
       args.grad[3 * p + channel] = grad;
     }

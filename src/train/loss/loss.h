@@ -1,11 +1,12 @@
-// The loss of a rendered view against its photograph: (1 - lambda) L1 + lambda (1 - SSIM), value and gradient in one
-// go.
+// The loss of a rendered view against its photograph, value and gradient in one pass: L1 and D-SSIM, weighted as in
+// loss_args.h.
 //
-// SSIM has an 11 x 11 Gaussian window (sigma 1.5), C1 = 0.01^2, C2 = 0.03^2 and zero padding; it and L1 are means over
-// pixels and channels. The rendered image is not clamped: a colour above 1 has to feel the pull back.
+// SSIM (Wang et al. 2004) has an 11 x 11 Gaussian window (sigma 1.5 px), C1 = 0.01^2, C2 = 0.03^2 and zero padding. L1
+// and SSIM are means over pixels and channels. The rendered image is not clamped: a colour above 1 needs a gradient
+// that lowers it.
 //
-// Pixels that are not valid count as 0 in both images where a window reaches them, and otherwise for nothing: both
-// means are over the valid pixels alone, and the gradient at the others is 0.
+// Invalid pixels are 0 in both images where an SSIM window covers them. Both means are over the valid pixels only, and
+// the gradient at invalid pixels is 0.
 #pragma once
 
 #include <torch/types.h>
@@ -13,6 +14,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "raster/torch/rasterizer.h"
 #include "train/loss/loss_args.h"
 
 namespace b3dgs {
@@ -22,31 +24,32 @@ namespace cpu {
 /// Floats of workspace for an image; aligned to 64 bytes.
 std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height);
 
-/// The same bits for any number of threads. With n_valid 0 all is 0.
+/// The result does not depend on the number of threads. With n_valid = 0 value and gradient are 0.
 LossValue compute_loss(const LossArgs& args);
 
 }  // namespace cpu
 
-/// Pixels that are not 0 in a mask [H, W].
+/// Number of nonzero pixels of a mask [H, W].
 std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels);
 
-/// The loss on tensors; keeps its buffers from step to step.
+/// The loss on tensors. Reuses its buffers from step to step.
 class ImageLoss {
  public:
   /// @throws InputError if this build has no loss for the device.
   explicit ImageLoss(torch::Device device);
   ~ImageLoss();
 
-  /// Loss and gradient of `rendered` [H, W, 3] float against `truth` [H, W, 3] uint8, with `valid` [H, W] uint8 or
-  /// undefined, of which n_valid pixels are not 0. Does not wait for a GPU.
+  /// Loss and gradient of `rendered` [H, W, 3] float against `truth` [H, W, 3] uint8. `valid` is [H, W] uint8 with
+  /// n_valid nonzero pixels, or undefined if all are valid. Asynchronous on a GPU.
   void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
-               std::int64_t n_valid, double lambda_dssim);
+               std::int64_t n_valid, const LossWeights& weights);
 
-  /// Of the last compute(). Waits until a GPU is done with that, so a training step asks one step later.
+  /// Of the last compute(), for which this waits on a GPU: a training step reads it one step later.
   LossValue value() const;
 
-  /// [H, W, 3] float, gradient of the last loss by the rendered image; valid until the next compute().
-  const torch::Tensor& grad() const { return grad_; }
+  /// Gradient of the last loss by the rendered view, valid until the next compute(). Only color [H, W, 3] is set: no
+  /// term depends on depth or alpha.
+  RenderedViewGrad grad() const { return {grad_, {}, {}}; }
 
  private:
   struct OnCuda;

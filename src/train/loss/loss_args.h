@@ -1,26 +1,48 @@
-// What goes into and comes out of the loss, without torch.
+// Inputs and outputs of the loss, without torch: what the CPU and the CUDA kernels share.
 #pragma once
 
 #include <cstdint>
 
+#include "core/vec.h"
+
 namespace b3dgs {
 
-/// All arrays lie on one device and are contiguous.
+/// loss = (1 - dssim) L1 + dssim (1 - SSIM)   (Kerbl et al. 2023, equation 7)
+struct LossWeights {
+  double dssim = 0;  // in [0, 1]
+};
+
+/// All arrays are on one device and contiguous.
 struct LossArgs {
   std::int32_t width = 0, height = 0;   // px
   const float* rendered = nullptr;      // [H, W, 3]
   const std::uint8_t* truth = nullptr;  // [H, W, 3]
-  const std::uint8_t* valid = nullptr;  // [H, W] 0 where a pixel does not count; null: all count
+  const std::uint8_t* valid = nullptr;  // [H, W] 0 = pixel is ignored; null = all count
   std::int64_t n_valid = 0;             // pixels that count
-  double lambda_dssim = 0;              // in [0, 1]
-  float* grad = nullptr;                // [H, W, 3] out, by `rendered`; null: the value alone
-  float* workspace = nullptr;           // loss_workspace_size() floats
+  LossWeights weights{};
+  float* grad = nullptr;       // [H, W, 3] out, dL/d(rendered); null = only the value is wanted
+  float* workspace = nullptr;  // loss_workspace_size() floats
 };
 
 struct LossValue {
   double loss = 0;
-  double l1 = 0;
-  double ssim = 0;
+  double l1 = 0;    // mean over valid pixels and channels
+  double ssim = 0;  // mean over valid pixels and channels
 };
+
+/// The loss from the means of its terms.
+B3DGS_HD LossValue weighted_loss(const LossWeights& weights, double l1, double ssim) {
+  return {(1 - weights.dssim) * l1 + weights.dssim * (1 - ssim), l1, ssim};
+}
+
+/// By what the derivative of each term at one value (a channel of a pixel) is multiplied to give dL/d(rendered).
+struct LossScales {
+  float l1 = 0, ssim = 0;
+};
+
+B3DGS_HD LossScales loss_scales(const LossArgs& args) {
+  const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
+  return {static_cast<float>(1 - args.weights.dssim) * per_value, -static_cast<float>(args.weights.dssim) * per_value};
+}
 
 }  // namespace b3dgs

@@ -1,10 +1,10 @@
-// The loss on the CPU, one band of rows at a time.
+// The loss on the CPU, in bands of rows.
 //
-// The window is separable, and its taps lie 3 floats apart in an interleaved RGB row, so no plane is ever taken apart.
-// Pass 1 marches down a band: each row is filtered horizontally into a ring of 11 rows, which are summed vertically;
-// out come the SSIM of each pixel and its derivatives by the three window means that depend on the rendered image. They
-// are filtered horizontally and kept. Pass 2 filters them vertically, which gives the gradient, since the window is
-// symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
+// The SSIM window is separable. Its taps are 3 floats apart in an interleaved RGB row, so channels need not be split
+// into planes. Pass 1 goes down a band: each row is filtered horizontally into a ring of 11 rows, which are then summed
+// vertically. That gives the SSIM of each pixel and its derivatives by the three window means that depend on the
+// rendered image; the derivatives are filtered horizontally and stored. Pass 2 filters them vertically, which gives the
+// gradient, because the window is symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
 
 #include "train/loss/loss.h"
 
@@ -21,7 +21,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "train/loss/loss_cpu.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, as Highway wants it.
+// Highway requires this after foreach_target.h.
 #include <hwy/aligned_allocator.h>
 #include <hwy/highway.h>
 
@@ -35,11 +35,11 @@ constexpr std::int64_t kBandRows = 32;
 constexpr std::int64_t kMaxLanes = 16;
 constexpr std::int64_t kPadding = 16;  // floats before and after a row: 3 * kRadius, and whole vectors
 
-/// Rows of an image in memory that vectors may overrun: zeros before the row and behind it.
+/// An image row in memory that vector loads and stores may overrun: zero padding before and after.
 struct RowLayout {
   explicit RowLayout(std::int64_t width) : n(3 * width), rounded((n + kMaxLanes - 1) / kMaxLanes * kMaxLanes) {}
-  std::int64_t n;        // floats of a row
-  std::int64_t rounded;  // floats that are computed
+  std::int64_t n;        // floats in a row
+  std::int64_t rounded;  // n rounded up to whole vectors
   std::int64_t stride() const { return rounded + 2 * kPadding; }
 };
 
@@ -60,7 +60,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using FloatTag = hn::CappedTag<float, kMaxLanes>;
 using FloatVec = hn::Vec<FloatTag>;
 
-/// Padded rows of one thread, by name.
+/// The padded rows of one thread.
 class Scratch {
  public:
   explicit Scratch(const RowLayout& layout)
@@ -69,7 +69,7 @@ class Scratch {
   }
 
   float* zeros() { return row(0); }
-  float* weight() { return row(1); }                       // 1 where a pixel counts, 0 elsewhere and behind the row
+  float* weight() { return row(1); }                       // 1 = valid pixel, 0 = invalid or past the row's end
   float* x() { return row(2); }                            // rendered
   float* y() { return row(3); }                            // truth
   float* squares() { return row(4); }                      // x^2 + y^2
@@ -94,7 +94,7 @@ class BandLoss {
     std::fill_n(scratch_.weight(), layout_.n, 1.0f);
   }
 
-  /// SSIM and L1 of rows [begin, end) into sums[row]; with a gradient wanted, derivatives into the workspace.
+  /// Writes SSIM and L1 of rows [begin, end) to sums[row] and, if a gradient is wanted, derivatives to the workspace.
   void value(std::int64_t begin, std::int64_t end, RowSums* sums) {
     for (std::int64_t row = begin - kRadius; row < end + kRadius; ++row) {
       if (row >= 0 && row < args_.height) {
@@ -114,9 +114,8 @@ class BandLoss {
   /// Gradient of rows [begin, end), from the derivatives of all rows.
   void gradient(std::int64_t begin, std::int64_t end) {
     const FloatTag d;
-    const float per_value = 1.0f / (3.0f * static_cast<float>(args_.n_valid));
-    const auto l1_scale = hn::Set(d, static_cast<float>(1 - args_.lambda_dssim) * per_value);
-    const auto ssim_scale = hn::Set(d, static_cast<float>(-args_.lambda_dssim) * per_value);
+    const LossScales scales = loss_scales(args_);
+    const auto l1_scale = hn::Set(d, scales.l1), ssim_scale = hn::Set(d, scales.ssim);
     const auto zero = hn::Zero(d);
     for (std::int64_t row = begin; row < end; ++row) {
       load_row(row);
@@ -145,12 +144,12 @@ class BandLoss {
   }
 
  private:
-  /// Row of horizontally filtered derivatives.
+  /// A row of horizontally filtered derivatives.
   float* workspace_row(int which, std::int64_t row) const {
     return args_.workspace + (which * static_cast<std::int64_t>(args_.height) + row) * layout_.rounded;
   }
 
-  /// x, y and, with a mask, weight of an image row.
+  /// Loads x, y and, with a mask, the weights of an image row.
   void load_row(std::int64_t row) {
     float *x = scratch_.x(), *y = scratch_.y();
     std::memcpy(x, args_.rendered + row * layout_.n, static_cast<std::size_t>(layout_.n) * sizeof(float));
@@ -169,7 +168,7 @@ class BandLoss {
     }
   }
 
-  /// Fills squares and product; returns the sum of |x - y|.
+  /// Computes squares and product; returns the sum of |x - y|.
   double multiply_row() {
     const FloatTag d;
     auto sum = hn::Zero(d);
@@ -185,7 +184,7 @@ class BandLoss {
 
   static HWY_INLINE FloatVec weight_at(int distance) { return hn::Set(FloatTag(), ssim_weight(distance)); }
 
-  /// `in` has zeros around it; `out` is written in whole vectors.
+  /// Horizontal filter. `in` has zero padding; `out` is written in whole vectors.
   void filter_row(const float* in, float* out) const {
     const FloatTag d;
     for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
@@ -207,7 +206,7 @@ class BandLoss {
     return sum;
   }
 
-  /// Sum of the SSIM of a row whose neighbours are in the ring; derivatives into the workspace.
+  /// Returns the sum of SSIM over a row whose neighbours are in the ring; writes derivatives to the workspace.
   double ssim_row(std::int64_t center) {
     const FloatTag d;
     std::array<std::array<const float*, kTaps>, 4> rows;
@@ -239,7 +238,7 @@ class BandLoss {
       const auto inverse = hn::Div(one, hn::Mul(b1, b2));
       const auto weight = hn::Load(d, scratch_.weight() + i);
       const auto ssim = hn::Mul(hn::Mul(a1, a2), inverse);
-      // Behind the row's end the window means still see the row.
+      // Past the row's end the windows still overlap the row, hence the weight.
       sum = hn::MulAdd(weight, ssim, sum);
       if (!args_.grad) continue;
       const auto weighted = hn::Mul(weight, inverse);
@@ -308,11 +307,7 @@ LossValue compute_loss(const LossArgs& args) {
   }
   const RowSums sums = HWY_DYNAMIC_DISPATCH(compute_loss_sums)(args);
   const double n_values = 3.0 * static_cast<double>(args.n_valid);
-  LossValue value;
-  value.l1 = sums.l1 / n_values;
-  value.ssim = sums.ssim / n_values;
-  value.loss = (1 - args.lambda_dssim) * value.l1 + args.lambda_dssim * (1 - value.ssim);
-  return value;
+  return weighted_loss(args.weights, sums.l1 / n_values, sums.ssim / n_values);
 }
 
 }  // namespace b3dgs::cpu

@@ -1,5 +1,5 @@
-// The loss of a step, read by the host without stopping the device: copied to pinned memory behind the kernels, and
-// looked at when a later step is under way.
+// Reads the loss of a step without stalling the GPU: it is copied to pinned memory after the kernels, and read by the
+// host while a later step is running.
 #pragma once
 
 #include "train/loss/loss_cuda.h"
@@ -13,10 +13,10 @@ class LossReader {
   LossReader(const LossReader&) = delete;
   LossReader& operator=(const LossReader&) = delete;
 
-  /// Queues loss, gradient and the copy of the value. Does not wait.
+  /// Queues loss, gradient and the copy of the value. Asynchronous.
   void compute(const LossArgs& args, cudaStream_t stream);
 
-  /// Value of the last compute(), once it is there.
+  /// Waits for the value of the last compute().
   LossValue wait() const;
 
  private:

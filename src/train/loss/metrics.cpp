@@ -9,15 +9,15 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kMaxPsnr = 100;  // dB, of equal images: JSON has no infinity
+constexpr double kMaxPsnr = 100;  // dB, for identical images: JSON has no infinity
 
 }  // namespace
 
 ImageQuality image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
   const Image8 image = to_image8(rendered);
   B3DGS_CHECK(image.width == truth.width && image.height == truth.height && image.channels == 3 && truth.channels == 3,
-              "a rendered view of ", image.width, " x ", image.height, " px is compared with a photograph of ",
-              truth.width, " x ", truth.height);
+              "rendered view is ", image.width, " x ", image.height, " px, photograph is ", truth.width, " x ",
+              truth.height);
   const std::int64_t n_pixels = static_cast<std::int64_t>(image.width) * image.height;
   const std::uint8_t* mask = valid ? valid->pixels.data() : nullptr;
   B3DGS_CHECK(!valid || static_cast<std::int64_t>(valid->pixels.size()) == n_pixels, "the mask has ",
@@ -50,7 +50,7 @@ Image8 to_image8(const torch::Tensor& image) {
   const torch::Tensor host = image.to(torch::kCPU).contiguous();
   Image8 result(static_cast<int>(host.size(1)), static_cast<int>(host.size(0)), host.dim() == 2 ? 1 : 3);
   const float* values = host.data_ptr<float>();
-  // NaN becomes 0: it compares false with everything.
+  // NaN becomes 0, since every comparison with it is false.
   std::transform(values, values + host.numel(), result.pixels.begin(), [](float value) {
     return static_cast<std::uint8_t>(value > 0.0f ? std::lround(255.0f * std::min(value, 1.0f)) : 0);
   });

@@ -47,17 +47,17 @@ std::int64_t state_bytes(const TrainState& state) {
 }
 
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios) {
-  // 8: gradient by the centre; 32: OwedSteps (train/cuda/deferred_harmonics.h).
+  // 8: gradient by the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
   constexpr double kStep = 8 + 32;
-  // Of a round's masks, thresholds and indices before any memory is asked for.
+  // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
   std::int64_t largest = 0;
   visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;
-  // Gaussians widen and turn opaque between two rounds, and after the last one: a view's pairs grow though the count
-  // does not.
+  // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
+  // count does not.
   constexpr double kPairGrowth = 1.25;
   memory.view = view.bytes(1, ratios.splats(), kPairGrowth * ratios.pairs());
   memory.round = kPlan + static_cast<double>(largest);

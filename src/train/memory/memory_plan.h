@@ -1,4 +1,4 @@
-// How many Gaussians a training has memory for: from what a Gaussian takes and what is there. Pure.
+// How many Gaussians fit into memory, from the bytes that each one needs. Pure functions.
 #pragma once
 
 #include <algorithm>
@@ -11,16 +11,16 @@
 
 namespace b3dgs {
 
-/// How much views show of a model: of the largest ones since the round of density control before the last one. Earlier
-/// ones say nothing, for Gaussians become smaller as they become more.
+/// Splats and pairs per Gaussian: the maximum over the views since the last but one round of density control. Earlier
+/// views are not representative, since Gaussians become smaller as they become more.
 class ViewRatios {
  public:
   void add(const ViewSize& view, std::int64_t n_gaussians);
-  /// To be called at each round of density control.
+  /// Call at each round of density control.
   void begin_round();
-  /// Seen Gaussians, of all; 1 before the first view.
+  /// Fraction of the Gaussians that a view sees; 1 before the first view.
   double splats() const { return ratio(&Largest::splats, 1); }
-  /// (tile, splat) pairs for each Gaussian; a guess before the first view.
+  /// (tile, splat) pairs per Gaussian; an estimate before the first view.
   double pairs() const { return ratio(&Largest::pairs, 4); }
 
  private:
@@ -34,32 +34,32 @@ class ViewRatios {
   Largest before_, now_;
 };
 
-/// Bytes of a Gaussian's parameters, moments and statistics.
+/// Bytes of one Gaussian's parameters, moments and statistics.
 std::int64_t state_row_bytes(const TrainState& state);
-/// Of all of them, with room for rows that are not there yet.
+/// Bytes of all Gaussians, including spare capacity.
 std::int64_t state_bytes(const TrainState& state);
 
-/// What a training takes for each Gaussian, bytes.
+/// Memory per Gaussian, bytes.
 struct GaussianMemory {
   double state = 0;
-  double step = 0;   // gradients by centres, steps that are put off
-  double view = 0;   // rasterizer: what it keeps of a view, pairs included
-  double round = 0;  // a round of density control: its plan, and the largest tensor a second time
-  /// What is kept of views gives way to a round where both do not fit.
+  double step = 0;   // gradients by projected centres, deferred updates
+  double view = 0;   // the rasterizer's buffers for a view, including pairs
+  double round = 0;  // a round of density control: its masks and indices, and a copy of the largest tensor
+  /// The rasterizer's buffers are freed for a round if both do not fit.
   double all() const { return state + step + std::max(view, round); }
 };
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios);
 
-/// What is there for them, bytes.
+/// Available memory, bytes.
 struct CountLimits {
   std::int64_t limit = 0;  // MemorySource::limit()
-  std::int64_t other = 0;  // what does not change with the number of Gaussians
+  std::int64_t other = 0;  // in use, independent of the number of Gaussians
 };
 
-/// The largest count for which that is enough, with a reserve of 1/16; at least 1.
+/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1.
 std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian);
 
-/// The smaller of two limits of the count, where 0 stands for no limit.
+/// The smaller of two limits on the number of Gaussians; 0 = no limit.
 std::int64_t smaller_limit(std::int64_t a, std::int64_t b);
 
 }  // namespace b3dgs

@@ -26,11 +26,12 @@ class GpuMemory final : public MemorySource {
  public:
   explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
     extend_torch_memory_in_place();
-    allocate_tensor({1}, torch::TensorOptions(torch::kCUDA));  // the allocator takes no limit before its first tensor
+    allocate_tensor({1},
+                    torch::TensorOptions(torch::kCUDA));  // the allocator must be initialised before a limit can be set
     limit_torch_memory(limit_bytes_);
   }
   std::optional<std::int64_t> limit() override {
-    // The driver needs some for itself: kernels that are loaded late, events.
+    // The driver needs some memory itself, for kernels that are loaded later and for events.
     constexpr std::int64_t kForTheDriver = 64 << 20;
     const std::int64_t reached = torch_memory_use().reserved + device_memory_size().free;
     const std::int64_t all = std::max<std::int64_t>(0, reached - kForTheDriver);

@@ -1,4 +1,4 @@
-// From tensors to AdamArgs.
+// Converts tensors to AdamArgs.
 
 #include "train/optimizer/adam.h"
 
@@ -12,7 +12,8 @@ namespace {
 void check_is_like(const torch::Tensor& other, const torch::Tensor& param, std::size_t group) {
   B3DGS_CHECK(other.defined() && other.sizes() == param.sizes() && other.is_contiguous() &&
                   other.device() == param.device() && other.scalar_type() == torch::kFloat32,
-              GaussianTensors::kNames[group], " is ", param.sizes(), "; gradient or moments are not like it");
+              GaussianTensors::kNames[group], " has shape ", param.sizes(),
+              "; its gradient or moments differ in shape, type, device or layout");
 }
 
 }  // namespace
@@ -50,7 +51,7 @@ AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, A
 }
 
 void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
-  B3DGS_CHECK(gaussians.means.is_cpu(), "Adam alone on ", gaussians.means.device());
+  B3DGS_CHECK(gaussians.means.is_cpu(), "adam_step() is for the CPU, found ", gaussians.means.device());
   AdamGroups groups = begin_adam_step(rates, gaussians, state);
   for (std::size_t i = 0; i < groups.size(); ++i) {
     check_is_like(*grads.all()[i], *gaussians.all()[i], i);

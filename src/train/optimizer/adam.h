@@ -1,4 +1,4 @@
-// Adam with moments that live in plain tensors, so that row edits, checkpoints and resets treat them like parameters.
+// Adam with its moments in plain tensors, so that row edits, checkpoints and resets handle them like parameters.
 #pragma once
 
 #include <array>
@@ -12,30 +12,29 @@ namespace b3dgs {
 
 namespace cpu {
 
-/// The same bits for any number of threads.
+/// The result does not depend on the number of threads.
 void adam_step(const AdamArgs& args);
 
 }  // namespace cpu
 
 struct AdamState {
   GaussianTensors m, v;    // first and second moments, shapes of the parameters
-  std::int64_t steps = 0;  // taken so far; common to all groups and rows, as in torch
+  std::int64_t steps = 0;  // taken so far, by all groups and rows alike (as in torch.optim.Adam)
 };
 
-/// One rate per parameter group, in the order of GaussianTensors.
+/// One learning rate per parameter group, in the order of GaussianTensors.
 using AdamRates = std::array<double, std::tuple_size_v<AdamGroups>>;
 
 /// Zero moments for these parameters.
 AdamState make_adam_state(const GaussianTensors& gaussians);
 
-/// @throws LogicError unless all tensors are contiguous floats on one device, of the parameters' shapes.
+/// @throws LogicError unless all tensors are contiguous floats on one device, with the shapes of the parameters
 void check_adam_state(const GaussianTensors& gaussians, const AdamState& state);
 
-/// What the next step of torch.optim.Adam with the constants above does to each group; counts the step. Gradients are
-/// left out. @throws as check_adam_state()
+/// Arguments of the next step for each group, without gradients; increments state.steps. @throws as check_adam_state()
 AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state);
 
-/// Takes that step on the CPU.
+/// Takes a step on the CPU.
 void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state);
 
 }  // namespace b3dgs

@@ -8,16 +8,17 @@ namespace b3dgs {
 
 inline constexpr double kAdamBeta1 = 0.9;
 inline constexpr double kAdamBeta2 = 0.999;
-inline constexpr double kAdamEpsilon = 1e-15;  // the original's: gradients of a mean over all pixels are tiny
+inline constexpr double kAdamEpsilon = 1e-15;  // as in the original 3DGS: gradients of a mean over all pixels are tiny
 
-/// What sets one step t apart from another.
+/// What differs from step to step; t counts from 1.
 struct AdamStepSize {
   float step_size = 0;           // rate / (1 - beta1^t)
   float inverse_root_bias2 = 0;  // 1 / sqrt(1 - beta2^t)
 };
 
-/// m and v follow the gradient and its square, and
-/// param -= step_size * m / (sqrt(v) * inverse_root_bias2 + epsilon).
+/// One step (Kingma and Ba 2015, with bias correction in the step size):
+///   m = beta1 m + (1 - beta1) grad,  v = beta2 v + (1 - beta2) grad^2
+///   param -= step_size * m / (sqrt(v) * inverse_root_bias2 + epsilon)
 struct AdamArgs {
   std::int64_t n = 0;
   float* param = nullptr;
@@ -27,7 +28,7 @@ struct AdamArgs {
   AdamStepSize size{};
 };
 
-/// Means, log scales, quaternions, opacities, harmonics of degree 0 and those beyond.
+/// Means, log scales, quaternions, opacities, SH coefficients of degree 0, and those of higher degrees.
 using AdamGroups = std::array<AdamArgs, 6>;
 
 }  // namespace b3dgs

@@ -1,5 +1,5 @@
-// Adam on the CPU: one sweep over parameter, gradient and moments, bound by memory. Blocks have a fixed size in whole
-// vectors, and the last few floats take the same instructions as all others, so that no value depends on the threads.
+// Adam on the CPU: one memory-bound pass over parameter, gradient and moments. Blocks have a fixed size in whole
+// vectors, and the last few floats use the same instructions as all others, so no value depends on the threads.
 
 #include "train/optimizer/adam.h"
 
@@ -10,7 +10,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "train/optimizer/adam_cpu.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, as Highway wants it.
+// Highway requires this after foreach_target.h.
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -67,7 +67,8 @@ namespace b3dgs::cpu {
 HWY_EXPORT(adam_range);
 
 void adam_step(const AdamArgs& args) {
-  constexpr std::int64_t kBlock = 1 << 15;  // floats: long enough to hide the pool, short enough to share out
+  constexpr std::int64_t kBlock =
+      1 << 15;  // floats: large enough to hide the overhead of the pool, small enough to balance it
   parallel_pool((args.n + kBlock - 1) / kBlock, [&](std::int64_t block, int) {
     HWY_DYNAMIC_DISPATCH(adam_range)(args, block * kBlock, std::min((block + 1) * kBlock, args.n));
   });

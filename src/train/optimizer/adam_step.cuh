@@ -1,13 +1,13 @@
-// Adam's arithmetic on the GPU, one float at a time.
+// Adam on the GPU, for one float.
 #pragma once
 
 #include "train/optimizer/adam_args.h"
 
 namespace b3dgs::cuda {
 
-/// Products and sums are fused as written here, so that every kernel gets the same bits. Root and quotient are the
-/// device's fast ones: the step, not the parameter, is a few ulp from the exact one. Second moments below 1e-38 count
-/// as 0: next to epsilon their root is.
+/// Multiply-adds are fused as written here, so that every kernel computes the same bits. Square root and division are
+/// the device's fast approximations: the step (not the parameter) has an error of a few ulp. Second moments below 1e-38
+/// are flushed to 0; their root is negligible beside epsilon.
 __device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v) {
   constexpr auto kBeta1 = static_cast<float>(kAdamBeta1), kBeta2 = static_cast<float>(kAdamBeta2);
   m = __fmaf_rn(kBeta1, m, __fmul_rn(1 - kBeta1, grad));

@@ -1,6 +1,7 @@
 #include "train/optimizer/gaussian_step.h"
 
 #if B3DGS_TORCH_CUDA
+#include "raster/torch/fused_step.h"
 #include "raster/torch/torch_launch.h"
 #include "train/optimizer/gaussian_step_cuda.h"
 #endif
@@ -9,9 +10,9 @@ namespace b3dgs {
 namespace {
 
 #if B3DGS_TORCH_CUDA
-cuda::RestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
+cuda::ShRestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
   check_adam_state(gaussians, state);
-  return {gaussians.size(), sh_degree_max_of(gaussians), gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
+  return {gaussians.size(), sh_degree_of(gaussians), gaussians.shN.data_ptr<float>(), state.m.shN.data_ptr<float>(),
           state.v.shN.data_ptr<float>()};
 }
 #endif
@@ -24,7 +25,7 @@ struct GaussianStepper::Impl {
   Rasterizer& rasterizer;
   GaussianTensors grads;  // on the CPU
 #if B3DGS_TORCH_CUDA
-  cuda::DeferredHarmonics harmonics;
+  cuda::DeferredSh deferred_sh;
 #endif
 };
 
@@ -36,8 +37,9 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     begin_stage(settings.stages, Stage::kProject);
-    impl_->harmonics.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    if (settings.sh_degree > 0) settings.color_pass = &impl_->harmonics;
+    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    return FusedStep(impl_->rasterizer)
+        .forward(gaussians, view, settings, settings.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
   }
 #endif
   (void)state;
@@ -49,13 +51,13 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
-    const ViewStatistics statistics = impl_->rasterizer.backward_blend(gaussians, view_grad, args.backward);
+    const ViewStatistics statistics = FusedStep(impl_->rasterizer).backward_blend(gaussians, view_grad, args.backward);
     begin_stage(stages, Stage::kOptimizer);
     args.adam = begin_adam_step(rates, gaussians, state);
-    args.owed = impl_->harmonics.owed();
-    args.n_put_off = impl_->harmonics.n_put_off();
+    args.updates = impl_->deferred_sh.updates();
+    args.n_deferred = impl_->deferred_sh.n_deferred();
     cuda::step_gaussians(args, torch_launch_context());
-    impl_->harmonics.put_off_step(args.adam.back().size);
+    impl_->deferred_sh.defer_step(args.adam.back().size);
     end_stage(stages);
     return statistics;
   }
@@ -67,9 +69,9 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
   return statistics;
 }
 
-void GaussianStepper::settle(GaussianTensors& gaussians, AdamState& state) {
+void GaussianStepper::flush(GaussianTensors& gaussians, AdamState& state) {
 #if B3DGS_TORCH_CUDA
-  if (!gaussians.means.is_cpu()) impl_->harmonics.settle(rest_arrays(gaussians, state), torch_launch_context());
+  if (!gaussians.means.is_cpu()) impl_->deferred_sh.flush(rest_arrays(gaussians, state), torch_launch_context());
 #endif
   (void)gaussians, (void)state;
 }

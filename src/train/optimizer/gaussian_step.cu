@@ -1,8 +1,8 @@
-// Projection backward and Adam in one kernel: a thread for each Gaussian finds its gradient and takes the step of all
-// but the harmonics beyond degree 0: those are put off (deferred_harmonics.h).
+// Projection backward and Adam in one kernel: one thread per Gaussian computes its gradient and updates its parameters,
+// except for the SH coefficients beyond degree 0, whose updates are deferred (deferred_sh.h).
 //
-// A step has to read and write parameters and moments, 24 bytes a float; gradients that went through memory would add
-// 8. Gaussians that the view does not see have a step as well, for their moments go on.
+// A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gaussians
+// that the view does not see are updated too, since their moments decay.
 
 #include "raster/cuda/backward/project_backward.cuh"
 #include "raster/cuda/launch.cuh"
@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kThreads = 128;
 
-/// `kFloats` of one Gaussian. All is read before anything is written.
+/// Steps `kFloats` floats of one Gaussian. All are read before any is written.
 template <int kFloats>
 __device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats]) {
   float param[kFloats], m[kFloats], v[kFloats];
@@ -55,9 +55,9 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   if (args.backward.radii[i] > 0) {
     grad = gaussian_grad<kShDegree>(args.backward, i);
     if (rest_floats(kShDegree) > 0) {
-      float4* const owed = reinterpret_cast<float4*>(args.owed + i);
-      owed[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_put_off));
-      owed[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
+      float4* const update = reinterpret_cast<float4*>(args.updates + i);
+      update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
+      update[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
     }
   }
   const Vec3f sh0 = grad.sh0();

@@ -1,4 +1,4 @@
-// Forward pass, backward pass and Adam together, for that is how a GPU does them.
+// Forward pass, backward pass and Adam behind one interface, because a GPU fuses parts of them.
 #pragma once
 
 #include <memory>
@@ -9,25 +9,25 @@
 
 namespace b3dgs {
 
-/// Steps of Adam along the gradients of one view each. On a GPU harmonics' steps are put off until a view sees the
-/// Gaussian (cuda/deferred_harmonics.h): between forward() and settle() they and their moments are not to be read, nor
-/// may the tensors be replaced.
+/// Adam steps, each along the gradients of one view. On a GPU, updates of SH coefficients beyond degree 0 are deferred
+/// until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients or their moments are read,
+/// and before any tensor is replaced.
 class GaussianStepper {
  public:
-  /// Renders with `rasterizer`, which has to outlive this.
+  /// `rasterizer` must outlive this.
   explicit GaussianStepper(Rasterizer& rasterizer);
   ~GaussianStepper();
 
-  /// Rasterizer::forward() for a step.
+  /// Rasterizer::forward() for a training step.
   RenderedView forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view, RenderSettings settings);
 
-  /// Gradients of that view, and one step along them. `stages` is told of the optimizer, which on a GPU includes the
-  /// projection's backward pass; null: nobody asks. Does not wait for the device.
+  /// Gradients of that view, and one step along them. `stages` (may be null) records the optimizer stage, which on a
+  /// GPU includes the projection's backward pass. Asynchronous on a GPU.
   ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
                       AdamState& state, StageRecorder* stages);
 
-  /// Takes what steps were put off. Does not wait for the device.
-  void settle(GaussianTensors& gaussians, AdamState& state);
+  /// Applies all deferred updates. Asynchronous on a GPU.
+  void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
   struct Impl;

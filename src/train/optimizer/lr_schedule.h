@@ -9,15 +9,15 @@
 
 namespace b3dgs {
 
-/// From `initial` at step 0 to `final` at max_steps and after, straight in the logarithm; straight in the rate itself
-/// if one of them is 0.
+/// Interpolates from `initial` at step 0 to `final` at max_steps and later, log-linearly; linearly if one of them is 0.
 inline double log_linear_rate(double initial, double final, int max_steps, int step) {
   const double t = std::clamp(static_cast<double>(step) / max_steps, 0.0, 1.0);
   if (initial <= 0 || final <= 0) return initial + t * (final - initial);
   return std::exp((1 - t) * std::log(initial) + t * std::log(final));
 }
 
-/// Rates of an iteration, counted from 1, in the order of GaussianTensors. `extent` is the scene's, world units.
+/// Learning rates of an iteration (counted from 1), in the order of GaussianTensors. `extent` is the scene's, world
+/// units.
 inline AdamRates adam_rates(const TrainConfig& config, double extent, int iteration) {
   const double means = extent * log_linear_rate(config.position_lr_init, config.position_lr_final,
                                                 config.position_lr_max_steps, iteration);

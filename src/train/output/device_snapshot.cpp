@@ -22,7 +22,7 @@ std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<DeviceByt
   if (wanted == 0 || free / 2 < wanted) return nullptr;
   std::unique_ptr<DeviceSnapshot> snapshot(new DeviceSnapshot);
   if (cudaMalloc(&snapshot->memory_, wanted) != cudaSuccess) {
-    cudaGetLastError();  // that there is no room is no fault
+    cudaGetLastError();  // clears the code: too little memory is not an error here
     snapshot->memory_ = nullptr;
     return nullptr;
   }
@@ -43,7 +43,7 @@ DeviceSnapshot::~DeviceSnapshot() {
 
 DeviceReader::DeviceReader() {
   try {
-    // Not bound to the default stream's order: LibTorch computes there.
+    // Non-blocking: does not synchronise with the default stream, on which LibTorch computes.
     B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
     B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&reached_, cudaEventDisableTiming));
     for (int i = 0; i < 2; ++i) {

@@ -1,4 +1,4 @@
-// Arrays on the device, brought to the host in pieces beside the training.
+// Copies arrays from the device to the host in pieces while training continues.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -15,14 +15,14 @@ struct DeviceBytes {
   std::size_t bytes = 0;
 };
 
-/// Copies of arrays as they are when all that was queued on a stream before is done. Their memory goes back to the
-/// system with the object, not to an allocator that would keep it.
+/// Copies of arrays in device memory, taken after all work queued on a stream so far. Destroying the object returns
+/// their memory to the system, not to a caching allocator.
 class DeviceSnapshot {
  public:
-  /// Queues the copies on `stream` and does not wait. Null if the device does not have twice their memory free: the
-  /// training may need as much for itself.
+  /// Queues the copies on `stream`; asynchronous. Null if less than twice their size is free: training may need the
+  /// same amount for itself.
   static std::unique_ptr<DeviceSnapshot> make(const std::vector<DeviceBytes>& arrays, cudaStream_t stream);
-  /// Nothing may be reading it any more.
+  /// No reads may be in progress.
   ~DeviceSnapshot();
   DeviceSnapshot(const DeviceSnapshot&) = delete;
   DeviceSnapshot& operator=(const DeviceSnapshot&) = delete;
@@ -37,7 +37,7 @@ class DeviceSnapshot {
   std::vector<DeviceBytes> arrays_;
 };
 
-/// Copies to the host through two pieces of pinned memory, on a stream of its own. For one thread at a time.
+/// Copies to the host through two pinned buffers, on a stream of its own. For one thread at a time.
 class DeviceReader {
  public:
   static constexpr std::size_t kPieceBytes = std::size_t{4} << 20;
@@ -47,10 +47,10 @@ class DeviceReader {
   DeviceReader(const DeviceReader&) = delete;
   DeviceReader& operator=(const DeviceReader&) = delete;
 
-  /// What is read from now on is as it is once all that `stream` has been given is done. Does not wait.
+  /// Reads from now on see the result of all work queued on `stream` so far. Asynchronous.
   void follow(cudaStream_t stream);
 
-  /// Calls take(piece, bytes) for one piece after the other, the next one being copied meanwhile.
+  /// Calls take(piece, bytes) for one piece after the other, while the next one is being copied.
   void read(const void* device, std::size_t bytes, const std::function<void(const void*, std::size_t)>& take);
 
  private:

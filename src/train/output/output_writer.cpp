@@ -25,17 +25,17 @@ struct Bytes {
 };
 
 using TakePiece = std::function<void(const void*, std::size_t)>;
-/// Hands out an array piece by piece.
+/// Reads an array piece by piece.
 using ReadPieces = std::function<void(const char* array, std::size_t bytes, const TakePiece& take)>;
 
 void read_host(const char* array, std::size_t bytes, const TakePiece& take) {
-  constexpr std::size_t kPieceBytes = std::size_t{4} << 20;  // small enough to be in a cache for checksum and write
+  constexpr std::size_t kPieceBytes = std::size_t{4} << 20;  // small enough to stay in cache for checksum and write
   for (std::size_t done = 0; done < bytes; done += kPieceBytes) {
     take(array + done, std::min(kPieceBytes, bytes - done));
   }
 }
 
-/// Something that is filled from arrays and then committed.
+/// A file that is filled from arrays and then committed.
 struct FileContent {
   virtual ~FileContent() = default;
   virtual void fill(const std::vector<Bytes>& arrays, const ReadPieces& read) = 0;
@@ -93,7 +93,7 @@ class PlyContent final : public FileContent {
 };
 
 Bytes bytes_of(const torch::Tensor& tensor) {
-  B3DGS_CHECK(tensor.is_contiguous(), "tensors are written as they lie in memory");
+  B3DGS_CHECK(tensor.is_contiguous(), "only contiguous tensors can be written");
   return {static_cast<const char*>(tensor.data_ptr()), static_cast<std::size_t>(tensor.nbytes())};
 }
 
@@ -107,7 +107,7 @@ struct OutputWriter::Impl {
     std::function<void()> work;
   };
 
-  /// In the thread: one job after the other.
+  /// The background thread: one job after the other.
   void run() {
     std::unique_lock lock(mutex);
     for (;;) {
@@ -117,7 +117,7 @@ struct OutputWriter::Impl {
         Job job = std::move(jobs.front());
         lock.unlock();
         const std::exception_ptr own = perform(job);
-        job.work = {};  // its memory is free before it counts as done
+        job.work = {};  // frees its memory before it counts as done
         lock.lock();
         if (own && !fault) fault = own;
         done.push_back(std::move(job.file));
@@ -127,14 +127,14 @@ struct OutputWriter::Impl {
     }
   }
 
-  /// What the system refuses is noted in the file; another exception is returned.
+  /// An IoError is stored in the file's `error`; any other exception is returned.
   static std::exception_ptr perform(Job& job) {
     try {
       job.work();
     } catch (const IoError& error) {
       job.file.error = error.what();
     } catch (...) {
-      job.file.error = "it could not be written";
+      job.file.error = job.file.path.string() + ": could not be written";
       return std::current_exception();
     }
     return nullptr;
@@ -157,7 +157,7 @@ struct OutputWriter::Impl {
     changed.wait(lock, [&] { return jobs.empty(); });
   }
 
-  /// Fills the file from the arrays, on this thread or, from a copy, on the other; the other one commits it.
+  /// Fills the file from the arrays on this thread, or from a copy on the background thread, which commits it.
   void write(const WrittenFile& file, const std::function<std::unique_ptr<FileContent>()>& open,
              const std::vector<Bytes>& arrays, [[maybe_unused]] bool may_copy) {
     try {
@@ -187,7 +187,7 @@ struct OutputWriter::Impl {
     std::shared_ptr<cuda::DeviceSnapshot> snapshot;
     if (may_copy) snapshot = cuda::DeviceSnapshot::make(originals, stream);
     if (snapshot == nullptr) {
-      wait();  // the thread is done with the reader
+      wait();  // until the background thread no longer uses the reader
       reader->follow(stream);
       content->fill(arrays, read);
       return add({file, [content] { content->commit(); }});
@@ -199,7 +199,7 @@ struct OutputWriter::Impl {
              copies.push_back({static_cast<const char*>(copy.data), copy.bytes});
            }
            content->fill(copies, read);
-           snapshot.reset();  // before the disk is waited for
+           snapshot.reset();  // frees GPU memory before waiting for the disk
            content->commit();
          }});
   }
@@ -210,7 +210,7 @@ struct OutputWriter::Impl {
   const torch::Device device;
   std::mutex mutex;
   std::condition_variable changed;
-  std::deque<Job> jobs;  // the first one is being done
+  std::deque<Job> jobs;  // the first one is in progress
   std::vector<WrittenFile> done;
   std::exception_ptr fault;
   bool is_ending = false;

@@ -1,9 +1,9 @@
-// Checkpoints and PLYs, written beside the training.
+// Writes checkpoints and PLYs in the background.
 //
-// On a GPU the tensors are copied on the device, where there is room, and a thread brings the copy to the file in
-// pieces: training goes on at once. Without room, and on a CPU, where a copy would be a second model in the same
-// memory, the training thread writes the pieces from the tensors themselves into the system's page cache, and the
-// thread only waits for the disk. In no case is there a second model in host memory.
+// On a GPU the tensors are copied within device memory if there is room, and a background thread writes the copy to the
+// file in pieces, so that training continues at once. Without room, and on a CPU (where a copy would be a second model
+// in the same memory), the training thread writes the pieces from the tensors themselves to the system's page cache,
+// and the background thread only waits for the disk. There is never a second copy of the model in host memory.
 #pragma once
 
 #include <cstdint>
@@ -27,19 +27,19 @@ struct WrittenFile {
   Kind kind = Kind::kCheckpoint;
   int iteration = 0;
   std::filesystem::path path;
-  std::string error;  // why it could not be written; empty: it is there
+  std::string error;  // why it could not be written; empty = written
 };
 
 class OutputWriter {
  public:
   explicit OutputWriter(torch::Device device);
-  /// Waits until all is written.
+  /// Waits until all files are written.
   ~OutputWriter();
   OutputWriter(const OutputWriter&) = delete;
   OutputWriter& operator=(const OutputWriter&) = delete;
 
-  /// Tensors may change as soon as these return. `may_copy`: on a GPU, a copy on the device is worth its memory. Files
-  /// are written in the order of the calls.
+  /// The tensors may change as soon as these return. `may_copy`: the tensors may be copied within GPU memory. Files are
+  /// written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
                         const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy);
@@ -47,7 +47,7 @@ class OutputWriter {
   bool is_busy() const;
   void wait();
 
-  /// What has been written, or could not be, since the last call. @throws what is no IoError
+  /// Files that have been written, or could not be, since the last call. Rethrows errors other than IoError.
   std::vector<WrittenFile> take();
 
  private:

@@ -17,7 +17,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Lines of iterations up to the given one. A line that a crash cut short is none.
+/// Lines of iterations up to the given one. Incomplete lines, left by a crash, are dropped.
 std::string lines_until(const std::filesystem::path& path, int iteration) {
   std::ifstream file(path);
   std::string kept;

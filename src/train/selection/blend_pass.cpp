@@ -2,9 +2,6 @@
 
 #include <torch/torch.h>
 
-#include <optional>
-
-#include "core/check.h"
 #include "train/selection/kernel_agreement.h"
 
 namespace b3dgs {
@@ -30,7 +27,7 @@ class BackwardBlend final : public BlendPass {
 
   void prepare(const PinholeView& view) override {
     const torch::Tensor color = input_.rasterizer.forward(input_.gaussians, view, input_.settings).color;
-    // Which gradient it is makes no difference to the work; this one reaches every pixel.
+    // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
   }
   void run(const std::string& kernel) override {
@@ -53,18 +50,6 @@ std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input) {
 
 std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input) {
   return std::make_unique<BackwardBlend>(input);
-}
-
-ForwardKernel forward_kernel(const std::string& name) {
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no kernel has the name ", name);
-  return *kernel;
-}
-
-BackwardKernel backward_kernel(const std::string& name) {
-  const std::optional<BackwardKernel> kernel = find_backward_kernel(name);
-  B3DGS_CHECK(kernel.has_value(), "no backward kernel has the name ", name);
-  return *kernel;
 }
 
 }  // namespace b3dgs

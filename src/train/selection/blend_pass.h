@@ -1,4 +1,4 @@
-// A blend that can be run on one view with any of its kernels, to compare and time them.
+// The blending of one view, repeatable with any kernel, to compare and time kernels.
 #pragma once
 
 #include <memory>
@@ -9,32 +9,28 @@
 
 namespace b3dgs {
 
-/// What blends are measured on.
+/// The model and the views on which kernels are timed.
 struct BlendInput {
   Rasterizer& rasterizer;
   const GaussianTensors& gaussians;
-  RenderSettings settings;         // of the training's steps
-  std::vector<PinholeView> views;  // that will be trained next
+  RenderSettings settings;         // of training steps
+  std::vector<PinholeView> views;  // the next views of the training
 };
 
 class BlendPass {
  public:
   virtual ~BlendPass() = default;
-  /// Everything before the blend, and a first blend. @throws NumericError
+  /// Everything before blending, and a first blend. @throws NumericError
   virtual void prepare(const PinholeView& view) = 0;
   virtual void run(const std::string& kernel) = 0;
-  /// Keeps what the last run() computed.
+  /// Keeps the result of the last run().
   virtual void keep() = 0;
-  /// Of the last run() against that: why it cannot stand for it, or "".
+  /// How the result of the last run() disagrees with the kept one, or "".
   virtual std::string fault() const = 0;
 };
 
 /// `input` must outlive the pass.
 std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input);
 std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input);
-
-/// Kernels by their names, which the caller knows to be right.
-ForwardKernel forward_kernel(const std::string& name);
-BackwardKernel backward_kernel(const std::string& name);
 
 }  // namespace b3dgs

@@ -12,7 +12,7 @@ namespace {
 constexpr double kRounding = 1e-4, kFlip = 0.02;  // of the image's range
 constexpr double kGradientRounding = 1e-3;        // of a column's norm
 
-/// Pixels that may have flipped: one in ten thousand, and a few in small images.
+/// Pixels at which a splat may be on the other side of a threshold: one in ten thousand, and a few in small images.
 std::int64_t allowed_flips(std::int64_t n_pixels) {
   return 4 + n_pixels / 10000;
 }
@@ -30,8 +30,8 @@ std::string image_fault(const RenderedView& image, const RenderedView& reference
   const double largest = difference.max().item<double>(), most = kFlip * range;
   const std::int64_t allowed = allowed_flips(difference.numel());
   if (n_off <= allowed && largest <= most) return "";
-  return detail::concat("its image differs in ", n_off, " pixels, by up to ", largest, " (rounding explains ", allowed,
-                        " and ", most, ")");
+  return detail::concat("its image differs in ", n_off, " pixels by up to ", largest, " (at most ", allowed,
+                        " pixels and ", most, " can be rounding)");
 }
 
 std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& reference) {
@@ -40,8 +40,8 @@ std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& refer
   const torch::Tensor agrees = off <= kGradientRounding * norm + 1e-30;
   if (agrees.all().item<bool>()) return "";
   const double largest = (off / (norm + 1e-30)).max().item<double>();
-  return detail::concat("its gradients differ by ", largest, " of their norm (rounding explains ", kGradientRounding,
-                        ")");
+  return detail::concat("its gradients differ by ", largest, " of their norm (at most ", kGradientRounding,
+                        " can be rounding)");
 }
 
 }  // namespace b3dgs

@@ -16,11 +16,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// The plainest schedules judge the others.
+// The simplest kernels are the reference if candidates disagree.
 constexpr const char *kForwardReference = "naive", *kBackwardReference = "per-pixel";
 
 std::vector<std::string> measured_candidates(const TrainConfig& config) {
-  // A choice by times would differ from run to run, and kernels differ in the last digits.
+  // Times differ from run to run, and kernels differ in rounding.
   if (config.deterministic && chooses_forward_kernel(config)) return {kUnmeasuredKernel};
   return forward_candidates(config);
 }
@@ -59,7 +59,7 @@ double ms_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// Compares what the kernels compute on the prepared view; a fault is why one is not to be used.
+/// Compares the kernels' results on the prepared view and sets the fault of those that disagree.
 void find_faults(BlendPass& blend, const std::string& reference, std::vector<KernelMeasurement>& kernels) {
   const auto compare_with = [&](const std::string& kernel) {
     blend.run(kernel);
@@ -72,7 +72,7 @@ void find_faults(BlendPass& blend, const std::string& reference, std::vector<Ker
     }
     return agree;
   };
-  // The reference may take longer than all the others together. It is asked only if they do not agree.
+  // The reference may take longer than all others together, so it runs only if they disagree.
   if (!compare_with(kernels.front().kernel)) compare_with(reference);
 }
 
@@ -107,7 +107,7 @@ KernelTimer& KernelChooser::timer() {
     tools_.timer = std::make_unique<CudaEventTimer>(torch_launch_context().stream);
 #endif
   }
-  B3DGS_CHECK(tools_.timer != nullptr, "this build has no timer for ", device_.str());
+  B3DGS_CHECK(tools_.timer != nullptr, "this build has no kernel timer for ", device_.str());
   return *tools_.timer;
 }
 
@@ -135,7 +135,7 @@ double KernelChooser::warm_up(const char* pass, const KernelSelector& selector, 
     for (const std::string& kernel : selector.candidates()) kernels.push_back({kernel, {}, {}});
     find_faults(blend, selector.reference(), kernels);
   } catch (const NumericError&) {
-    // The check itself will find that again.
+    // The check that follows meets the same error.
   }
   wait_for_device();
   return ms_since(start);
@@ -146,7 +146,7 @@ KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, 
   KernelCheck check;
   check.pass = pass;
   check.warm_up_ms = warm_up(pass, selector, blend, input.views.front());
-  wait_for_device();  // for the steps before, which are not part of the cost
+  wait_for_device();  // the steps before are not part of the cost
   const auto start = std::chrono::steady_clock::now();
   const double budget_ms = selector.budget_ms(now.step_ms);
   std::vector<KernelMeasurement> found;
@@ -170,7 +170,7 @@ std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::str
                                                       const IsEnough& is_enough) {
   std::vector<KernelMeasurement> found;
   for (const std::string& name : kernels) found.push_back({name, {}, {}});
-  std::vector<KernelMeasurement*> order;  // of those that agree with the reference
+  std::vector<KernelMeasurement*> order;  // of the kernels that agree with the reference
   for (std::size_t i = 0; i < views.size() && !is_enough(static_cast<int>(i), found); ++i) {
     blend.prepare(views[i]);
     if (i == 0) {
@@ -179,7 +179,7 @@ std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::str
         if (kernel.fault.empty()) order.push_back(&kernel);
       }
       if (order.size() < 2) return found;
-      blend.run(order.back()->kernel);  // keeps the device busy while the first timed one is queued
+      blend.run(order.back()->kernel);  // keeps the device busy while the first timed run is queued
     }
     for (const KernelMeasurement* kernel : order) timer().measure([&] { blend.run(kernel->kernel); });
     const std::vector<double> ms = timer().finish();

@@ -1,7 +1,7 @@
-// Measures the candidates for the blending kernels on the training's own data, and lets a KernelSelector for each pass
-// choose. What is timed is the blend alone: each view is projected and binned once, then blended by every candidate in
-// turn, in alternating order. Before times are trusted, every candidate has to agree with the reference kernel on the
-// first view, which warms it up too. Parameters, moments, view order and random numbers stay as they are.
+// Times the candidate blending kernels on the training's own data, and lets one KernelSelector per pass decide. Only
+// blending is timed: each view is projected and binned once, then blended by every candidate in turn, in alternating
+// order. Before that, the candidates' results on the first view are compared, which also warms them up. Parameters,
+// moments, view order and random numbers do not change.
 #pragma once
 
 #include <functional>
@@ -17,21 +17,21 @@
 
 namespace b3dgs {
 
-/// One check of one pass, for log and user.
+/// One check of one pass, for the log and the user.
 struct KernelCheck {
   const char* pass = "";  // "forward" or "backward"
   KernelDecision decision;
-  double warm_up_ms = 0;  // before the first check of a pass: not part of its cost
+  double warm_up_ms = 0;  // before the first check of a pass; not part of the cost
   std::string message;    // a line for the user if something changed, else empty
 };
 
-/// Times of the candidates for one pass that nothing is decided by.
+/// Times of the candidates for one pass, for the log only.
 struct CandidateTiming {
   const char* pass = "";  // "forward" or "backward"
   KernelTimes times;
 };
 
-/// What measures and what is measured; tests put their own in place of the device's.
+/// How kernels are timed and run; tests replace the device's own.
 struct KernelCheckTools {
   using MakeBlend = std::function<std::unique_ptr<BlendPass>(const BlendInput&)>;
 
@@ -41,59 +41,59 @@ struct KernelCheckTools {
 
 class KernelChooser {
  public:
-  /// Share of the training time that checks of both passes together may take.
+  /// Share of the training time that the checks of both passes may take together.
   static constexpr double kCostShare = 0.005;
 
-  /// The CPU has one backward kernel: nothing is chosen there.
+  /// The CPU has only one backward kernel, so only the forward kernel is selected there.
   KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools = {});
 
   /// `settings` with the kernels in use.
   RenderSettings apply(RenderSettings settings) const;
 
-  /// Of the kernels in use; the backward one is empty on the CPU.
+  /// Names of the kernels in use; the backward name is empty on the CPU.
   const std::string& forward_name() const { return forward_.kernel(); }
   std::string backward_name() const;
 
-  /// Whether to call check() now.
+  /// Whether check() should be called now.
   bool is_due(const CheckMoment& now) const { return forward_.is_due(now) || backward_.is_due(now); }
 
-  /// Measures and decides for each pass that is due. No more views are used than the selector's budget allows or than
-  /// leave no doubt, but KernelSelector::kMinViews at least. Views that cannot be rendered decide nothing: the step
-  /// that meets them says so.
+  /// Times the candidates and decides, for each pass that is due. Stops early when the selector's budget is used up or
+  /// the times are conclusive, but uses at least KernelSelector::kMinViews views. If a view cannot be rendered, nothing
+  /// is decided: the step that trains on it reports the error.
   std::vector<KernelCheck> check(const CheckMoment& now, const BlendInput& input);
 
-  /// Times the candidates on all views, also where the kernel is fixed or chosen for good, and decides nothing: the
-  /// forward ones, and the backward ones if the backward kernel is adaptive. Nothing comes of views that cannot be
-  /// rendered, and no times of kernels that do not agree with the reference.
+  /// Times the candidates on all views without deciding anything, even if the kernel is fixed: the forward kernels, and
+  /// the backward ones if the backward kernel is adaptive. Returns no times if a view cannot be rendered, and none of
+  /// kernels that disagree with the reference.
   std::vector<CandidateTiming> time_candidates(const BlendInput& input);
 
-  /// State for a checkpoint, and back; an object without a pass leaves that pass as it is.
+  /// Saves and restores the state, for checkpoints. A pass that is missing in `json` is left unchanged.
   /// @throws InputError naming `place`
   nlohmann::ordered_json to_json() const;
   void restore(const nlohmann::ordered_json& json, const std::string& place);
 
  private:
-  /// Whether what so many views gave is enough.
+  /// Whether the times on so many views are enough.
   using IsEnough = std::function<bool(int n_views, const std::vector<KernelMeasurement>&)>;
 
-  /// Runs and compares the candidates once before a pass is checked for the first time: on a GPU a kernel's first
-  /// launch loads its code, and the first view makes room for the others. That is paid once in a process; as the price
-  /// of a check it would put the next one off. Returns the time it took, ms, with all work that was queued before.
+  /// Runs and compares the candidates once before the first check of a pass: on a GPU a kernel's first launch loads its
+  /// code, and the first view allocates memory. That happens once per process; counted as the cost of a check it would
+  /// delay the next one. Returns the time taken, ms, including work queued before.
   double warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const PinholeView& view);
   void wait_for_device();
   KernelCheck check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector, BlendPass& blend,
                          const BlendInput& input);
-  /// Times kernels on the views. A kernel that does not agree with `reference` has a fault and no times.
+  /// Times kernels on the views. A kernel that disagrees with `reference` gets a fault and no times.
   std::vector<KernelMeasurement> measure(const std::vector<std::string>& kernels, const std::string& reference,
                                          BlendPass& blend, const std::vector<PinholeView>& views,
                                          const IsEnough& is_enough);
   KernelTimer& timer();
 
   torch::Device device_;
-  KernelCheckTools tools_;  // the timer is made on first use
+  KernelCheckTools tools_;  // the timer is created on first use
   KernelSelector forward_, backward_;
   std::set<std::string> warm_passes_;
-  std::vector<std::string> timed_forward_, timed_backward_;  // by time_candidates(); empty: not timed
+  std::vector<std::string> timed_forward_, timed_backward_;  // by time_candidates(); empty = not timed
 };
 
 /// Fields of the log's "kernel_check" line.

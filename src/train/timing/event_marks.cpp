@@ -24,7 +24,7 @@ int EventMarks::record(cudaStream_t stream) {
 bool EventMarks::has_reached(int mark) const {
   const cudaError_t code = cudaEventQuery(event(mark));
   if (code == cudaErrorNotReady) {
-    cudaGetLastError();  // no fault: the next check of a launch must not find it
+    cudaGetLastError();  // clears the code, which is no error, for the next launch check
     return false;
   }
   B3DGS_CUDA_CHECK(code);

@@ -1,4 +1,4 @@
-// Events that are used again and again: marks on a stream, read when the device has passed them.
+// A pool of reusable CUDA events: marks on a stream, read once the device has passed them.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -14,12 +14,12 @@ class EventMarks {
   EventMarks(const EventMarks&) = delete;
   EventMarks& operator=(const EventMarks&) = delete;
 
-  /// Does not wait. The mark is the caller's until released.
+  /// Asynchronous. The caller owns the mark until release().
   int record(cudaStream_t stream);
   void release(int mark) { free_.push_back(mark); }
   bool has_reached(int mark) const;
   void wait(int mark) const;
-  /// Of two marks that were reached.
+  /// Both marks must have been reached.
   double ms_between(int from, int to) const;
 
  private:

@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// Work on the CPU is done when it returns: a mark is a reading of the clock.
+/// Work on the CPU is done when its function returns: a mark is a clock reading.
 class HostClock final : public StageClock {
  public:
   int mark() override {
@@ -60,7 +60,7 @@ std::unique_ptr<StageClock> make_stage_clock(torch::Device device) {
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) return std::make_unique<DeviceClock>();
 #endif
-  B3DGS_CHECK(device.is_cpu(), "this build has no clock for ", device.str());
+  B3DGS_CHECK(device.is_cpu(), "this build has no stage clock for ", device.str());
   return std::make_unique<HostClock>();
 }
 

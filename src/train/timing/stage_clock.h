@@ -1,4 +1,4 @@
-// Points in time on a device's queue of work.
+// Marks points in time in a device's work queue.
 #pragma once
 
 #include <memory>
@@ -11,19 +11,19 @@ class StageClock {
  public:
   virtual ~StageClock() = default;
 
-  /// Notes when the device gets to this place in its queue. Does not wait. The mark is the caller's until released.
+  /// Records when the device gets to this point of its queue. Asynchronous. The caller owns the mark until release().
   virtual int mark() = 0;
   virtual void release(int mark) = 0;
 
-  /// Whether the device has got there.
+  /// Whether the device has got to the mark.
   virtual bool has_reached(int mark) = 0;
   virtual void wait(int mark) = 0;
 
-  /// Of two marks that were reached.
+  /// Both marks must have been reached.
   virtual double ms_between(int from, int to) = 0;
 };
 
-/// Events on LibTorch's current stream for a GPU, the time of day for the CPU.
+/// CUDA events on LibTorch's current stream for a GPU, std::chrono::steady_clock for the CPU.
 std::unique_ptr<StageClock> make_stage_clock(torch::Device device);
 
 }  // namespace b3dgs

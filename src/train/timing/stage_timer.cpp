@@ -22,7 +22,7 @@ nlohmann::ordered_json stage_json(const StageTimes& times) {
 }
 
 void StageTimer::start(StageTimes::Kind kind) {
-  B3DGS_CHECK(!open_, "a step is timed within another");
+  B3DGS_CHECK(!open_, "start() before finish() or cancel()");
   open_ = Record{kind, clock_->mark(), 0, {}};
 }
 

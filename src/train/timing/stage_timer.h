@@ -1,5 +1,5 @@
-// How long the stages of a step take on the device, without slowing it: marks go into the queue beside the work, and
-// are read when a later step is under way. What is not timed costs nothing but a branch.
+// Times the stages of a step on the device without slowing it down: marks are queued with the work, and read while a
+// later step is running. Outside of a timed step, begin() and end() cost one branch.
 #pragma once
 
 #include <deque>
@@ -18,31 +18,31 @@ struct StageTimes {
   enum class Kind { kStep, kDensityRound };
 
   Kind kind = Kind::kStep;
-  std::array<std::optional<double>, kStageCount> ms{};  // of the stages that there were
-  double wall_ms = 0;                                   // from beginning to end
+  std::array<std::optional<double>, kStageCount> ms{};  // of the stages that took place
+  double wall_ms = 0;                                   // from start to end
 
-  /// Of the wall time, what belongs to no stage: the device waited for the host.
+  /// Wall time that belongs to no stage: the device waited for the host.
   double host_ms() const;
 };
 
-/// {"project": 0.1, ..., "host": 0.05}: stages that there were, by their names.
+/// {"project": 0.1, ..., "host": 0.05}: the stages that took place, by name (raster/stages.h).
 nlohmann::ordered_json stage_json(const StageTimes& times);
 
 class StageTimer final : public StageRecorder {
  public:
   explicit StageTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
 
-  /// From here to finish() marks are taken.
+  /// Times what follows, up to finish().
   void start(StageTimes::Kind kind);
   void begin(Stage stage) override;
   void end() override;
   void finish();
-  /// Forgets what was timed since start().
+  /// Discards the marks since start().
   void cancel();
 
-  /// What is known by now, oldest first, each once. Does not wait.
+  /// Times that are known by now, oldest first; each is returned once. Does not wait.
   std::vector<StageTimes> take();
-  /// All that was timed and not yet taken, when the device has got there.
+  /// Waits for the device; then all times that were not taken yet.
   std::vector<StageTimes> wait();
 
  private:
@@ -64,13 +64,13 @@ class StageTimer final : public StageRecorder {
   int stage_from_ = 0;
 };
 
-/// The mean step between two lines of the log. Some steps are timed, but all rounds of density control, which are rare:
-/// their time is shared out among all steps.
+/// The average step between two log lines. Only some steps are timed, but all rounds of density control, which are
+/// rare: their time is averaged over all steps.
 class StageAverage {
  public:
   void add(const StageTimes& times);
-  /// Over the `n_steps` since the last time that there was something; nothing, and nothing changes, if no step has been
-  /// timed since.
+  /// The average over the `n_steps` since take() last returned something. If no step was timed since, returns nothing
+  /// and keeps what was added.
   std::optional<StageTimes> take(int n_steps);
 
  private:

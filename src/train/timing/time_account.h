@@ -1,5 +1,5 @@
-// Where the time of a run goes: into training, or into what is measured and saved. Work on a GPU ends some time after
-// the call that queued it, so each kind of work pays for its own only if the device is waited for where they meet.
+// Splits the time of a session into training and output (evaluating and saving). Work on a GPU ends some time after the
+// call that queued it, so the device is waited for wherever one kind of work follows the other.
 #pragma once
 
 #include <functional>
@@ -9,19 +9,19 @@ namespace b3dgs {
 
 class TimeAccount {
  public:
-  /// `clock_s` tells seconds; `wait_for_device` returns when the device has done all that was queued.
+  /// `clock_s` returns seconds; `wait_for_device` returns when the device has finished all queued work.
   TimeAccount(std::function<double()> clock_s, std::function<void()> wait_for_device)
       : clock_s_(std::move(clock_s)), wait_for_device_(std::move(wait_for_device)) {}
 
-  /// Counts what `work` takes as training. Does not wait for the device: what `work` queues there is counted where a
-  /// later piece of training waits for it.
+  /// Counts the duration of `work` as training. Does not wait for the device: work that it queues there is counted when
+  /// a later piece of training waits for it.
   template <class Work>
   void train(Work&& work) {
     count(train_s_, std::forward<Work>(work));
     is_idle_ = false;
   }
 
-  /// Counts what `work` takes as output, from when the device is done with the training to when it is done with `work`.
+  /// Counts the duration of `work` as output, from when the device has finished training until it has finished `work`.
   template <class Work>
   void output(Work&& work) {
     finish_training();
@@ -31,7 +31,7 @@ class TimeAccount {
     });
   }
 
-  /// Waits until the device is done with the training, and counts that.
+  /// Waits until the device has finished training, and counts that as training.
   void finish_training() {
     if (is_idle_) return;
     count(train_s_, wait_for_device_);

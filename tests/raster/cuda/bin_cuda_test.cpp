@@ -1,5 +1,5 @@
-// Tiles of a splat on the GPU: as many pairs are written as were counted, and they are those that the host finds. Tiles
-// are found by the same bits everywhere (tiling.h), so nothing here allows for rounding.
+// Tiles of a splat on the GPU: as many pairs are written as were counted, and they are the same as on the host. Tiles
+// are computed with the same bits everywhere (tiling.h), so these tests need no tolerance.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -59,24 +59,24 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
 void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings) {
   const ProjectedRows projected = project_on_gpu(scene, settings);
   const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
-  std::int64_t n_isects = 0, n_other = 0;
+  std::int64_t n_pairs = 0, n_other = 0;
   for (std::size_t i = 0; i < projected.n_tiles.size(); ++i) {
-    n_isects += projected.n_tiles[i];
+    n_pairs += projected.n_tiles[i];
     if (projected.n_tiles[i] == 0) continue;
     n_other += projected.n_tiles[i] !=
                tiles_touched(grid, settings.culling, projected.splats[i], projected.extents[i], projected.radii[i]);
   }
-  EXPECT_EQ(n_other, 0) << "Gaussians for which the host counts other tiles";
-  EXPECT_EQ(projected.counts.n_isects, n_isects);
+  EXPECT_EQ(n_other, 0) << "Gaussians whose number of tiles differs on the host";
+  EXPECT_EQ(projected.counts.n_pairs, n_pairs);
 
   CudaView view(scene, settings);
   const BinnedSplats bins = view.rasterizer().bins();
   const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
-  const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_isects);
+  const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_pairs);
   const std::vector<Splat> splats = download(view.rasterizer().splats(), view.rasterizer().n_splats());
-  ASSERT_EQ(bins.n_isects, n_isects);
+  ASSERT_EQ(bins.n_pairs, n_pairs);
   ASSERT_EQ(offsets.front(), 0);
-  ASSERT_EQ(offsets.back(), n_isects) << "less was written than was counted";
+  ASSERT_EQ(offsets.back(), n_pairs) << "fewer pairs were written than counted";
   std::vector<std::int64_t> next = offsets;
   std::int64_t n_wrong = 0;
   for (std::size_t rank = 0; rank < splats.size(); ++rank) {
@@ -91,7 +91,7 @@ void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings
                       }
                     });
   }
-  EXPECT_EQ(n_wrong, 0) << "of " << n_isects << " pairs are not where the host has them";
+  EXPECT_EQ(n_wrong, 0) << "of " << n_pairs << " pairs are not where they are on the host";
 }
 
 void expect_counted_pairs_by_every_binning(const TestScene& scene) {
@@ -120,7 +120,7 @@ TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
 INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()),
                          [](const auto& info) { return std::string(info.param.name); });
 
-/// Sizes, shapes and opacities as training leaves them: flat and long Gaussians of all sizes, a few over much of the
+/// Sizes, shapes and opacities as after training: flat and long Gaussians of all sizes, a few that cover much of the
 /// image, opacities near 0 and 1.
 TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t height) {
   torch::manual_seed(41);
@@ -159,7 +159,7 @@ TEST(BinCuda, SeesTheGaussiansThatTheCpuSees) {
   const CpuView expected(scene, settings);
   const CudaView found(scene, settings);
   const torch::Tensor n_other = ((found.radii() > 0) != (expected.radii() > 0)).sum();
-  EXPECT_LE(n_other.item<std::int64_t>(), 10) << "of which rounding may decide a few";
+  EXPECT_LE(n_other.item<std::int64_t>(), 10) << "float rounding may change a few decisions";
   EXPECT_GT((expected.radii() > 0).sum().item<std::int64_t>(), 10000);
 }
 

@@ -1,4 +1,4 @@
-// The CUDA rasterizer on scenes that no training should make, with every forward and backward kernel.
+// The CUDA rasterizer on extreme and invalid scenes, with every forward and backward kernel.
 #include "support/raster/hostile_scenes.h"
 
 #include "support/raster/cuda_harness.h"
@@ -6,7 +6,7 @@
 namespace b3dgs::test {
 namespace {
 
-TEST(HostileScenesCuda, GiveFiniteResultsOrAreRefusedByEveryKernel) {
+TEST(HostileScenesCuda, GiveFiniteResultsOrAnErrorWithEveryKernel) {
   B3DGS_NEEDS_GPU();
   HostileOutcome outcome;
   for (std::uint32_t seed = 0; seed < hostile_scene_count(); ++seed) {
@@ -18,7 +18,7 @@ TEST(HostileScenesCuda, GiveFiniteResultsOrAreRefusedByEveryKernel) {
         settings.kernel = forward.kernel;
         settings.backward_kernel = backward.kernel;
         expect_finite_or_refused<CudaView>(scene, settings, outcome);
-        if (HasFailure()) return;  // one case says it all
+        if (HasFailure()) return;  // one failing case is enough
       }
     }
   }

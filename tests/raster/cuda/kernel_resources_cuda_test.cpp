@@ -1,4 +1,4 @@
-// What the tables of CUDA kernels say about each: for both tile shapes, on the GPU at hand.
+// Resources that the tables of CUDA kernels report, for both tile shapes, on the GPU of this machine.
 #include <gtest/gtest.h>
 
 #include "raster/cuda/backward/backward_table.h"

@@ -1,5 +1,5 @@
-// The CUDA rasterizer against the dense reference: every forward and backward schedule, culling and tile shape, scene
-// by scene; and against the CPU rasterizer where the reference is too slow.
+// The CUDA rasterizer compared with the dense reference: every forward and backward kernel, culling and tile shape, on
+// every test scene; and with the CPU rasterizer where the reference is too slow.
 #include "raster/cuda/rasterize_cuda.h"
 
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include "core/check.h"
 #include "raster/view_memory.h"
 #include "support/raster/cuda_harness.h"
-#include "support/raster/judge.h"
+#include "support/raster/reference_check.h"
 
 namespace b3dgs::test {
 namespace {
@@ -21,39 +21,53 @@ class RasterizeCudaTest : public testing::TestWithParam<TestSceneRow> {
 
 TEST_P(RasterizeCudaTest, EveryKernelAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
-  for (const Judged& binning : kBinnings) {
+  for (const Binning& binning : kBinnings) {
     RenderSettings settings = settings_of(scene);
     settings.culling = binning.culling;
     settings.tile = binning.tile;
-    const Judge judge(scene, settings);
+    const Reference reference(scene, settings);
     for (const ForwardKernelName& forward : kForwardKernels) {
       for (const BackwardKernelName& backward : kBackwardKernels) {
         SCOPED_TRACE(testing::Message() << forward.name << ", " << backward.name << ", " << binning.name);
         settings.kernel = forward.kernel;
         settings.backward_kernel = backward.kernel;
         CudaView view(scene, settings);
-        expect_same_image(view, judge.view);
-        expect_same_radii(view.radii(), judge.view);
-        expect_same_gradients(view.backward(judge.grad), judge, judge.gradients);
-        if (HasFailure()) return;  // one case says it all
+        expect_same_image(view, reference.view);
+        expect_same_radii(view.radii(), reference.view);
+        expect_same_gradients(view.backward(reference.grad), reference, reference.gradients);
+        if (HasFailure()) return;  // one failing case is enough
       }
     }
+  }
+}
+
+TEST_P(RasterizeCudaTest, SeesTheGaussiansThatTheCpuSees) {
+  const TestScene scene = GetParam().build();
+  for (const Binning& binning : kBinnings) {
+    SCOPED_TRACE(binning.name);
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    const torch::NoGradGuard no_grad;
+    const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
+    expect_same_seen(CudaView(scene, settings).radii(), CpuView(scene, settings).radii(), reference);
   }
 }
 
 TEST_P(RasterizeCudaTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   RenderSettings settings = settings_of(scene);
-  const Judge judge(scene, settings);
+  const Reference reference(scene, settings);
   for (const BackwardKernelName& backward : kBackwardKernels) {
     settings.backward_kernel = backward.kernel;
     CudaView view(scene, settings);
-    for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{judge.grad.color, {}, {}}),
-                                     std::pair("depth", RenderedViewGrad{{}, judge.grad.depth, {}}),
-                                     std::pair("alpha", RenderedViewGrad{{}, {}, judge.grad.alpha})}) {
+    for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{reference.grad.color, {}, {}}),
+                                     std::pair("depth", RenderedViewGrad{{}, reference.grad.depth, {}}),
+                                     std::pair("alpha", RenderedViewGrad{{}, {}, reference.grad.alpha})}) {
       SCOPED_TRACE(testing::Message() << name << ", " << backward.name);
-      const TermSizes terms(judge, grad);
-      expect_same_gradients(view.backward(grad), judge, dense_gradients(judge.leaves, judge.view, grad), &terms);
+      const TermSizes terms(reference, grad);
+      expect_same_gradients(view.backward(grad), reference, dense_gradients(reference.leaves, reference.view, grad),
+                            &terms);
     }
   }
 }
@@ -62,10 +76,10 @@ TEST_P(RasterizeCudaTest, SumsInAFixedOrderAgreeAndRepeatBitForBit) {
   const TestScene scene = GetParam().build();
   RenderSettings settings = settings_of(scene);
   settings.deterministic = true;
-  const Judge judge(scene, settings);
+  const Reference reference(scene, settings);
   CudaView first(scene, settings), second(scene, settings);
-  DenseGradients found = first.backward(judge.grad), again = second.backward(judge.grad);
-  expect_same_gradients(found, judge, judge.gradients);
+  DenseGradients found = first.backward(reference.grad), again = second.backward(reference.grad);
+  expect_same_gradients(found, reference, reference.gradients);
   for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
     EXPECT_TRUE(found.parameters.all()[i]->equal(*again.parameters.all()[i])) << GaussianTensors::kNames[i];
   }
@@ -93,13 +107,12 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
        {std::pair("one tile", hundred_thousand_in_one_tile()), std::pair("large cloud", large_cloud())}) {
     RenderSettings settings = settings_of(scene);
     CpuView expected(scene, settings);
-    const torch::Tensor nothing_doubtful = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
     for (const ForwardKernelName& forward : kForwardKernels) {
       SCOPED_TRACE(testing::Message() << name << ", " << forward.name);
       settings.kernel = forward.kernel;
       CudaView view(scene, settings);
-      // Without the reference no pixel is known to be near a decision: all but one in a thousand agree closely, and
-      // what a flip can change is bounded.
+      // Without the reference it is not known which pixels are near a threshold: at most one in a thousand may differ,
+      // and by no more than one decision can change.
       const torch::Tensor difference = (view.color - expected.color).abs();
       const auto n_far = (difference > 2e-5).sum().item<std::int64_t>();
       EXPECT_LE(n_far, 3 + difference.numel() / 1000);
@@ -129,7 +142,7 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
     CudaView view(scene, settings);
     ASSERT_GT(view.rasterizer().grid().n_tiles(), 1 << 16);
     const torch::Tensor difference = (view.color - expected.color).abs();
-    EXPECT_GT(expected.color.slice(0, 1024).abs().max().item<double>(), 0.1) << "nothing lies in the last tiles";
+    EXPECT_GT(expected.color.slice(0, 1024).abs().max().item<double>(), 0.1) << "the last tiles are empty";
     EXPECT_LE((difference > 2e-5).sum().item<std::int64_t>(), 3 + difference.numel() / 1000);
     EXPECT_LE(difference.max().item<double>(), 0.011);
     const RenderedViewGrad grad{torch::ones_like(expected.color), {}, {}};
@@ -152,8 +165,9 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
       view.backward({torch::ones_like(view.color), {}, {}});
       const double n = static_cast<double>(scene.gaussians.size());
       const double forecast = view_memory(settings).bytes(n, static_cast<double>(view.rasterizer().n_splats()),
-                                                          static_cast<double>(view.rasterizer().bins().n_isects));
-      // Beyond what is forecast: a quarter to spare, half a bucket for each tile, images of 8 bytes a pixel.
+                                                          static_cast<double>(view.rasterizer().bins().n_pairs));
+      // In addition to the forecast: spare capacity of a quarter, half a bucket per tile, 8 bytes per pixel of the
+      // image.
       const double tiles = view.rasterizer().grid().n_tiles(), tile_pixels = tile.width * tile.height;
       const double taken = static_cast<double>(view.rasterizer().memory_bytes());
       EXPECT_GE(taken, forecast);

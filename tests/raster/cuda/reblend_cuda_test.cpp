@@ -1,4 +1,4 @@
-// Blending a rendered view again with another kernel, and counting what the blend looked at, on the GPU.
+// Blending a rendered view again with another kernel, and counting the load, on the GPU.
 #include <gtest/gtest.h>
 
 #include "support/raster/cuda_harness.h"
@@ -60,7 +60,7 @@ TEST(CountLoadCuda, CountsAsTheCpuDoes) {
     view.rasterizer().count_load(counts[0].data(), counts[1].data(), view.context());
     std::vector<std::int32_t> found[2]{std::vector<std::int32_t>(processed.size(), -1), contributing};
     for (int i = 0; i < 2; ++i) counts[i].download(found[i].data());
-    // Rounding decides otherwise at a threshold now and then, which shifts a count by one or ends a pixel elsewhere.
+    // Rounding may change a decision at a threshold, which changes a count by one or finishes a pixel elsewhere.
     std::int64_t n_other = 0;
     for (std::size_t pixel = 0; pixel < processed.size(); ++pixel) {
       n_other += found[0][pixel] != processed[pixel] || found[1][pixel] != contributing[pixel];

@@ -1,5 +1,5 @@
-// The segmented schedule where it differs from shared-memory: lists that are cut, pixels that end in any segment, and
-// segments that are left alone because pixels ended before them.
+// The segmented kernel where it differs from shared-memory: lists that are cut, pixels that finish in any segment, and
+// segments that are skipped because all pixels finish before them.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,7 +10,7 @@
 namespace b3dgs::test {
 namespace {
 
-/// How far two views and their gradients are apart.
+/// Differences between two views and their gradients.
 struct Apart {
   double color, largest_gradient;
   std::int64_t n_other_last;
@@ -26,14 +26,15 @@ Apart compare(CudaView& found, CudaView& expected, const TestScene& scene) {
     const torch::Tensor &a = *own.parameters.all()[i], &b = *other.parameters.all()[i];
     if (b.numel() == 0) continue;
     torch::Tensor size = b.norm() + 1e-20;
-    // Turning a ball changes nothing: what rounding leaves there is as large as what it leaves of the scales.
+    // Rotating a sphere changes nothing, so its rotation gradient is rounding error of the size of the scale
+    // gradient's.
     if (b.is_same(other.parameters.quats)) size = size + other.parameters.log_scales.norm();
     apart.largest_gradient = std::max(apart.largest_gradient, ((a - b).norm() / size).item<double>());
   }
   return apart;
 }
 
-/// The scene by the two schedules, which share all but the cutting.
+/// Renders the scene with both kernels, which differ only in the cutting of lists.
 void expect_as_by_shared_memory(const TestScene& scene, RenderSettings settings, std::int64_t n_other_last_max) {
   settings.kernel = ForwardKernel::kSharedMemory;
   CudaView whole(scene, settings);
@@ -64,9 +65,9 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   }
 }
 
-/// 2500 splats that each cover a large image, faint ones before and behind ten opaque ones: hundreds of tiles whose
-/// second and third segments come up when the first ones are done. The image cuts through sub-tiles of 8 x 4 pixels, so
-/// that warps hold pixels outside of it.
+/// 2500 splats that each cover a large image, faint ones in front of and behind ten opaque ones: hundreds of tiles
+/// whose second and third segments start when the first ones are done. The edge of the image cuts through sub-tiles of
+/// 8 x 4 pixels, so that warps have pixels outside of it.
 TestScene wall_behind(int n_faint) {
   constexpr int kSplats = 2500, kOpaque = 10;
   TestScene scene;
@@ -101,7 +102,7 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     expect_as_by_shared_memory(scene, settings, n_pixels / 1000);
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
-    // Which segments are left alone changes from run to run, and the image does not.
+    // Which segments are skipped differs from run to run; the image does not.
     for (int run = 0; run < 3; ++run) {
       const CudaView again(scene, settings);
       EXPECT_TRUE(torch::equal(again.color, cut.color));
@@ -111,7 +112,8 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   }
 }
 
-/// One tile, whose list has more than a thousand segments; of a splat's width, so that pixels end far behind the first.
+/// One tile whose list has more than a thousand segments, with splats so small and faint that pixels finish far behind
+/// the first.
 TestScene crowd_in_a_tile() {
   constexpr std::int64_t kSplats = 1100 * cuda::kSegmentEntries;
   TestScene scene;
@@ -156,7 +158,7 @@ TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
     const RenderedViewGrad grad = uneven_grad(scene.view, nothing);
     CudaView first(scene, settings);
     const DenseGradients found = first.backward(grad);
-    for (int run = 0; run < 10; ++run) {  // which segments wait for which changes from run to run
+    for (int run = 0; run < 10; ++run) {  // the order in which segments finish differs from run to run
       CudaView second(scene, settings);
       const DenseGradients again = second.backward(grad);
       ASSERT_TRUE(torch::equal(first.color, second.color)) << "run " << run;

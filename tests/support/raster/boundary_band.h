@@ -1,6 +1,6 @@
-// Comparison of images in two tiers. A splat at the cutoff or cap, or a pixel at the stop, may be decided either way by
-// two correct rasterizers; the reference marks those pixels. Elsewhere images agree tightly. Marked pixels have to be
-// few, and may differ by what one decision can change, no more.
+// Comparison of images with two tolerances. Two correct rasterizers may decide differently about a splat at the cutoff
+// or cap or a pixel at the stop; the reference marks those pixels. There must be few of them, and they may differ by at
+// most what one decision can change. Other pixels must agree closely.
 #pragma once
 
 #include <algorithm>
@@ -10,13 +10,13 @@
 namespace b3dgs::test {
 
 struct BandLimits {
-  double tight = 1e-5;     // where no decision is in doubt, for values up to 1
-  double flipped = 0.011;  // one decision: 1/255 at the cutoff, 0.99 to stop 0.01 before the end, for values up to 1
-  double marked_share = 0.01;  // of the pixels at most
+  double tight = 1e-5;         // unmarked pixels, for values up to 1
+  double flipped = 0.011;      // marked pixels: one decision changes 1/255 at the cutoff, 0.01 at the stop
+  double marked_share = 0.01;  // largest share of marked pixels
 };
 
-/// Whether an image ([H, W] or [H, W, 3]) agrees with the reference, `marked` being the latter's doubtful pixels [H,
-/// W]. Limits scale with the largest value that a splat can bring, `scale`: its colour, or its depth.
+/// Whether an image ([H, W] or [H, W, 3]) agrees with the reference. `marked` [H, W] are the pixels near a decision.
+/// Tolerances are multiplied by `scale`, the largest value that one splat can add: its colour or its depth.
 inline testing::AssertionResult images_agree(const torch::Tensor& actual, const torch::Tensor& expected,
                                              const torch::Tensor& marked, double scale, const BandLimits& limits = {}) {
   const std::int64_t n_marked = marked.sum().item<std::int64_t>();

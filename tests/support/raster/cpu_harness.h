@@ -1,4 +1,4 @@
-// The CPU rasterizer on tensors, and SIMD targets to choose from: what several test files need.
+// For tests: the CPU rasterizer on tensors, and a choice of SIMD target and number of threads.
 #pragma once
 
 #include <hwy/targets.h>
@@ -23,7 +23,7 @@ class ScopedSimdTarget {
   }
   ~ScopedSimdTarget() {
     hwy::SetSupportedTargetsForTest(0);
-    hwy::GetChosenTarget().DeInit();  // the next call looks at the machine again
+    hwy::GetChosenTarget().DeInit();  // the next call detects the machine again
   }
   ScopedSimdTarget(const ScopedSimdTarget&) = delete;
   ScopedSimdTarget& operator=(const ScopedSimdTarget&) = delete;
@@ -61,8 +61,7 @@ inline GaussianArrays arrays_of(const TestScene& scene) {
           g.shN.data_ptr<float>()};
 }
 
-/// One view of a scene in the CPU rasterizer. Everything it may write is NaN beforehand, so that what is left out
-/// shows.
+/// One view of a scene, rendered by the CPU rasterizer. Outputs are NaN before, so that a missing write is noticed.
 class CpuView {
  public:
   CpuView(const TestScene& scene, const RenderSettings& settings) : scene_(scene) {
@@ -74,7 +73,7 @@ class CpuView {
                         {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
   }
 
-  /// Gradients as the dense reference gives them, in float.
+  /// Gradients in the structure of the dense reference, in float.
   DenseGradients backward(const RenderedViewGrad& grad) {
     const auto pointer = [](const torch::Tensor& t) { return t.defined() ? t.data_ptr<float>() : nullptr; };
     DenseGradients out;
@@ -96,8 +95,8 @@ class CpuView {
     return copy;
   }
 
-  /// [H, W] int64, index of the last Gaussian blended, -1 if none: last_ids through the tiles' lists. Splats are the
-  /// Gaussians that are seen, in their order.
+  /// [H, W] int64, index of the last Gaussian blended, -1 if none; from last_ids and the tiles' lists. Splats are the
+  /// seen Gaussians in their order.
   torch::Tensor last_gaussians() const {
     std::vector<std::int64_t> gaussian_of_splat;
     for (std::int64_t i = 0; i < scene_.gaussians.size(); ++i) {
@@ -127,7 +126,7 @@ class CpuView {
   cpu::Rasterizer rasterizer_;
 };
 
-/// Gradients by the view that differ from pixel to pixel and channel to channel, of size about 1; 0 where `off` holds.
+/// Gradients by the view of size about 1 that differ between pixels and channels; 0 where `off` holds.
 inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off) {
   const std::int64_t h = view.height, w = view.width;
   const torch::Tensor on = torch::logical_not(off).to(torch::kFloat32);

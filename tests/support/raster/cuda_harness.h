@@ -1,4 +1,4 @@
-// The CUDA rasterizer on tensors of the host: the counterpart of cpu_harness.h.
+// For tests: the CUDA rasterizer on tensors in host memory; the counterpart of cpu_harness.h.
 #pragma once
 
 #include "raster/cuda/rasterize_cuda.h"
@@ -74,7 +74,7 @@ class CudaView {
     const BinnedSplats bins = rasterizer_.bins();
     const std::vector<std::int32_t> last_ids = download(rasterizer_.last_ids(), pixels_);
     const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
-    const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_isects);
+    const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_pairs);
     const std::vector<Splat> splats = download(rasterizer_.splats(), rasterizer_.n_splats());
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
     auto places = last.accessor<std::int64_t, 2>();
@@ -90,7 +90,7 @@ class CudaView {
     return last;
   }
 
-  /// For passes on the view that has been rendered.
+  /// For further passes on the rendered view.
   cuda::Rasterizer& rasterizer() { return rasterizer_; }
   const cuda::LaunchContext& context() const { return context_; }
   ImageArrays image() const { return {color_.data(), depth_.data(), alpha_.data()}; }

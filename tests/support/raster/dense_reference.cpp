@@ -55,7 +55,7 @@ torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& m
   return (basis.unsqueeze(2) * coefficients).sum(1) + 0.5;
 }
 
-/// x / z or y / z held within the extended image, the only place where the projection is linearised.
+/// x / z or y / z, clamped to the extended image, for the Jacobian of the projection.
 torch::Tensor clamp_slope(const torch::Tensor& slope, double focal, double center, double size) {
   const double margin = kMargin * 0.5 * size / focal;
   return slope.clamp(-center / focal - margin, (size - center) / focal + margin);
@@ -63,7 +63,7 @@ torch::Tensor clamp_slope(const torch::Tensor& slope, double focal, double cente
 
 class HazardList {
  public:
-  /// Notes every Gaussian at which `is_close` holds; `rows` are their indices.
+  /// Adds a line for every Gaussian for which `is_close` holds; `rows` are their indices.
   void add(const char* decision, const torch::Tensor& is_close, const torch::Tensor& rows) {
     const torch::Tensor found = rows.masked_select(is_close);
     for (std::int64_t i = 0; i < found.numel(); ++i) {
@@ -195,15 +195,15 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     hazards.add("order", (gap > 0) & (gap < kDecisionBand * z.detach().slice(0, 1)), rows.slice(0, 1));
   }
 
-  // Projection. means2d is a tensor of its own, so that there is a gradient by it.
+  // Projection. means2d is a separate tensor, so that autograd gives a gradient by it.
   const torch::Tensor projected =
       torch::stack({view.fx * x / z + double{view.cx}, view.fy * y / z + double{view.cy}}, 1);
   out.means2d = torch::zeros({leaves.size(), 2}, torch::kFloat64).index_copy(0, rows, projected);
   const torch::Tensor means2d = out.means2d.index_select(0, rows);
 
   const torch::Tensor slope_x = x / z, slope_y = y / z;
-  const torch::Tensor held_x = clamp_slope(slope_x, view.fx, view.cx, width);
-  const torch::Tensor held_y = clamp_slope(slope_y, view.fy, view.cy, height);
+  const torch::Tensor clamped_x = clamp_slope(slope_x, view.fx, view.cx, width);
+  const torch::Tensor clamped_y = clamp_slope(slope_y, view.fy, view.cy, height);
   for (const auto& [slope, focal, center, size] :
        {std::tuple(slope_x, view.fx, view.cx, width), std::tuple(slope_y, view.fy, view.cy, height)}) {
     const double margin = kMargin * 0.5 * static_cast<double>(size) / focal;
@@ -211,8 +211,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     hazards.add("frustum clamp", is_near(slope.detach(), (static_cast<double>(size) - center) / focal + margin), rows);
   }
   const torch::Tensor zero = torch::zeros_like(z);
-  const torch::Tensor jacobian = torch::stack({view.fx / z, zero, -view.fx * (held_x * z) / (z * z),  //
-                                               zero, view.fy / z, -view.fy * (held_y * z) / (z * z)},
+  const torch::Tensor jacobian = torch::stack({view.fx / z, zero, -view.fx * (clamped_x * z) / (z * z),  //
+                                               zero, view.fy / z, -view.fy * (clamped_y * z) / (z * z)},
                                               1)
                                      .view({-1, 2, 3});
   const torch::Tensor spread = torch::matmul(rotations(leaves.quats.index_select(0, rows)),
@@ -272,8 +272,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     reached = reached & in_reach;
   }
 
-  // Transmittance behind each Gaussian as if no pixel ever stopped. It only falls, so it is right up to the first value
-  // below the limit, and all from there on are left out.
+  // Transmittance behind each Gaussian as if no pixel stopped. It decreases monotonically, so it is correct up to the
+  // first value below the limit, and everything from there on is left out.
   const torch::Tensor unstopped = torch::cumprod(1.0 - capped.detach() * reached, 1);
   const torch::Tensor blended = reached & (unstopped >= kStop);
   const torch::Tensor alpha = capped * blended;
@@ -297,7 +297,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   }
   out.contributes = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, blended.any(0));
 
-  // Decisions after the end of a pixel do not matter, whence the doubtful ones count up to and with the stop.
+  // Decisions behind the end of a pixel do not matter: only those up to and including the stop count.
   const torch::Tensor before = torch::cat({ones, unstopped}, 1).slice(1, 0, n_seen);
   const torch::Tensor doubtful =
       is_near(uncapped.detach(), kCutoff) | is_near(uncapped.detach(), kCap) | (reached & is_near(unstopped, kStop));

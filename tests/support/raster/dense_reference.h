@@ -1,22 +1,22 @@
-// The judge of the rasterizer: the same picture computed the slow way, in double, with torch operations and autograd
-// for its gradients. Every pixel meets every Gaussian in front of the near plane; there are no tiles, lists or packed
-// records, and nothing is shared with src/raster but the structs that describe the problem. Its constants are written
-// out again, so that a changed one shows.
+// The reference implementation: the same image computed slowly and simply, in double, with torch operations and with
+// autograd for its gradients. Every pixel is compared with every Gaussian in front of the near plane; there are no
+// tiles, lists or packed structs, and it shares nothing with src/raster except the structs that describe the problem.
+// Its constants are written out again, so that an accidental change in src/raster is noticed.
 //
 // What it computes, per pixel with centre p = (column + 0.5, row + 0.5):
 //   camera frame    c = R mean + t, +x right, +y down, +z forward; seen if c.z >= near plane (equality is seen)
 //   order           by c.z, equal depths by index
 //   covariance      Q S S Q^T with Q of the normalised quaternion (w x y z) and S = diag(exp(log_scales))
-//   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J at the centre, whose x/z and y/z are held within the
-//                   image extended on each side by 0.3 times half its width or height (J only, not the splat's centre)
+//   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J is evaluated at the centre, with x/z and y/z clamped
+//                   to the image extended on each side by 0.3 times half its width or height (J only, not the centre)
 //   alpha           min(0.99, opacity exp(-sigma)), sigma = d^T conic d / 2, d = p - mean2d; no gradient at the cap
 //   tiles           a Gaussian is seen if the ellipse alpha >= 1/255 meets the rectangle between the centres of a
-//   tile's
-//                   corner pixels, also of those outside the image; with Culling::kSquare, if its square meets a tile
-//   skip, stop      alpha < 1/255 is skipped; the Gaussian that would take the transmittance below 1e-4 ends the pixel
+//                   tile's corner pixels, including those outside the image; with Culling::kSquare, if its square
+//                   meets a tile
+//   skip, stop      alpha < 1/255 is skipped; the Gaussian that would bring the transmittance below 1e-4 ends the pixel
 //                   and is not blended
 //   colour          SH of the direction from the camera centre to the mean, + 0.5, at least 0
-// Decisions (order, skip, stop, clamps) are taken on values and have no gradient.
+// Decisions (order, skip, stop, clamps) depend on values and have no gradient.
 #pragma once
 
 #include <torch/types.h>
@@ -30,24 +30,24 @@
 
 namespace b3dgs::test {
 
-/// Pixels and Gaussians closer than this to a decision, relative to its threshold, may be decided otherwise in float.
+/// Relative distance from a threshold within which float arithmetic may decide differently.
 inline constexpr double kDecisionBand = 1e-5;
 
-/// A view rendered by the reference; double tensors, the first four with their graph.
+/// A view rendered by the reference, as double tensors; the first four with their autograd graph.
 struct DenseView {
   torch::Tensor color;           // [H, W, 3]
   torch::Tensor depth;           // [H, W] sum of weight times view-space z
   torch::Tensor alpha;           // [H, W] 1 - final transmittance
-  torch::Tensor means2d;         // [N, 2] px; rows of unseen Gaussians mean nothing
+  torch::Tensor means2d;         // [N, 2] px; rows of unseen Gaussians are undefined
   torch::Tensor last_gaussians;  // [H, W] int64, index of the last Gaussian blended, -1 if none
   torch::Tensor n_blended;       // [H, W] int64, how many were blended
   torch::Tensor radii;           // [N] int64, 3 standard deviations along the longer axis rounded up, 0 if not seen
   torch::Tensor contributes;     // [N] bool, blended into at least one pixel
   torch::Tensor seen;            // [N] bool, reaches 1/255 at some point of a tile's pixel centres, or of their hull
-  torch::Tensor seen_nearly;     // [N] bool, does so within 0.01 px and a little more for large ones; holds `seen`
+  torch::Tensor seen_nearly;     // [N] bool, does so within 0.01 px and a little more for large ones; includes `seen`
   torch::Tensor near_decision;   // [H, W] bool, an alpha or a transmittance within kDecisionBand of cutoff, cap or stop
-  // Gaussians within the band of a decision that concerns more than a pixel: near plane, order, frustum clamp, colour
-  // clamp, rounding of the culling square. One line each; a scene with any cannot judge a float rasterizer.
+  // Gaussians within the band of a decision that affects more than a pixel: near plane, order, frustum clamp, colour
+  // clamp, rounding of the culling square. One line each; a scene with any cannot be used to check a float rasterizer.
   std::vector<std::string> hazards;
 };
 
@@ -60,13 +60,13 @@ struct DenseGradients {
 /// The parameters as double leaves that require gradients.
 GaussianTensors to_dense_leaves(const GaussianTensors& gaussians);
 
-/// Renders `leaves`, double tensors shaped as GaussianTensors says. Of the settings, `kernel` means nothing here and
-/// `tile` only for `seen` and with Culling::kSquare, where a Gaussian reaches just the pixels of the tiles
+/// Renders `leaves`, double tensors in the shapes of GaussianTensors. `settings.kernel` is ignored. `settings.tile`
+/// matters only for `seen` and for Culling::kSquare, where a Gaussian reaches only the pixels of the tiles
 /// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image.
 DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings);
 
-/// Gradients of sum(color * grad.color) + sum(depth * grad.depth) + sum(alpha * grad.alpha), where undefined means
-/// zero. Can be called again for other gradients of the same view.
+/// Gradients of sum(color * grad.color) + sum(depth * grad.depth) + sum(alpha * grad.alpha); an undefined tensor means
+/// zero. Can be called several times for the same view.
 DenseGradients dense_gradients(const GaussianTensors& leaves, const DenseView& view, const RenderedViewGrad& grad);
 
 /// Real spherical harmonics up to `degree` at unit vectors [N, 3]: [N, (degree + 1)^2], with the Condon-Shortley sign,

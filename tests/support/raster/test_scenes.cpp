@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kShDegree0 = 0.28209479177387814;  // value of the constant spherical harmonic
 
-/// The same sequence with every standard library, which std::uniform_real_distribution is not.
+/// The same sequence with every standard library, unlike std::uniform_real_distribution.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -47,7 +47,7 @@ std::array<double, 9> rotation_of(const Quat& q) {
           2 * (x * z - w * y),           2 * (y * z + w * x),           w * w - x * x - y * y + z * z};
 }
 
-/// Turns the camera, and moves it to `center`.
+/// Sets the camera's rotation, and moves its centre to `center`.
 void set_pose(PinholeView& view, Quat q, std::array<double, 3> center) {
   const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   for (double& c : q) c /= length;
@@ -60,11 +60,11 @@ void set_pose(PinholeView& view, Quat q, std::array<double, 3> center) {
   view.center = {static_cast<float>(center[0]), static_cast<float>(center[1]), static_cast<float>(center[2])};
 }
 
-/// A Gaussian as one thinks of it in the image.
+/// A Gaussian described by how it looks in the image.
 struct Splat2D {
   double x = 0, y = 0, depth = 1;       // px, px, world units
   std::array<double, 3> size{1, 1, 1};  // standard deviations, px at that depth
-  Quat quat{1, 0, 0, 0};                // of the Gaussian in the world
+  Quat quat{1, 0, 0, 0};                // rotation in world space
   double opacity = 0.5;
   std::array<double, 3> color{0.5, 0.5, 0.5};  // degree 0
 };
@@ -116,7 +116,7 @@ class SceneBuilder {
   std::vector<float> means_, log_scales_, quats_, logit_opacities_, sh0_, shN_;
 };
 
-/// Ranges from which add_cloud() draws, evenly but for sizes (evenly in the logarithm).
+/// Ranges of add_cloud()'s uniform distributions; sizes are uniform in the logarithm.
 struct Cloud {
   int n = 0;
   double x_min = 0, x_max = 0, y_min = 0, y_max = 0;  // px
@@ -137,7 +137,7 @@ Cloud cloud_over(const PinholeView& view, int n, double margin) {
   return cloud;
 }
 
-/// Each Gaussian gets a depth of its own, in an order that is not that of the indices.
+/// Each Gaussian gets a different depth; the order of depths is not that of the indices.
 void add_cloud(SceneBuilder& builder, const Cloud& cloud, Random& random) {
   std::vector<int> ranks(cloud.n);
   for (int i = 0; i < cloud.n; ++i) ranks[i] = i;

@@ -1,5 +1,5 @@
-// Small scenes that between them reach every branch of the rasterizer, small enough for the dense reference. All are
-// built from fixed numbers: the same on every machine.
+// Small scenes that together cover every branch of the rasterizer and are small enough for the dense reference. They
+// are the same on every machine.
 #pragma once
 
 #include <ostream>
@@ -11,44 +11,44 @@
 
 namespace b3dgs::test {
 
-/// Gaussians and one view of them. Depths that are not exactly equal differ enough to have one order in float.
+/// Gaussians and one view of them. Depths are either exactly equal or differ enough to have the same order in float.
 struct TestScene {
   GaussianTensors gaussians;  // float, CPU
   PinholeView view{};
   Vec3f background{0.1f, 0.3f, 0.6f};
-  int sh_degree = 0;  // rendered; shN may have room for more
+  int sh_degree = 0;  // rendered; shN may be allocated for a higher degree
 };
 
 TestScene empty_scene();                    // no Gaussian at all
 TestScene one_splat();                      // in the middle of a tile
 TestScene splat_on_tile_corner();           // centre on the common corner of four tiles
-TestScene behind_the_camera();              // nothing to see: behind, at the camera, and before the near plane
-TestScene around_the_near_plane();          // some behind, some seen
-TestScene thirty_three_in_one_tile();       // one more than a warp, and no other tile is reached
-TestScene ten_thousand_in_one_tile();       // one long list, empty tiles beside it
-TestScene ends_along_a_long_list();         // of thousands of faint ones, stopped by a few opaque ones here and there
-TestScene opaque_front_layer();             // every pixel ends in front of most Gaussians
-TestScene saturated_pixels();               // pixels end at different depths
-TestScene odd_image_size();                 // 37 x 29: tiles cut on both sides
+TestScene behind_the_camera();              // nothing is seen: behind or at the camera, or nearer than the near plane
+TestScene around_the_near_plane();          // some nearer, some farther
+TestScene thirty_three_in_one_tile();       // one more than a warp has lanes; no other tile is reached
+TestScene ten_thousand_in_one_tile();       // one long list, the other tiles empty
+TestScene ends_along_a_long_list();         // thousands of faint splats, and a few opaque ones in between
+TestScene opaque_front_layer();             // every pixel finishes in front of most Gaussians
+TestScene saturated_pixels();               // pixels finish at different depths
+TestScene odd_image_size();                 // 37 x 29: tiles are cut off at two edges
 TestScene one_pixel_image();                // 1 x 1
-TestScene anisotropic_cloud();              // 300 Gaussians, SH degree 3, camera turned
-TestScene off_centre_principal_point();     // unequal focal lengths too
-TestScene far_outside_the_field_of_view();  // huge splats at which the projection's clamp holds
+TestScene anisotropic_cloud();              // 300 Gaussians, SH degree 3, rotated camera
+TestScene off_centre_principal_point();     // and different focal lengths
+TestScene far_outside_the_field_of_view();  // huge splats for which the Jacobian is clamped
 TestScene needles();                        // long and thin, at all angles
-TestScene tiny_splats();                    // much smaller than a pixel: the blur is their size
+TestScene tiny_splats();                    // much smaller than a pixel: the blur determines their size
 TestScene negative_colors();                // clamped in some channels
 TestScene unnormalised_quaternions();       // lengths from 1e-3 to 1e3
-TestScene equal_depths();                   // ties are settled by index
+TestScene equal_depths();                   // ordered by index
 TestScene at_the_cap();                     // alpha 0.99 inside, less outside
 TestScene near_the_cutoff();                // opacities just above 1/255, and below
 TestScene degree_below_maximum();           // SH degree 1 of 3
 TestScene no_higher_degrees();              // shN has no rows
 
-/// Every pixel well inside all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
+/// All pixels far from all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
 TestScene smooth_scene();
 
-/// 30 000 Gaussians, a third of them behind the camera: enough for several threads to have their share. Too many for
-/// the dense reference, and not among test_scenes().
+/// 30 000 Gaussians, a third of them behind the camera: enough work for several threads. Too many for the dense
+/// reference, and not in test_scenes().
 TestScene large_cloud();
 
 struct TestSceneRow {
@@ -60,7 +60,7 @@ inline void PrintTo(const TestSceneRow& row, std::ostream* out) {
   *out << row.name;
 }
 
-/// All scenes above but large_cloud().
+/// All scenes above except large_cloud().
 const std::vector<TestSceneRow>& test_scenes();
 
 }  // namespace b3dgs::test

@@ -1,4 +1,4 @@
-// The tiny scene as a COLMAP folder, to be loaded with as much memory for its photographs as one likes.
+// The tiny scene as a COLMAP folder, which can be loaded with any memory limit for its photographs.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@ namespace b3dgs::test {
 
 class DiskScene {
  public:
-  /// With `distorted` the photographs are taken for those of a camera with distortion, and get a mask.
+  /// With `distorted` the camera has lens distortion, so that undistorted photographs have a mask.
   explicit DiskScene(bool distorted = false, const TinySceneOptions& options = {}) {
     Scene tiny = make_tiny_scene(options);
     std::vector<View> views = tiny.train;
@@ -46,7 +46,7 @@ class DiskScene {
 
   std::int64_t image_bytes() const { return image_bytes_; }  // of a decoded photograph
 
-  /// The limit is in photographs, beside what is always in memory.
+  /// Loads the scene with host memory for that many photographs, besides what is always in memory.
   Scene load(double photographs = 1e6) const {
     SceneOptions options;
     options.source_path = folder_.path().string();

@@ -1,4 +1,4 @@
-// Memory of which there is as much as a test says.
+// A MemorySource with a limit and failures set by a test.
 #pragma once
 
 #include <algorithm>
@@ -8,12 +8,11 @@
 
 namespace b3dgs::test {
 
-/// Memory of which there is as much as a test says.
 class ShortMemory final : public MemorySource {
  public:
   std::optional<std::int64_t> bytes;
-  int n_failures = 0;                                                     // requests that fail from now on
-  std::int64_t rows_that_fit = std::numeric_limits<std::int64_t>::max();  // a tensor of more is refused
+  int n_failures = 0;                                                     // number of allocations that will fail
+  std::int64_t rows_that_fit = std::numeric_limits<std::int64_t>::max();  // larger tensors cannot be allocated
   int n_releases = 0, n_requests = 0;
 
   std::optional<std::int64_t> limit() override { return bytes; }

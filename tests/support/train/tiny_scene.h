@@ -39,7 +39,7 @@ struct TinySceneOptions {
   int n_gaussians = 120;
   int n_views = 8;
   int width = 60, height = 44;  // px
-  bool masked = false;          // the left fifth of every image is wrong and not valid
+  bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
 inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {

@@ -1,4 +1,4 @@
-// Short trainings and what is left of them.
+// Short trainings, and helpers to compare their results.
 #pragma once
 
 #include <string>
@@ -23,15 +23,15 @@ inline TrainConfig eventful_config() {
   config.percent_dense = 0.02;
   config.random_background = true;
   config.test_iterations = config.save_iterations = {};
-  config.kernel = "shared-memory";  // what is measured differs from run to run
+  config.kernel = "shared-memory";  // a selection by times would differ from run to run
   return config;
 }
 
-/// A checkpoint's bytes, but for how long the training took and which one it was.
+/// A checkpoint's bytes without the duration and the ID of the training.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
-  file.header.erase("course");
+  file.header.erase("training_id");
   const std::filesystem::path copy = checkpoint.string() + ".timeless";
   write_checkpoint_file(copy, file);
   const std::string bytes = read_bytes(copy);
@@ -39,19 +39,19 @@ inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   return bytes;
 }
 
-/// A training whose steps seem to take so long.
+/// The clock advances by `seconds` at each reading.
 inline TrainHooks training_with_steps_of(double seconds) {
   TrainHooks hooks;
   hooks.clock_s = [seconds, now_s = 0.0]() mutable { return now_s += seconds; };
   return hooks;
 }
 
-/// Can afford checks of kernels at every interval.
+/// Steps take so long that there is time for a kernel check at every interval.
 inline TrainHooks slow_training() {
   return training_with_steps_of(3600);
 }
 
-/// All kernels take equally long: none has to make room for another.
+/// All kernels take the same time, so none is replaced.
 class EqualTimer final : public KernelTimer {
  public:
   void measure(const std::function<void()>& work) override {
@@ -66,7 +66,7 @@ class EqualTimer final : public KernelTimer {
 
 struct Trained {
   TrainResult result;
-  std::string ply, checkpoint;  // bytes, the checkpoint's without times
+  std::string ply, checkpoint;  // file contents; the checkpoint without times
 };
 
 inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,

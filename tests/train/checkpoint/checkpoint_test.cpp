@@ -43,7 +43,7 @@ TrainState make_state(const Scene& scene) {
   state.statistics.view_count += 7;
   state.view_order.n_refills = 3;
   state.view_order.remaining = {2, 0};
-  state.loss_average = 0.1 + 0.2;  // not a short decimal
+  state.loss_average = 0.1 + 0.2;  // needs all digits
   state.elapsed_s = 12.1 + 0.2;
   state.kernel_selection = {{"kernel", "dynamic"}};
   return state;
@@ -65,7 +65,7 @@ class CheckpointFiles : public testing::Test {
   const Scene scene = small_scene();
 };
 
-TEST_F(CheckpointFiles, GiveBackEveryBit) {
+TEST_F(CheckpointFiles, ReadBackEveryBit) {
   const Checkpoint read = read_checkpoint(path, scene, torch::kCPU);
   const TrainState expected = make_state(scene);
   EXPECT_EQ(read.state.iteration, 42);
@@ -98,7 +98,7 @@ TEST_F(CheckpointFiles, CutShortAnywhereAreRefused) {
         << length;
   }
   test::write_bytes(damaged, whole + '\0');
-  EXPECT_TRUE(test::fails_with<InputError>({"bytes follow the header"}, [&] { verify_checkpoint_file(damaged); }));
+  EXPECT_TRUE(test::fails_with<InputError>({"bytes after the header"}, [&] { verify_checkpoint_file(damaged); }));
 }
 
 TEST_F(CheckpointFiles, WithAnyByteFlippedAreRefused) {
@@ -122,10 +122,10 @@ TEST_F(CheckpointFiles, SayWhyTheyAreRefused) {
     test::write_bytes(damaged, bytes);
     return test::fails_with<InputError>({part}, [&] { read_checkpoint_file(damaged); });
   };
-  EXPECT_TRUE(reason("ply\nformat ascii 1.0\n", "is no checkpoint"));
+  EXPECT_TRUE(reason("ply\nformat ascii 1.0\n", "not a b3dgs checkpoint"));
   std::string newer = whole;
   newer[8] = 9;
-  EXPECT_TRUE(reason(newer, "layout 9"));
+  EXPECT_TRUE(reason(newer, "version 9"));
   std::string flipped = whole;
   flipped.back() = static_cast<char>(flipped.back() ^ 1);
   EXPECT_TRUE(reason(flipped, "statistics.max_radii"));
@@ -178,7 +178,7 @@ TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
   EXPECT_TRUE(refused(file, "view 99"));
 }
 
-/// Whether the checkpoint is refused after `change`, in one line that says `part`.
+/// Checkpoints that are refused after a change of their contents.
 class ChangedCheckpoints : public CheckpointFiles {
  protected:
   template <class Change>
@@ -219,7 +219,7 @@ TEST_F(ChangedCheckpoints, WithNumbersOutOfTheirRangeAreRefused) {
   EXPECT_TRUE(refuses_value("scene", {1, 2}));
 }
 
-TEST_F(ChangedCheckpoints, WithAViewOrderThatIsNoneAreRefused) {
+TEST_F(ChangedCheckpoints, WithAnInvalidViewOrderAreRefused) {
   const auto refuses_views = [&](const nlohmann::ordered_json& views, const std::string& part) {
     return refused(part, [&](CheckpointFile& file) { file.header["view_order"]["remaining"] = views; });
   };
@@ -229,13 +229,13 @@ TEST_F(ChangedCheckpoints, WithAViewOrderThatIsNoneAreRefused) {
   EXPECT_TRUE(refused("n_refills", [](CheckpointFile& file) { file.header["view_order"]["n_refills"] = -1; }));
 }
 
-TEST_F(ChangedCheckpoints, WithTensorsThatNoTrainingLeavesAreRefused) {
+TEST_F(ChangedCheckpoints, WithNegativeSumsAreRefused) {
   EXPECT_TRUE(refuses_tensor_value("adam_v.log_scales", -1)) << "a sum of squares";
   EXPECT_TRUE(refuses_tensor_value("statistics.grad_norm_sum", -1));
   EXPECT_TRUE(refuses_tensor_value("statistics.view_count", -1));
 }
 
-// A training removes such Gaussians once a view sees them; a checkpoint may have been written before that.
+// Training removes such Gaussians when a view sees them; the checkpoint may be from before that.
 TEST_F(ChangedCheckpoints, WithAGaussianThatIsNotFiniteAreRead) {
   CheckpointFile file = read_checkpoint_file(path);
   for (auto& [name, tensor] : file.tensors) {
@@ -248,14 +248,14 @@ TEST_F(ChangedCheckpoints, WithAGaussianThatIsNotFiniteAreRead) {
 }
 
 TEST_F(ChangedCheckpoints, NestedTooDeeplyAreRefused) {
-  EXPECT_TRUE(refused("not what this program writes", [](CheckpointFile& file) {
+  EXPECT_TRUE(refused("unexpected checkpoint header", [](CheckpointFile& file) {
     nlohmann::ordered_json deep = nlohmann::ordered_json::array();
     for (int i = 0; i < 1000; ++i) deep = nlohmann::ordered_json::array({std::move(deep)});
     file.header["kernel_selection"] = {{"forward", std::move(deep)}};
   }));
 }
 
-TEST_F(CheckpointFiles, OfTheFirstVersionsKnowNoTime) {
+TEST_F(CheckpointFiles, OfEarlyVersionsHaveNoElapsedTime) {
   CheckpointFile file = read_checkpoint_file(path);
   file.header.erase("elapsed_s");
   write_checkpoint_file(folder / "old.b3dgs", file);
@@ -285,16 +285,16 @@ TEST(NewestCheckpoint, FallsBackToTheOneBeforeADamagedOne) {
   EXPECT_EQ(newest_valid_checkpoint(folder, [&](const std::string& m) { messages.push_back(m); }),
             folder.checkpoint(100));
   ASSERT_EQ(messages.size(), 1u);
-  EXPECT_NE(messages[0].find("iteration_1000.b3dgs: is truncated"), std::string::npos) << messages[0];
+  EXPECT_NE(messages[0].find("iteration_1000.b3dgs: truncated"), std::string::npos) << messages[0];
 }
 
-TEST(OldCheckpoints, AreRemovedButForTheNewestOfTheirOwnCourse) {
+TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   const Scene scene = small_scene();
-  const auto write = [&](int iteration, const std::string& course) {
+  const auto write = [&](int iteration, const std::string& training_id) {
     TrainState state = make_state(scene);
-    state.course = course;
+    state.training_id = training_id;
     write_checkpoint(folder.checkpoint(iteration), make_config(), state, scene);
   };
   for (const int iteration : {10, 20, 30, 40, 60}) write(iteration, "ours");
@@ -307,7 +307,7 @@ TEST(OldCheckpoints, AreRemovedButForTheNewestOfTheirOwnCourse) {
   EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
 }
 
-TEST_F(CheckpointFiles, OfASceneWhoseExtentIsRoundedOtherwiseAreRead) {
+TEST_F(CheckpointFiles, AreReadForASceneWithADifferentlyRoundedExtent) {
   Scene other = scene;
   other.extent *= 1 + 1e-9;
   EXPECT_EQ(read_checkpoint(path, other, torch::kCPU).state.iteration, 42);
@@ -330,14 +330,15 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
   test::write_bytes(with_files.train[0].file, "short");
   fs::remove(with_files.train[2].file);
   EXPECT_EQ(changed().size(), 3u);
-  EXPECT_EQ(read_checkpoint(path, with_files, torch::kCPU).state.iteration, 42) << "that is no reason to refuse";
+  EXPECT_EQ(read_checkpoint(path, with_files, torch::kCPU).state.iteration, 42)
+      << "changed photographs are no reason to refuse";
 
   nlohmann::ordered_json early = header;
   early["scene"].erase("photographs");
   EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_files)).empty());
 }
 
-TEST(CheckpointFileWriter, TakesTensorsInPiecesOfAnySize) {
+TEST(CheckpointFileWriter, AcceptsTensorsInPiecesOfAnySize) {
   const test::TempDir temp;
   CheckpointFile content;
   content.header["iteration"] = 3;

@@ -1,4 +1,4 @@
-// What a model's folder holds, and how pictures are measured.
+// Model folders, image metrics, and conversions of Gaussians.
 
 #include "model/model_folder.h"
 
@@ -53,7 +53,7 @@ TEST(ModelFolder, WritesWhatTheOriginalsToolsRead) {
 
 TEST(ModelFolder, ReadsItsCamerasBack) {
   Scene scene = test::make_tiny_scene();
-  scene.train[0].camera.cx += 3.25;  // the original's file could not say this
+  scene.train[0].camera.cx += 3.25;  // the original's cameras.json has no principal point
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   folder.write_inputs({}, scene);
@@ -91,7 +91,7 @@ TEST(ModelFolder, ReadsTheOriginalsCamerasAndRefusesWrongOnes) {
   write(R"("position": [1, 2, 3], "rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]])");
   EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "rotation"}, read));
   write(R"("position": [1, 2, 1e300], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]])");
-  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "beyond any scene"}, read));
+  EXPECT_TRUE(test::fails_with<InputError>({"camera 0 (a)", "impossible position"}, read));
   test::write_bytes(temp / "cameras.json", R"([{"img_name": "a", "width": 4294967297, "height": 1}])");
   EXPECT_TRUE(test::fails_with<InputError>({"camera 0", "width", "4294967297"}, read));
   test::write_bytes(temp / "cameras.json", "{}");
@@ -118,10 +118,10 @@ TEST(ModelFolder, AddsResultsByIteration) {
   EXPECT_EQ(per_view["ours_7000"]["SSIM"]["b.jpg"], 0.75);
   test::write_bytes(temp / "results.json", "{\"ours_7000\": ");
   folder.write_results("ours_5", {{}, {10, 0.1}}, source);
-  EXPECT_EQ(json::parse(test::read_bytes(temp / "results.json")).size(), 1u) << "a damaged file is begun anew";
+  EXPECT_EQ(json::parse(test::read_bytes(temp / "results.json")).size(), 1u) << "a damaged file is replaced";
 }
 
-TEST(ModelFolder, ResultsOfAnotherSourceHaveAKeyOfTheirOwn) {
+TEST(ModelFolder, ResultsOfAnotherSourceHaveAnotherKey) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   const EvaluationSource first{"/data/scene", "images", 4, 320, 240, "test"};
@@ -176,7 +176,7 @@ TEST(Metrics, PsnrIsThatOfTheMeanSquaredError) {
   EXPECT_EQ(image_quality(rendered, truth, nullptr).psnr, 100);
 }
 
-TEST(Metrics, SeeValidPixelsOnly) {
+TEST(Metrics, IgnoreInvalidPixels) {
   Image8 truth(4, 2, 3), valid(4, 2, 1);
   torch::Tensor rendered = torch::zeros({2, 4, 3});
   rendered[0][0].fill_(1);
@@ -207,7 +207,7 @@ TEST(GaussianModel, StartsFromPointsAsTheOriginalDoes) {
   EXPECT_EQ(cloud.shN, std::vector<float>(4 * 8 * 3, 0.0f));
 }
 
-TEST(GaussianModel, SurvivesTheWayToTensorsAndBack) {
+TEST(GaussianModel, SurvivesConversionToTensorsAndBack) {
   SplatCloud cloud = splats_from_points(test::make_tiny_scene().points, 2);
   for (std::size_t i = 0; i < cloud.shN.size(); ++i) cloud.shN[i] = static_cast<float>(i);
   const GaussianTensors same = to_tensors(cloud, 2, torch::kCPU);

@@ -1,5 +1,5 @@
-// The fused step on the GPU against its two halves: gradients that are stored, and Adam on the CPU. Steps that are put
-// off against steps that are not.
+// The fused optimizer step on the GPU, compared with its two halves: stored gradients, and Adam on the CPU. Deferred
+// updates, compared with immediate ones.
 #include "train/optimizer/gaussian_step.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ AdamState copy_to(const AdamState& from, torch::Device device) {
   return {copy_to(from.m, device), copy_to(from.v, device), from.steps};
 }
 
-/// Moments of a training under way: of all degrees that are learned by now.
+/// Moments as in the middle of a training: nonzero for all degrees that are optimised by now.
 AdamState used_moments(const GaussianTensors& gaussians, int sh_degree) {
   AdamState state = make_adam_state(gaussians);
   state.steps = 41;
@@ -34,7 +34,7 @@ AdamState used_moments(const GaussianTensors& gaussians, int sh_degree) {
   return state;
 }
 
-/// 4 of every 5 in view, the others behind the camera; not a whole number of blocks.
+/// 4 of 5 are in view, the others are behind the camera; not a multiple of the block size.
 GaussianTensors some_gaussians(int sh_degree_max) {
   constexpr std::int64_t kGaussians = 1003;
   const std::int64_t n_rest = (sh_degree_max + 1) * (sh_degree_max + 1) - 1;
@@ -53,7 +53,7 @@ RenderSettings settings_of(int sh_degree) {
   RenderSettings settings;
   settings.sh_degree = sh_degree;
   settings.tile = {16, 8};
-  settings.deterministic = true;  // whoever renders the same gets the same sums
+  settings.deterministic = true;  // same render, same sums
   return settings;
 }
 
@@ -61,7 +61,7 @@ const AdamRates kRates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
 
 class GaussianStepOnGpu : public testing::TestWithParam<std::pair<int, int>> {};
 
-TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
+TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(5);
   const auto [sh_degree, sh_degree_max] = GetParam();
@@ -89,12 +89,12 @@ TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
   const torch::Tensor color = image.color.clone();
   EXPECT_TRUE(torch::equal(stepper.forward(stepped, stepped_state, view, settings).color, color));
   statistics = stepper.step(kRates, view_grad, stepped, stepped_state, nullptr);
-  stepper.settle(stepped, stepped_state);
+  stepper.flush(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
   EXPECT_TRUE(
       test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
   EXPECT_TRUE(torch::equal(statistics.radii.cpu(), radii));
-  // Two kernels' gradients differ in rounding, by up to kRounding of their size; a square by twice that.
+  // Gradients of the two kernels differ by rounding, up to kRounding relative; their squares by twice that.
   constexpr double kRounding = 1e-5;
   const auto agrees = [](const torch::Tensor& actual, const torch::Tensor& wanted, double allowed) {
     return test::within(actual.cpu(), wanted, allowed * (wanted.numel() > 0 ? wanted.abs().max().item<double>() : 0));
@@ -105,12 +105,12 @@ TEST_P(GaussianStepOnGpu, IsTheGradientsAndThenAdam) {
     EXPECT_TRUE(agrees(*stepped_state.v.all()[i], *expected_state.v.all()[i], 2 * kRounding)) << name;
     const torch::Tensor& before = *start.all()[i];
     const torch::Tensor move = stepped.all()[i]->cpu() - before, wanted = *expected.all()[i] - before;
-    // What is stored is rounded to its own size, which is larger than the move.
+    // A parameter is rounded relative to its own size, which is larger than the change.
     EXPECT_TRUE(test::within(move, wanted, 2 * kRounding * (wanted.abs() + kRates[i]) + 2e-7 * before.abs())) << name;
   }
 }
 
-/// Bits of all that a step changes.
+/// Whether everything that a step changes is bit-identical.
 testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_state, const GaussianTensors& b,
                                   const AdamState& b_state) {
   for (std::size_t i = 0; i < a.all().size(); ++i) {
@@ -122,11 +122,11 @@ testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_s
   return testing::AssertionSuccess();
 }
 
-TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
+TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(6);
-  // More steps than can be put off at once. Views from aside, which many Gaussians are outside of, in an irregular
-  // order; degrees that begin to be learned meanwhile.
+  // More steps than can be deferred at once. Views from the side, in an irregular order, with many Gaussians outside
+  // the frustum; the SH degree rises meanwhile.
   constexpr int kSteps = 150;
   GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
   AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often),
@@ -141,28 +141,29 @@ TEST(DeferredHarmonics, AreTheSameBitsWheneverTheyAreSettled) {
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
     const auto step = [&](GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state) {
       stepper.forward(gaussians, state, view, settings);
-      if (k % 11 == 5 && &stepper == &rarely_stepper) stepper.settle(gaussians, state);  // what a view saw, too
+      if (k % 11 == 5 && &stepper == &rarely_stepper)
+        stepper.flush(gaussians, state);  // including Gaussians that a view has just seen
       return stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
     };
     step(late_stepper, late, late_state);
     step(rarely_stepper, rarely, rarely_state);
     const ViewStatistics statistics = step(often_stepper, often, often_state);
     n_seen += (statistics.radii > 0).cpu().to(torch::kFloat32);
-    often_stepper.settle(often, often_state);
+    often_stepper.flush(often, often_state);
     if (k % 37 == 0) {
-      rarely_stepper.settle(rarely, rarely_state);
+      rarely_stepper.flush(rarely, rarely_state);
       ASSERT_TRUE(is_equal(rarely, rarely_state, often, often_state)) << "after step " << k;
     }
   }
-  EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was put off";
-  late_stepper.settle(late, late_state);
+  EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was deferred";
+  late_stepper.flush(late, late_state);
   EXPECT_TRUE(is_equal(late, late_state, often, often_state));
   EXPECT_GT((n_seen == 0).sum().item<int>(), 100) << "never seen";
-  EXPECT_GT(((n_seen > 0).logical_and(n_seen < kSteps / 2)).sum().item<int>(), 100) << "seen now and then";
-  EXPECT_GT((often.shN - start).abs().max().item<double>(), 0.1) << "harmonics moved";
+  EXPECT_GT(((n_seen > 0).logical_and(n_seen < kSteps / 2)).sum().item<int>(), 100) << "seen in some views";
+  EXPECT_GT((often.shN - start).abs().max().item<double>(), 0.1) << "SH coefficients moved";
 }
 
-TEST(DeferredHarmonics, RefusesOtherTensorsWhileStepsAreOutstanding) {
+TEST(DeferredSh, RejectsOtherTensorsWhileUpdatesAreDeferred) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(7);
   GaussianTensors gaussians = copy_to(some_gaussians(2), kGpu);
@@ -177,7 +178,7 @@ TEST(DeferredHarmonics, RefusesOtherTensorsWhileStepsAreOutstanding) {
   step();
   state.m.shN = state.m.shN.clone();
   EXPECT_THROW(step(), LogicError);
-  EXPECT_THROW(stepper.settle(gaussians, state), LogicError);
+  EXPECT_THROW(stepper.flush(gaussians, state), LogicError);
 }
 
 INSTANTIATE_TEST_SUITE_P(ByDegree, GaussianStepOnGpu,

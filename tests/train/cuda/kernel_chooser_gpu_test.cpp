@@ -1,4 +1,4 @@
-// Checks of the kernels on the GPU: both passes, with the device's own clock.
+// Kernel checks on the GPU: both passes, timed by the device.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -44,13 +44,13 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   EXPECT_EQ(done[0].decision.times_ms.size(), kForwardKernels.size());
   EXPECT_EQ(done[1].decision.times_ms.size(), kBackwardKernels.size());
   for (const KernelCheck& check : done) {
-    EXPECT_TRUE(check.decision.refused.empty()) << check.decision.reason;
+    EXPECT_TRUE(check.decision.disabled.empty()) << check.decision.reason;
     EXPECT_GE(check.decision.views, KernelSelector::kMinViews);
     for (const auto& [kernel, ms] : check.decision.times_ms) EXPECT_GT(ms, 0) << kernel;
   }
 }
 
-TEST(RasterizerOnGpu, ReblendBackwardRefusesAGradientOfAnotherShapeAsBackwardDoes) {
+TEST(RasterizerOnGpu, ReblendBackwardRejectsAGradientOfAnotherShapeAsBackwardDoes) {
   B3DGS_NEEDS_GPU();
   const torch::Device device(torch::kCUDA, 0);
   const Scene scene = test::make_tiny_scene();
@@ -66,7 +66,7 @@ TEST(RasterizerOnGpu, ReblendBackwardRefusesAGradientOfAnotherShapeAsBackwardDoe
   EXPECT_NO_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad));
 }
 
-TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingGoesOn) {
+TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingContinues) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;

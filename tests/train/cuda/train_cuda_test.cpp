@@ -1,4 +1,4 @@
-// The parts of training on a GPU that know no torch.
+// The parts of training on a GPU that do not use torch.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 namespace b3dgs {
 namespace {
 
-/// A stream of its own that can be held up.
+/// A stream that can be blocked.
 class GatedStream {
  public:
   GatedStream() { B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking)); }
@@ -31,7 +31,7 @@ class GatedStream {
   GatedStream(const GatedStream&) = delete;
   GatedStream& operator=(const GatedStream&) = delete;
 
-  /// What is queued from now on is not begun before open().
+  /// Work queued from now on does not start before open().
   void close() {
     is_open_ = false;
     const auto wait = [](void* gate) {
@@ -39,7 +39,7 @@ class GatedStream {
     };
     B3DGS_CUDA_CHECK(cudaLaunchHostFunc(stream_, wait, &is_open_));
   }
-  /// Returns when all is done that was queued.
+  /// Waits until all queued work is done.
   void open() {
     is_open_ = true;
     cudaStreamSynchronize(stream_);
@@ -66,17 +66,17 @@ TEST(EventMarks, AreReachedWhenTheDeviceGetsThere) {
   EXPECT_TRUE(marks.has_reached(behind));
   EXPECT_GT(marks.ms_between(before, behind), 0);
   marks.release(before);
-  EXPECT_EQ(marks.record(stream.get()), before) << "used again";
+  EXPECT_EQ(marks.record(stream.get()), before) << "reused";
 }
 
-/// Bytes that tell image `seed` from others.
+/// Bytes that identify image `seed`.
 std::vector<std::uint8_t> image(int seed, std::size_t n) {
   std::vector<std::uint8_t> bytes(n);
   for (std::size_t i = 0; i < n; ++i) bytes[i] = static_cast<std::uint8_t>(37 * seed + 3 * i + i / 251);
   return bytes;
 }
 
-TEST(DeviceSnapshot, KeepsWhatWasThereWhileTheArraysChange) {
+TEST(DeviceSnapshot, KeepsTheOldValuesWhileTheArraysChange) {
   B3DGS_NEEDS_GPU();
   const std::size_t sizes[] = {3 * cuda::DeviceReader::kPieceBytes + 1234, 1000};
   const std::vector<std::uint8_t> images[] = {image(1, sizes[0]), image(2, sizes[1])};
@@ -106,7 +106,7 @@ TEST(DeviceSnapshot, KeepsWhatWasThereWhileTheArraysChange) {
 class ImageUploaderTest : public testing::Test {
  protected:
   static constexpr std::size_t kBytes = 1 << 20;
-  /// What a reader on the stream finds in a slot: copied behind all that is queued there.
+  /// The content of a slot as seen by a reader on the stream, after all work queued there.
   static void read(const std::uint8_t* slot, const test::DeviceArray<std::uint8_t>& out, cudaStream_t stream) {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(out.data(), slot, kBytes, cudaMemcpyDeviceToDevice, stream));
   }
@@ -131,9 +131,9 @@ TEST_F(ImageUploaderTest, NeverWritesASlotThatIsStillRead) {
   slow.close();
   read(slot, seen_first, slow.get());
   uploader.release(0, slow.get());
-  uploader.upload(1, kBytes, 0);  // has to wait for the slow reader
+  uploader.upload(1, kBytes, 0);  // must wait for the slow reader
   read(uploader.acquire(0, other.get()), seen_second, other.get());
-  EXPECT_EQ(cudaStreamQuery(other.get()), cudaErrorNotReady) << "uploaded over what the first reader still needs";
+  EXPECT_EQ(cudaStreamQuery(other.get()), cudaErrorNotReady) << "overwritten while the first reader needs it";
   slow.open();
   other.open();
   EXPECT_TRUE(host_copy(seen_first) == first);
@@ -167,13 +167,13 @@ TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
   }
 }
 
-TEST_F(ImageUploaderTest, RefusesImagesLargerThanASlot) {
+TEST_F(ImageUploaderTest, RejectsImagesLargerThanASlot) {
   B3DGS_NEEDS_GPU();
   cuda::ImageUploader uploader(1, 1, 10);
   EXPECT_THROW(uploader.upload(0, 11, 0), LogicError);
 }
 
-TEST(SplitSamples, AreThoseOfTheCpuUpToRounding) {
+TEST(SplitSamples, EqualThoseOfTheCpuUpToRounding) {
   B3DGS_NEEDS_GPU();
   constexpr std::int64_t kGaussians = 3000, kRows = 1000;
   std::vector<float> means(3 * kGaussians), log_scales(3 * kGaussians), quats(4 * kGaussians);
@@ -214,12 +214,12 @@ TEST(SplitSamples, AreThoseOfTheCpuUpToRounding) {
 
 struct LossCase {
   std::int32_t width, height;  // px
-  int invalid_of_16;           // pixels that do not count, of every 16; 0: there is no mask
+  int invalid_of_16;           // invalid pixels of every 16; 0 = no mask
 };
 
 class LossOnGpu : public testing::TestWithParam<LossCase> {};
 
-TEST_P(LossOnGpu, IsTheCpus) {
+TEST_P(LossOnGpu, EqualsThatOfTheCpu) {
   B3DGS_NEEDS_GPU();
   const LossCase& image = GetParam();
   const std::int64_t n_pixels = std::int64_t{image.width} * image.height;
@@ -230,14 +230,14 @@ TEST_P(LossOnGpu, IsTheCpus) {
   for (std::size_t i = 0; i < n_values; ++i) {
     const auto random = random_uniform(key, i);
     truth[i] = static_cast<std::uint8_t>(255 * random[0]);
-    rendered[i] = 1.5f * random[1] - 0.2f;  // beyond what a photograph can be, too
+    rendered[i] = 1.5f * random[1] - 0.2f;  // also outside the range of a photograph
   }
   for (std::size_t i = 0; i < valid.size(); ++i) valid[i] = static_cast<int>(7 * i % 16) >= image.invalid_of_16 ? 1 : 0;
 
   LossArgs args{image.width, image.height, rendered.data(), truth.data()};
   if (image.invalid_of_16 > 0) args.valid = valid.data();
   args.n_valid = image.invalid_of_16 > 0 ? count_valid(valid.data(), n_pixels) : n_pixels;
-  args.lambda_dssim = 0.2;
+  args.weights.dssim = 0.2;
   args.grad = expected.data();
   struct alignas(64) Aligned {
     float of[16];
@@ -276,7 +276,7 @@ TEST_P(LossOnGpu, IsTheCpus) {
   EXPECT_LE(apart, 2e-5 * largest);
 }
 
-// Smaller than the window, than a block; a block and a bit more or less; several blocks.
+// Smaller than the window, smaller than a block, slightly more or less than a block, several blocks.
 INSTANTIATE_TEST_SUITE_P(BySize, LossOnGpu,
                          testing::Values(LossCase{1, 1, 0}, LossCase{5, 3, 0}, LossCase{32, 32, 0}, LossCase{31, 33, 5},
                                          LossCase{97, 70, 0}, LossCase{97, 70, 1}, LossCase{64, 41, 12},

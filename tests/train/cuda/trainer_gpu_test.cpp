@@ -1,4 +1,4 @@
-// Training on the GPU against training on the CPU, and against itself.
+// Training on the GPU, compared with training on the CPU and with itself.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -19,7 +19,7 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/densifier.h"
+#include "train/density/original_strategy.h"
 #include "train/density/row_edit.h"
 #include "train/images/image_store.h"
 
@@ -35,7 +35,7 @@ TrainConfig on_gpu(TrainConfig config) {
   return config;
 }
 
-/// Past density control and an opacity reset, to the same bytes each time.
+/// Deterministic training beyond density control and an opacity reset.
 TrainConfig deterministic_config() {
   TrainConfig config = on_gpu(test::eventful_config());
   config.iterations = 40;
@@ -45,8 +45,7 @@ TrainConfig deterministic_config() {
 
 TEST(TrainerOnGpu, LearnsAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
-  // dB, of the mean over the held-out views. Another order of sums makes 0.01 here (tiles, culling, kernels on the
-  // CPU).
+  // dB, mean over the held-out views. Another order of sums (tiles, culling, kernels on the CPU) changes it by 0.01.
   constexpr double kAllowed = 0.1;
   test::TinySceneOptions options;
   options.n_gaussians = 60;
@@ -77,7 +76,7 @@ TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
   EXPECT_TRUE(test::fails_with<InputError>({"--backward_kernel per-splat"}, [&] { train(config, scene, temp / "c"); }));
 }
 
-/// The longest list of a tile that the log tells of.
+/// The longest tile list in the log.
 std::int64_t longest_list(const fs::path& folder) {
   std::int64_t longest = 0;
   std::ifstream file(folder / "train.jsonl");
@@ -104,7 +103,7 @@ TEST(TrainerOnGpu, LongTrainingWithCutListsGivesTheSameBytesTwiceIfDeterministic
   config.max_gaussians = 40000;
   config.stats_interval = 500;
   const Trained first = train(config, scene, temp / "a"), second = train(config, scene, temp / "b");
-  EXPECT_GT(longest_list(temp / "a"), 2 * cuda::kSegmentEntries) << "no list was cut";
+  EXPECT_GT(longest_list(temp / "a"), 2 * cuda::kSegmentEntries) << "no list was divided into segments";
   EXPECT_TRUE(first.ply == second.ply);
   EXPECT_TRUE(first.checkpoint == second.checkpoint);
 }
@@ -178,7 +177,7 @@ TEST(TrainerOnGpu, KeepsNoHostCopyOfAPhotographThatIsOnTheGpu) {
   for (std::size_t i = 0; i < scene.train.size(); ++i) EXPECT_EQ(scene.train[i].image->held() == nullptr, i < 3) << i;
 }
 
-TEST(TrainerOnGpu, GivesPhotographsBackWhenItsMemoryIsWanted) {
+TEST(TrainerOnGpu, ReleasesPhotographsWhenMemoryIsNeeded) {
   B3DGS_NEEDS_GPU();
   const test::DiskScene disk;
   const torch::Device device(torch::kCUDA, 0);
@@ -227,8 +226,9 @@ TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
 
 void expect_same_state(const TrainState& a, const TrainState& b) {
   const auto same = [](const auto& x, const auto& y) {
-    for (std::size_t i = 0; i < x.kNames.size(); ++i) {
-      EXPECT_TRUE(torch::equal(x.all()[i]->to(torch::kCPU), y.all()[i]->to(torch::kCPU))) << x.kNames[i];
+    ASSERT_EQ(x.all().size(), y.all().size());
+    for (std::size_t i = 0; i < x.all().size(); ++i) {
+      EXPECT_TRUE(torch::equal(x.all()[i]->to(torch::kCPU), y.all()[i]->to(torch::kCPU))) << "tensor " << i;
     }
   };
   same(a.gaussians, b.gaussians);
@@ -240,7 +240,7 @@ void expect_same_state(const TrainState& a, const TrainState& b) {
   EXPECT_EQ(a.elapsed_s, b.elapsed_s);
 }
 
-TEST(TrainerOnGpu, GoesOnFromACheckpointOfTheOtherDevice) {
+TEST(TrainerOnGpu, ResumesFromACheckpointOfTheOtherDevice) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
@@ -285,14 +285,14 @@ TEST(TrainerOnGpu, TimesAllStagesAndLearnsTheSame) {
     double sum = 0;
     for (std::size_t i = 0; i < kStageCount; ++i) {
       if (i == static_cast<std::size_t>(Stage::kProjectBackward)) {
-        EXPECT_FALSE(times.ms[i]) << "it is part of the optimizer's kernel";
+        EXPECT_FALSE(times.ms[i]) << "part of the optimizer's kernel";
         continue;
       }
       ASSERT_TRUE(times.ms[i]) << kStageNames[i];
       EXPECT_GE(*times.ms[i], 0) << kStageNames[i];
       sum += *times.ms[i];
     }
-    EXPECT_LE(sum, times.wall_ms + 0.01 * kStageCount) << "events tell half a microsecond";
+    EXPECT_LE(sum, times.wall_ms + 0.01 * kStageCount) << "events have a resolution of half a microsecond";
   };
   Trainer trainer(config, scene, ModelFolder(temp / "timed"), hooks);
   const TrainResult timed = trainer.run();
@@ -333,7 +333,7 @@ TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
   EXPECT_EQ(after.in_use, before.in_use);
 }
 
-TEST(TrainerOnGpu, CheckpointsWrittenBesideTheTrainingAreThoseOfTheirIterations) {
+TEST(TrainerOnGpu, CheckpointsWrittenInTheBackgroundAreThoseOfTheirIterations) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
@@ -343,7 +343,7 @@ TEST(TrainerOnGpu, CheckpointsWrittenBesideTheTrainingAreThoseOfTheirIterations)
   const ModelFolder beside(temp / "beside"), paused(temp / "paused");
   config.checkpoint_interval = 3;
   config.save_iterations = {7, 22};
-  EXPECT_TRUE(train(config, scene, beside.root()).ply == whole.ply) << "writing changes the training";
+  EXPECT_TRUE(train(config, scene, beside.root()).ply == whole.ply) << "writing changed the training";
   const std::vector<int> written = beside.checkpoint_iterations();
   ASSERT_EQ(written.size(), 14u);
   config.checkpoint_interval = 0;
@@ -364,7 +364,7 @@ TEST(TrainerOnGpu, CheckpointsWrittenBesideTheTrainingAreThoseOfTheirIterations)
   }
 }
 
-TEST(TrainerOnGpu, GoesOnWithoutGaussiansThatCannotBeRendered) {
+TEST(TrainerOnGpu, ContinuesWithoutGaussiansThatCannotBeRendered) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
@@ -465,7 +465,7 @@ TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {
   expect_same_state(expected, found);
 }
 
-TEST(DensifierOnGpu, DoesWhatTheCpuDoes) {
+TEST(OriginalStrategyOnGpu, DoesWhatTheCpuDoes) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(4);
   constexpr std::int64_t kCount = 4000;

@@ -1,11 +1,14 @@
-// Forward blend, combined: tasks of 2 x 2 pixels from the pool, lanes over the splats (the paper's fine-grained
-// combined load balancing). A group is fetched once for the task's four pixels. A crowded tile becomes tens of tasks,
-// so threads finish together even where one tile holds most of the work.
+// Forward blend, combined (the paper's fine-grained combined load balancing).
+//   Threads: take tasks of 2 x 2 pixels (quads) from an atomic counter. A crowded tile becomes tens of tasks, and
+//     threads finish at about the same time even if one tile holds most of the work.
+//   Lanes: consecutive splats of the list (a group). A group is fetched once for the four pixels of the task.
+//   Per group and pixel: evaluate the splats, prefix product of 1 - alpha (splat_groups-inl.h).
+//   Ends: a task stops after the group that finishes the last of its pixels.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_combined.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/splat_groups-inl.h"
 
 #include "core/parallel.h"
@@ -19,7 +22,7 @@ namespace HWY_NAMESPACE {
 void run_forward_combined(const BlendForwardArgs& args, std::int64_t task) {
   const TaskPixels pixels = quad_task(args.grid, task);
   const std::int64_t first = args.bins.tile_offsets[pixels.tile], last = args.bins.tile_offsets[pixels.tile + 1];
-  PixelScan scans[4];
+  PixelScan scans[kQuadPixels];
   const std::int32_t width = pixels.rect.x_end - pixels.rect.x_begin;
   const std::int32_t n_pixels = pixels.rect.empty() ? 0 : width * (pixels.rect.y_end - pixels.rect.y_begin);
   std::int32_t n_live = n_pixels;

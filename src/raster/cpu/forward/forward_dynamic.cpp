@@ -1,11 +1,12 @@
-// Forward blend, dynamic: as naive, but threads take the next tile from an atomic pool until none is left (the paper's
-// inter-block dynamic workload distribution). Evens out tiles of different cost; one tile longer than a thread's fair
-// share still decides the time.
+// Forward blend, dynamic: naive with inter-block balancing (the paper's inter-block dynamic workload distribution).
+//   Threads: take the next tile from an atomic counter until none is left. This balances tiles of different cost, but a
+//     single tile that costs more than a thread's fair share still determines the time.
+//   Lanes, splats, end and outputs: as naive (blend_tile_pixelwise()).
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_dynamic.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/tile_pixels-inl.h"
 
 #include "core/parallel.h"

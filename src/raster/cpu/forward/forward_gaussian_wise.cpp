@@ -1,11 +1,15 @@
-// Forward blend, Gaussian-wise: lanes over the splats of a list, one pixel after the other, tiles divided over the
-// threads beforehand. Lanes never wait for a neighbouring pixel, but each group costs a prefix product and there is no
-// culling by rows: on a CPU it pays only where few pixels of a tile are alive.
+// Forward blend, Gaussian-wise.
+//   Threads: each gets an equal, contiguous share of the tiles before it starts.
+//   Lanes: consecutive splats of the list (a group); pixels are blended one after the other.
+//   Per group: gather the splats, evaluate them at the pixel, prefix product of 1 - alpha (splat_groups-inl.h).
+//   Ends: a pixel stops after the group that finishes it, so no lane waits for another pixel.
+//   Cost: a prefix product per group, and splats are fetched again for every pixel. On a CPU this is faster than
+//     pixel-wise blending only where few pixels of a tile are unfinished.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_gaussian_wise.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/splat_groups-inl.h"
 
 #include "core/parallel.h"

@@ -1,10 +1,15 @@
-// Forward blend, naive: lanes over pixels, tiles divided over the threads beforehand, splats read where they lie. The
-// baseline of the comparison: a thread whose share holds the crowded tiles works on while the others are done.
+// Forward blend, naive: the baseline.
+//   Threads: each gets an equal, contiguous share of the tiles before it starts; there is no balancing. A thread whose
+//     share contains the crowded tiles finishes last.
+//   Lanes: pixels of a row. Every row of the tile evaluates every splat of the list (blend_tile_pixelwise()).
+//   Splats: read from the array of all splats through the list, not staged.
+//   Ends: once per 32 splats, a tile checks whether any of its pixels is unfinished.
+//   For the backward pass: final transmittance and position of the last splat, per pixel.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_naive.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/tile_pixels-inl.h"
 
 #include "core/parallel.h"

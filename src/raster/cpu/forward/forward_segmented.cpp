@@ -1,12 +1,17 @@
-// Forward blend, segmented: as shared-memory, but long lists are cut into segments, each a task of its own, so that
-// threads finish together even where one tile holds most of the work. Compositing is associative: a segment is blended
-// as if all light reached it, and (transmittance, colour) of a tile's segments are then joined front to back. Where a
-// pixel ends does not divide: a segment in which one does is blended once more, onto what lies before it.
+// Forward blend, segmented: shared-memory, with long lists cut into segments that are blended independently, so that
+// threads finish at about the same time even if one tile holds most of the work.
+//   Why it works: compositing is associative. A segment is blended as if the transmittance in front of it were 1; the
+//     (transmittance, colour) of a tile's segments are then combined front to back.
+//   Phase 1: threads take tasks from an atomic counter: segments of long lists first, then whole short lists. Lanes,
+//     staging and row culling are those of shared-memory.
+//   Phase 2: threads take long lists and join their segments. The stop at transmittance 1e-4 is not associative: a
+//     segment in which a pixel finishes is blended again, onto the state in front of it.
+//   Memory: the pixels of every segment, between the phases.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_segmented.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/staged_splats-inl.h"
 
 #include <new>
@@ -19,14 +24,14 @@
 #define B3DGS_RASTER_CPU_SEGMENT_
 namespace b3dgs::cpu {
 
-/// A part of a tile's list: entries [begin, end).
+/// Entries [begin, end) of a tile's list.
 struct Segment {
   std::int64_t tile, begin, end;
 };
 
-/// Memory for the TilePixels of any instruction set.
+/// Raw memory for a TilePixels, whose type and size differ between instruction sets.
 struct alignas(64) SegmentPixels {
-  std::byte bytes[25 * 1024];
+  std::byte bytes[25 * 1024];  // 6 planes of 32 x 32 pixels and their bounds; checked in run_segment()
 };
 
 }  // namespace b3dgs::cpu
@@ -36,7 +41,7 @@ HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
 namespace HWY_NAMESPACE {
 
-/// Blends a segment that is its tile's whole list.
+/// Blends a list that is not cut.
 void run_whole_list(const BlendForwardArgs& args, const cpu::Segment& list) {
   TilePixels tile;
   tile.begin(args.grid, static_cast<std::int32_t>(list.tile));
@@ -46,30 +51,30 @@ void run_whole_list(const BlendForwardArgs& args, const cpu::Segment& list) {
 
 void run_segment(const BlendForwardArgs& args, const cpu::Segment& segment, cpu::SegmentPixels& memory) {
   static_assert(sizeof(TilePixels) <= sizeof(memory) && alignof(TilePixels) <= alignof(cpu::SegmentPixels),
-                "has room for a tile's pixels");
+                "SegmentPixels must hold a TilePixels");
   TilePixels& tile = *new (memory.bytes) TilePixels;
   tile.begin(args.grid, static_cast<std::int32_t>(segment.tile));
   blend_staged(args, segment.tile, segment.begin, segment.end, tile);
 }
 
-/// Whether a pixel that is alive would end within the segment.
-HWY_INLINE bool ends_pixels(const TilePixels& tile, const TilePixels& segment) {
+/// Whether any unfinished pixel of `tile` would finish within the segment.
+HWY_INLINE bool finishes_a_pixel(const TilePixels& tile, const TilePixels& segment) {
   for (int p = 0; p < tile.rows * tile.stride; p += lane_count()) {
     const Lanes before = Lanes::load(tile.transmittance + p), own = Lanes::load(segment.transmittance + p);
-    const LaneMask ends = (before > Lanes(0.0f)) & !(before * own >= Lanes(kTransmittanceMin));
-    if (!none(ends)) return true;
+    const LaneMask finishes = (before > Lanes(0.0f)) & !(before * own >= Lanes(kTransmittanceMin));
+    if (!none(finishes)) return true;
   }
   return false;
 }
 
-/// Adds a segment in which no pixel ends.
+/// Combines `tile` with a segment behind it in which no pixel finishes.
 HWY_INLINE void join(TilePixels& tile, const TilePixels& segment) {
   for (int p = 0; p < tile.rows * tile.stride; p += lane_count()) {
     const Lanes before = Lanes::load(tile.transmittance + p);
     const LaneMask alive = before > Lanes(0.0f);
-    const Lanes light = select(alive, before, Lanes(0.0f));
+    const Lanes weight = select(alive, before, Lanes(0.0f));
     const auto add = [&](float* sum, const float* own)
-                         HWY_ATTR { multiply_add(light, Lanes::load(own + p), Lanes::load(sum + p)).store(sum + p); };
+                         HWY_ATTR { multiply_add(weight, Lanes::load(own + p), Lanes::load(sum + p)).store(sum + p); };
     add(tile.red, segment.red);
     add(tile.green, segment.green);
     add(tile.blue, segment.blue);
@@ -81,14 +86,14 @@ HWY_INLINE void join(TilePixels& tile, const TilePixels& segment) {
   }
 }
 
-/// The segments of a tile, all of them.
+/// Joins the `count` segments of one list and writes the tile.
 void run_join(const BlendForwardArgs& args, const cpu::Segment* segments, const cpu::SegmentPixels* pixels,
               std::int64_t count) {
   TilePixels tile;
   tile.begin(args.grid, static_cast<std::int32_t>(segments->tile));
   for (std::int64_t k = 0; k < count; ++k) {
     const auto& segment = *std::launder(reinterpret_cast<const TilePixels*>(pixels[k].bytes));
-    if (ends_pixels(tile, segment)) {
+    if (finishes_a_pixel(tile, segment)) {
       blend_staged(args, segments[k].tile, segments[k].begin, segments[k].end, tile);
     } else {
       join(tile, segment);
@@ -110,10 +115,10 @@ HWY_EXPORT(run_join);
 namespace cpu {
 
 void blend_forward_segmented(const BlendForwardArgs& args) {
-  // Of a segment: about a millisecond on a crowded tile, long beside what a task costs.
+  // Segment length: about a millisecond of work on a crowded tile, long compared to the overhead of a task.
   constexpr std::int64_t kEntries = 4096;
   std::vector<Segment> segments, whole_lists;
-  std::vector<std::size_t> firsts;  // of each list that is cut, and the end
+  std::vector<std::size_t> firsts;  // first segment of each list that is cut, and the number of segments
   for (std::int64_t tile = 0; tile < args.grid.n_tiles(); ++tile) {
     const std::int64_t n = args.bins.tile_offsets[tile + 1] - args.bins.tile_offsets[tile];
     if (n <= kEntries) {

@@ -1,11 +1,14 @@
-// Forward blend, shared-memory: lanes over pixels, tiles from the pool, splats staged in batches
-// (staged_splats-inl.h). The fastest schedule on a CPU, where a core has no idle lanes that Gaussian-wise work could
-// fill.
+// Forward blend, shared-memory. On a CPU, the first-level cache takes the part of shared memory.
+//   Threads: take tiles from an atomic counter.
+//   Lanes: pixels of a row.
+//   Splats: staged in batches of 32, each with the rows of the tile that it reaches; other rows skip it
+//     (staged_splats-inl.h).
+//   Ends: once per batch, rows whose pixels are all finished are dropped at the top and bottom of the tile.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_shared_memory.cpp"
 #include <hwy/foreach_target.h>
-// Once per target from here.
+// Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/staged_splats-inl.h"
 
 #include "core/parallel.h"

@@ -1,5 +1,4 @@
-// The forward schedules of the CPU, one file and one row each. On a CPU a thread stands for a multiprocessor, a SIMD
-// vector for a warp.
+// The forward kernels of the CPU, generated from the table in forward_kernel.h; each is defined in forward_ID.cpp.
 #pragma once
 
 #include <array>
@@ -9,12 +8,9 @@
 
 namespace b3dgs::cpu {
 
-void blend_forward_naive(const BlendForwardArgs& args);
-void blend_forward_dynamic(const BlendForwardArgs& args);
-void blend_forward_gaussian_wise(const BlendForwardArgs& args);
-void blend_forward_combined(const BlendForwardArgs& args);
-void blend_forward_shared_memory(const BlendForwardArgs& args);
-void blend_forward_segmented(const BlendForwardArgs& args);
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) void blend_forward_##id(const BlendForwardArgs& args);
+B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
 
 struct ForwardRow {
   ForwardKernel kernel;
@@ -22,14 +18,10 @@ struct ForwardRow {
 };
 
 /// Indexed by ForwardKernel.
-inline constexpr std::array<ForwardRow, kForwardKernels.size()> kForwardTable{{
-    {ForwardKernel::kNaive, blend_forward_naive},
-    {ForwardKernel::kDynamic, blend_forward_dynamic},
-    {ForwardKernel::kGaussianWise, blend_forward_gaussian_wise},
-    {ForwardKernel::kCombined, blend_forward_combined},
-    {ForwardKernel::kSharedMemory, blend_forward_shared_memory},
-    {ForwardKernel::kSegmented, blend_forward_segmented},
-}};
-static_assert(is_in_order(kForwardTable));
+inline constexpr std::array kForwardTable{
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) ForwardRow{ForwardKernel::kernel, blend_forward_##id},
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 }  // namespace b3dgs::cpu

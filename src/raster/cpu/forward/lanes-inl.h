@@ -1,5 +1,5 @@
-// SIMD vectors in the dress of a scalar, so that blend.h computes on them. Included once for each instruction set
-// (Highway's scheme): everything lives in HWY_NAMESPACE.
+// SIMD vector type with scalar operators, on which blend.h computes. Included once per instruction set (Highway's
+// scheme); everything is in HWY_NAMESPACE.
 #if defined(B3DGS_RASTER_CPU_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef B3DGS_RASTER_CPU_LANES_INL_H_
 #undef B3DGS_RASTER_CPU_LANES_INL_H_
@@ -17,7 +17,7 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// At most 16 lanes: a row of a tile.
+/// At most 16 lanes: a row of a 16 px wide tile.
 using FloatTag = hn::CappedTag<float, 16>;
 using IntTag = hn::RebindToSigned<FloatTag>;
 using FloatVec = hn::Vec<FloatTag>;
@@ -39,9 +39,6 @@ HWY_INLINE LaneMask operator!(LaneMask a) {
 }
 HWY_INLINE bool none(LaneMask a) {
   return hn::AllFalse(FloatTag(), a.m);
-}
-HWY_INLINE bool all(LaneMask a) {
-  return hn::AllTrue(FloatTag(), a.m);
 }
 
 struct Lanes {
@@ -89,14 +86,14 @@ HWY_INLINE Lanes magnitude(Lanes a) {
   return Lanes(hn::Abs(a.v));
 }
 
-/// 2^a to 2 units in the last place for a in [-126, 126]. Blending asks for [-8, 0]; what lies below is clamped, since
-/// masks discard it.
+/// 2^a with an error of at most 2 ulp, for a in [-126, 126]. Blending needs [-8, 0]; smaller values are clamped, since
+/// masks discard their results.
 HWY_INLINE Lanes exp2_of(Lanes a) {
   const FloatTag d;
   const FloatVec x = hn::Max(a.v, hn::Set(d, -126.0f));
   const FloatVec whole = hn::Round(x);
   const FloatVec f = hn::Sub(x, whole);
-  // 2^f on [-0.5, 0.5], interpolated at Chebyshev nodes: relative error 2.5e-9 before rounding.
+  // Polynomial for 2^f on [-0.5, 0.5], interpolated at Chebyshev nodes: relative error 2.5e-9 before rounding.
   FloatVec p = hn::Set(d, 0.000154614447f);
   p = hn::MulAdd(p, f, hn::Set(d, 0.00134004282f));
   p = hn::MulAdd(p, f, hn::Set(d, 0.00961805668f));
@@ -109,7 +106,7 @@ HWY_INLINE Lanes exp2_of(Lanes a) {
   return Lanes(hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent)));
 }
 
-/// Type of a condition on Lanes: blend.h asks MaskFor.
+/// Type of a condition on Lanes, for blend.h.
 template <class Real>
 struct MaskFor;
 template <>

@@ -1,6 +1,6 @@
-// A group of splats as the lanes, one pixel at a time: Gaussian-wise rendering. Lanes get the transmittance in front of
-// them from a prefix product of 1 - alpha; the first that would saturate the pixel ends it. Shared by gaussian-wise and
-// combined.
+// Gaussian-wise blending: lanes are consecutive splats of a list (a group), and pixels are blended one at a time. The
+// transmittance in front of each lane is a prefix product of 1 - alpha; the first lane that would bring it below
+// kTransmittanceMin finishes the pixel. Shared by gaussian-wise and combined.
 #if defined(B3DGS_RASTER_CPU_SPLAT_GROUPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef B3DGS_RASTER_CPU_SPLAT_GROUPS_INL_H_
 #undef B3DGS_RASTER_CPU_SPLAT_GROUPS_INL_H_
@@ -8,10 +8,13 @@
 #define B3DGS_RASTER_CPU_SPLAT_GROUPS_INL_H_
 #endif
 
+#include <cstddef>
+
 #include "raster/cpu/forward/lanes-inl.h"
-// Highway's order: lanes first, then what computes on them.
+// After lanes-inl.h, whose SIMD type they compute on.
 #include "raster/args.h"
 #include "raster/math/blend.h"
+#include "raster/math/store_pixel.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
@@ -22,22 +25,22 @@ struct SplatGroup {
   SplatShape<Lanes> shape;
   Lanes red, green, blue, depth;
   LaneMask present;       // false beyond the end of the list
-  std::int32_t position;  // of lane 0 in the list
+  std::int32_t position;  // position of lane 0 in the list
 };
 
-/// One pixel while groups are blended onto it. Colour and depth stay spread over the lanes until the end.
+/// One pixel while groups are blended onto it. Colour and depth are partial sums per lane until store_pixel().
 struct PixelScan {
   float transmittance;
   bool finished;
   std::int32_t last;
   Lanes red, green, blue, depth;
 
-  // Written out: the compiler's own constructor would lack the target attributes of this namespace.
+  // Explicit, because a compiler-generated constructor would lack the target attributes of this namespace.
   HWY_INLINE PixelScan()
       : transmittance(1), finished(false), last(-1), red(0.0f), green(0.0f), blue(0.0f), depth(0.0f) {}
 };
 
-/// Lane i gets the value of lane i - distance, or 1 where there is none.
+/// Moves every lane up by `distance`; the lowest lanes become 1.
 HWY_INLINE Lanes shift_in_ones(Lanes a, int distance) {
   HWY_ALIGN std::int32_t from[kMaxLanes];
   HWY_ALIGN float shifted_in[kMaxLanes];
@@ -49,7 +52,7 @@ HWY_INLINE Lanes shift_in_ones(Lanes a, int distance) {
   return select(Lanes::load(shifted_in) > Lanes(0.5f), Lanes(1.0f), moved);
 }
 
-/// Product of the lanes up to and including each, in log2(lanes) steps.
+/// Inclusive prefix product over the lanes, in log2(lanes) steps.
 HWY_INLINE Lanes prefix_product(Lanes a) {
   for (int distance = 1; distance < lane_count(); distance *= 2) a = a * shift_in_ones(a, distance);
   return a;
@@ -61,7 +64,7 @@ HWY_INLINE float lane(Lanes a, int index) {
   return lanes[index];
 }
 
-/// Index of the highest lane that is set; some lane is.
+/// Index of the highest set lane. At least one lane must be set.
 HWY_INLINE int last_lane(LaneMask mask) {
   std::uint8_t bits[8] = {};
   hn::StoreMaskBits(FloatTag(), mask.m, bits);
@@ -69,13 +72,14 @@ HWY_INLINE int last_lane(LaneMask mask) {
   return 31 - __builtin_clz(word);
 }
 
+/// Blends a group onto a pixel with centre (pixel_x, pixel_y), px.
 HWY_INLINE void blend_group(PixelScan& pixel, const SplatGroup& group, float pixel_x, float pixel_y) {
   const Reach<Lanes> reach = evaluate_reach(group.shape, Lanes(pixel_x), Lanes(pixel_y));
   const LaneMask contributes = reach.contributes & group.present;
   if (none(contributes)) return;
 
   const Alpha<Lanes> alpha = evaluate_alpha(reach.power);
-  // A splat that does not contribute lets all light through: it must not enter the product.
+  // Splats that do not contribute count as factor 1.
   const Lanes passed = prefix_product(select(contributes, Lanes(1.0f) - alpha.alpha, Lanes(1.0f)));
   const Lanes before = Lanes(pixel.transmittance) * shift_in_ones(passed, 1);
   const Lanes after = Lanes(pixel.transmittance) * passed;
@@ -98,18 +102,13 @@ HWY_INLINE void blend_group(PixelScan& pixel, const SplatGroup& group, float pix
   pixel.last = group.position + last_lane(accepted);
 }
 
+/// Sums the lanes and writes the pixel.
 HWY_INLINE void store_pixel(const BlendForwardArgs& args, const PixelScan& scan, std::int32_t x, std::int32_t y) {
-  const std::int64_t pixel = std::int64_t{y} * args.grid.image_width + x;
-  args.out.color[3 * pixel] = scan.red.sum() + scan.transmittance * args.background.x;
-  args.out.color[3 * pixel + 1] = scan.green.sum() + scan.transmittance * args.background.y;
-  args.out.color[3 * pixel + 2] = scan.blue.sum() + scan.transmittance * args.background.z;
-  args.out.depth[pixel] = scan.depth.sum();
-  args.out.alpha[pixel] = 1 - scan.transmittance;
-  args.transmittance[pixel] = scan.transmittance;
-  args.last_ids[pixel] = scan.last;
+  store_blended(args, x, y,
+                {scan.red.sum(), scan.green.sum(), scan.blue.sum(), scan.depth.sum(), scan.transmittance, scan.last});
 }
 
-/// Gathers the group that starts at list entry `first`; `last` ends the tile's list, `start` begins it.
+/// Gathers the group that begins at list entry `first` of a tile's list [start, last).
 HWY_INLINE SplatGroup gather_group(const BlendForwardArgs& args, std::int64_t start, std::int64_t first,
                                    std::int64_t last) {
   const FloatTag d;
@@ -118,18 +117,20 @@ HWY_INLINE SplatGroup gather_group(const BlendForwardArgs& args, std::int64_t st
   const auto n = static_cast<std::size_t>(left < lane_count() ? left : lane_count());
   HWY_ALIGN std::int32_t ids[kMaxLanes];
   for (int i = 0; i < lane_count(); ++i) ids[i] = args.bins.splat_ids[i < left ? first + i : first];
-  // Splat is 12 words long; its fields are addressed as an array of floats.
+  // Fields are gathered from the splats as an array of words.
   constexpr int kWords = sizeof(Splat) / sizeof(float);
+  constexpr auto word_of = [](std::size_t offset) { return static_cast<std::int32_t>(offset / sizeof(float)); };
   const IntVec base = hn::Mul(hn::Load(di, ids), hn::Set(di, kWords));
   const float* const words = &args.splats->mean_x;
-  const auto field = [&](std::int32_t word) {
-    return Lanes(hn::GatherIndex(d, words, hn::Add(base, hn::Set(di, word))));
+  const auto field = [&](std::size_t offset) {
+    return Lanes(hn::GatherIndex(d, words, hn::Add(base, hn::Set(di, word_of(offset)))));
   };
-  return {{field(0), field(1), field(2), field(4), field(5), field(6)},
-          field(8),
-          field(9),
-          field(10),
-          field(3),
+  return {{field(offsetof(Splat, mean_x)), field(offsetof(Splat, mean_y)), field(offsetof(Splat, log2_opacity)),
+           field(offsetof(Splat, conic_xx)), field(offsetof(Splat, conic_xy)), field(offsetof(Splat, conic_yy))},
+          field(offsetof(Splat, red)),
+          field(offsetof(Splat, green)),
+          field(offsetof(Splat, blue)),
+          field(offsetof(Splat, depth)),
           LaneMask{hn::FirstN(d, n)},
           static_cast<std::int32_t>(first - start)};
 }

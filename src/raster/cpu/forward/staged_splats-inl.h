@@ -1,5 +1,5 @@
-// Splats staged in batches: packed side by side in the first-level cache together with the rows of the tile that each
-// can reach, so that no lane looks at a splat that ends above or below it. Shared by shared-memory and segmented.
+// Staged blending: a batch of splats is copied side by side into the first-level cache, each with the rows of the tile
+// that it reaches, so that rows outside them skip it. Shared by shared-memory and segmented.
 #if defined(B3DGS_RASTER_CPU_STAGED_SPLATS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef B3DGS_RASTER_CPU_STAGED_SPLATS_INL_H_
 #undef B3DGS_RASTER_CPU_STAGED_SPLATS_INL_H_
@@ -15,13 +15,14 @@ HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
 namespace HWY_NAMESPACE {
 
-/// Blends entries [begin, end) of the tile's list onto its pixels, as far as these are not finished.
+/// Blends entries [begin, end) of the list of tile `index` onto its unfinished pixels.
 HWY_INLINE void blend_staged(const BlendForwardArgs& args, std::int64_t index, std::int64_t begin, std::int64_t end,
                              TilePixels& tile) {
-  constexpr int kBatch = 32;
+  constexpr int kBatch = 32;  // about 2 KiB; unfinished rows are determined once per batch
   struct Staged {
     Splat splat;
-    std::int32_t row_begin, row_end, position;
+    RowSpan rows;
+    std::int32_t position;
   };
   Staged staged[kBatch];
   const float top = static_cast<float>(tile.rect.y_begin);
@@ -36,14 +37,12 @@ HWY_INLINE void blend_staged(const BlendForwardArgs& args, std::int64_t index, s
       const std::int32_t id = list[i];
       Staged& next = staged[n_staged];
       next.splat = args.splats[id];
-      const float middle = next.splat.mean_y - top - 0.5f, reach = args.extents[id].y;
-      next.row_begin = detail::floor_clamped(middle - reach, live_begin - 1, live_end) + 1;
-      next.row_end = detail::floor_clamped(middle + reach, live_begin - 1, live_end - 1) + 1;
+      next.rows = rows_reached(next.splat.mean_y, args.extents[id].y, top, live_begin, live_end);
       next.position = static_cast<std::int32_t>(i);
-      n_staged += next.row_begin < next.row_end;
+      n_staged += next.rows.begin < next.rows.end;
     }
     for (int s = 0; s < n_staged; ++s) {
-      blend_onto_rows(tile, staged[s].splat, staged[s].row_begin, staged[s].row_end, staged[s].position);
+      blend_onto_rows(tile, staged[s].splat, staged[s].rows.begin, staged[s].rows.end, staged[s].position);
     }
   }
 }

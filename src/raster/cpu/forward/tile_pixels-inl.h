@@ -1,5 +1,5 @@
-// A tile whose pixels are the lanes: state of the pixels, one splat onto a range of its rows, results to the image.
-// Shared by the pixel-wise schedules (naive, dynamic, shared-memory).
+// Pixel-wise blending: lanes are the pixels of a row. Holds the state of a tile's pixels, blends one splat onto a range
+// of rows, and writes the results. Shared by naive, dynamic, shared-memory and segmented.
 #if defined(B3DGS_RASTER_CPU_TILE_PIXELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef B3DGS_RASTER_CPU_TILE_PIXELS_INL_H_
 #undef B3DGS_RASTER_CPU_TILE_PIXELS_INL_H_
@@ -10,26 +10,27 @@
 #include <algorithm>
 
 #include "raster/cpu/forward/lanes-inl.h"
-// Highway's order: lanes first, then what computes on them.
+// After lanes-inl.h, whose SIMD type they compute on.
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/math/blend.h"
+#include "raster/math/store_pixel.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
 namespace HWY_NAMESPACE {
 
-/// Pixels of one tile, in planes; rows are padded to whole vectors. A pixel outside the image counts as finished.
+/// Pixels of one tile as planes. Rows are padded to whole vectors; pixels outside the image count as finished.
 struct TilePixels {
   static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
   HWY_ALIGN float transmittance[kCapacity];  // as in PixelState: negated when finished
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
 
-  Rect rect;  // of the tile, in the image
-  int rows;   // in the image
-  int row_vectors;
-  int stride;  // of a row, in pixels
+  Rect rect;        // pixels of the tile that are in the image
+  int rows;         // number of them
+  int row_vectors;  // SIMD vectors per row
+  int stride;       // pixels per row, with padding
 
   HWY_INLINE void begin(const TileGrid& grid, std::int32_t tile) {
     rect = tile_pixels(grid, tile);
@@ -47,7 +48,7 @@ struct TilePixels {
     std::fill(last, last + n, -1);
   }
 
-  /// First and last + 1 row in which a pixel is not finished; empty when the tile is done.
+  /// Smallest range of rows that contains all unfinished pixels; empty if the tile is done.
   HWY_INLINE void live_rows(int* first, int* end) const {
     *first = rows;
     *end = 0;
@@ -63,33 +64,22 @@ struct TilePixels {
     }
   }
 
+  /// Writes the tile's pixels to the image.
   HWY_INLINE void finish(const BlendForwardArgs& args) const {
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < rect.x_end - rect.x_begin; ++column) {
         const int p = row * stride + column;
-        const std::int64_t pixel = std::int64_t{rect.y_begin + row} * args.grid.image_width + rect.x_begin + column;
-        const float t = magnitude(transmittance[p]);
-        args.out.color[3 * pixel] = red[p] + t * args.background.x;
-        args.out.color[3 * pixel + 1] = green[p] + t * args.background.y;
-        args.out.color[3 * pixel + 2] = blue[p] + t * args.background.z;
-        args.out.depth[pixel] = depth[p];
-        args.out.alpha[pixel] = 1 - t;
-        args.transmittance[pixel] = t;
-        args.last_ids[pixel] = last[p];
+        store_blended(args, rect.x_begin + column, rect.y_begin + row,
+                      {red[p], green[p], blue[p], depth[p], magnitude(transmittance[p]), last[p]});
       }
     }
   }
 };
 
-HWY_INLINE SplatShape<Lanes> broadcast_shape(const Splat& splat) {
-  return {Lanes(splat.mean_x),   Lanes(splat.mean_y),   Lanes(splat.log2_opacity),
-          Lanes(splat.conic_xx), Lanes(splat.conic_xy), Lanes(splat.conic_yy)};
-}
-
 /// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end).
 HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_begin, int row_end,
                                 std::int32_t position) {
-  const SplatShape<Lanes> shape = broadcast_shape(splat);
+  const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const int lanes = lane_count();
   for (int row = row_begin; row < row_end; ++row) {
@@ -115,8 +105,8 @@ HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_be
   }
 }
 
-/// The pixel-wise loop without staging: splats are fetched from global memory through the list, and every row of the
-/// tile looks at each. Stops when no pixel is left, asked once per batch.
+/// Pixel-wise blending without staging: splats are read through the list, and every row of the tile evaluates each of
+/// them. Checks once per batch whether any pixel is unfinished.
 HWY_INLINE void blend_tile_pixelwise(const BlendForwardArgs& args, TilePixels& tile, std::int64_t index) {
   constexpr std::int64_t kBatch = 32;
   tile.begin(args.grid, static_cast<std::int32_t>(index));

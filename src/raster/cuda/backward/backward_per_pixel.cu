@@ -1,6 +1,11 @@
-// Backward blend, per pixel: a block owns a tile, a thread a pixel, splats back to front. A warp adds up its
-// pixels' gradients before one lane goes to memory. The reference on the device: simple, and as unbalanced as the
-// naive forward pass.
+// Backward blend, per-pixel: the reference kernel; simple, and as unbalanced as naive is in the forward pass.
+//   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
+//   Start: the tile's last blended list entry, by an atomic maximum in shared memory.
+//   Loop: batches of list entries from that one to the front, staged in shared memory, a splat per thread. Each thread
+//     steps over them back to front (blend_over_reverse()).
+//   Per splat: the warp sums its 32 pixels' gradients with shuffles, and one lane adds them to the splat with atomics.
+//     Sums of different warps arrive in any order, so results differ in rounding from run to run.
+//   Barriers: two at the start, two per batch.
 
 #include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"
@@ -24,18 +29,18 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
   ReverseState<float> state{1, 0};
   if (at.inside) {
     state.transmittance = blend.transmittance[pixel];
-    state.behind = light_behind_all(blend, pixel, g);
+    state.behind = loss_behind_list(blend, pixel, g);
   }
 
   if (threadIdx.x == 0) tile_last = -1;
   __syncthreads();
   atomicMax(&tile_last, last);
-  __syncthreads();  // tile_last is complete
+  __syncthreads();  // tile_last is final
   const std::int64_t first = blend.bins.tile_offsets[tile];
   const std::int32_t n = tile_last + 1;
-  // Batches from the end of the list; within one, place j holds the entry j before `end`.
+  // Entry j of a batch is list entry end - j.
   for (std::int32_t end = n - 1; end >= 0; end -= kThreads) {
-    __syncthreads();  // the previous batch has been read
+    __syncthreads();  // all threads have finished with the previous batch
     const std::int32_t entry = end - static_cast<std::int32_t>(threadIdx.x);
     if (entry >= 0) {
       const std::int32_t id = blend.bins.splat_ids[first + entry];
@@ -44,7 +49,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
       conics[threadIdx.x] = load_conic(blend.splats, id).v;
       colors[threadIdx.x] = load_color(blend.splats, id).v;
     }
-    __syncthreads();  // the new one is complete
+    __syncthreads();  // the batch is complete
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
       const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
@@ -56,7 +61,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
         const float4 color = colors[j];
         const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
         const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
-        accumulate(grad, reach, part, g.color, g.depth);
+        accumulate(grad, reach, part, g.color.x, g.color.y, g.color.z, g.depth);
       }
       grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
               warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
@@ -68,7 +73,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 }  // namespace
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  B3DGS_CHECK(args.isect_grads == nullptr, "the per-pixel backward pass has no fixed order of sums; per-splat has");
+  B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-splat backward kernel");
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });

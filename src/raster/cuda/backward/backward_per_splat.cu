@@ -1,12 +1,18 @@
-// Backward blend, per splat: a warp owns a bucket of 32 list entries, a lane one splat, and the tile's pixels stream
-// through the lanes. A pixel enters the last lane with its state behind the bucket; each step hands (transmittance,
-// behind) to the lane before, so that every splat sees the pixel in the reverse order of the list. Gradients stay in
-// registers until the end, and a splat's tile costs three vector atomics.
+// Backward blend, per-splat. All buckets have the same size, so the launch is balanced by construction.
 //
-// Buckets are of one size whatever the tile's list, so the launch is balanced by construction. Pixels that finished
-// before the bucket, and sub-tiles of 8 x 4 that no splat of it reaches, never enter the stream.
+// Kernel 1, sum_behind: for each pixel and bucket, the state behind the bucket: transmittance, and S of blend.h.
+//   Block: 32 pixels of a tile, a lane each; its 8 warps split the pixels' buckets into 8 chunks.
+//   Each warp sums the parts of its chunk, which the forward pass stored. With the sums of the chunks behind its own,
+//     from shared memory, it then walks its buckets back to front and writes the state behind each.
+//   Barriers: one, between the two phases.
 //
-// A first kernel sums each pixel's bucket parts from the back, to what lies behind each bucket.
+// Kernel 2, backward_per_splat: a warp per bucket (32 list entries), a lane per splat.
+//   The tile's pixels stream through the lanes: a pixel enters the last lane with its state behind the bucket, and each
+//     step passes (transmittance, S) to the lane below, so that every splat meets the pixel in reverse list order.
+//   Each lane sums its splat's gradient in registers and adds it to memory once, with three vector atomics; if
+//     gradients must be deterministic, it stores it in the pair's slot instead.
+//   Pixels that finished before the bucket, and sub-tiles of 8 x 4 pixels that no splat of it reaches, are left out.
+//   Shared memory: a ring of 128 pixels per warp. Barriers: only within the warp, around writes to the ring.
 
 #include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"
@@ -16,10 +22,12 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kWarps = 4;
-constexpr int kRing = 128;  // entries: 31 still in the lanes before the last, up to 31 left ahead, 32 just added
+constexpr int kWarps = 4;  // per block
+// Capacity of a warp's ring of pixels: 31 still in the lanes, up to 31 waiting, and 32 just added.
+constexpr int kRing = 128;
+static_assert(kRing >= 31 + 31 + kWarpSize && (kRing & (kRing - 1)) == 0, "slots are computed with a bit mask");
 
-/// Pixels on their way through the lanes of one warp.
+/// Pixels that stream through the lanes of one warp.
 struct PixelRing {
   float2 center[kRing];
   std::int32_t last[kRing];
@@ -27,13 +35,15 @@ struct PixelRing {
   float4 color[kRing];  // gradient by red, green, blue; by depth
 };
 
-constexpr int kChunks = 8;  // of a pixel's buckets, summed at the same time
+constexpr int kChunks = 8;  // warps of a block of sum_behind_kernel: chunks of a pixel's buckets summed in parallel
 
-/// Light of a pixel before the segments of its list, by which what is kept of their buckets has to be multiplied.
+/// Transmittance of a pixel in front of each segment of its list, by which the segment's bucket parts must be
+/// multiplied (kernel segmented); 1 for lists that are not cut.
 template <int kTilePixels>
-class LightBefore {
+class TransmittanceBefore {
  public:
-  __device__ __forceinline__ LightBefore(const BucketParts& parts, std::int32_t tile, std::int32_t pixel_index) {
+  __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile,
+                                                 std::int32_t pixel_index) {
     const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
     if (first >= 0) before_ = parts.before_segment + std::int64_t{first} * kTilePixels + pixel_index;
   }
@@ -43,20 +53,19 @@ class LightBefore {
   }
 
  private:
-  const float* before_ = nullptr;  // null: the list is not cut
+  const float* before_ = nullptr;  // null if the list is not cut
 };
 
-/// What a bucket shows at a pixel, seen through the loss.
+/// Sum of weight * value (blend.h) over a bucket's splats at a pixel: dot(dL/dcolour, colour part) + depth term.
 template <bool kWithDepth>
-__device__ __forceinline__ float seen_through_loss(const BlendBackwardCudaArgs& args, std::int64_t kept, float4 part,
-                                                   const PixelGrad& g) {
-  float seen = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
-  if constexpr (kWithDepth) seen += g.depth * __ldg(args.parts.depth + kept);
-  return seen;
+__device__ __forceinline__ float loss_of_bucket(const BlendBackwardCudaArgs& args, std::int64_t kept, float4 part,
+                                                const PixelGrad& g) {
+  float sum = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
+  if constexpr (kWithDepth) sum += g.depth * __ldg(args.parts.depth + kept);
+  return sum;
 }
 
-/// What lies behind each bucket of each pixel. A block takes 32 pixels of a tile, a lane each; its warps take one chunk
-/// of the pixel's buckets each, first for the chunk's sum, then, knowing what lies behind the chunk, bucket by bucket.
+/// Writes bucket_ends: transmittance and S behind each bucket of each pixel.
 template <int kTilePixels, bool kWithDepth>
 __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const BlendBackwardCudaArgs args) {
   constexpr int kGroups = kTilePixels / kWarpSize;
@@ -72,26 +81,26 @@ __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const Bl
   const std::int32_t n = last >= 0 ? last / kWarpSize + 1 : 0, per_chunk = (n + kChunks - 1) / kChunks;
   const std::int32_t begin = chunk * per_chunk, end = begin + per_chunk < n ? begin + per_chunk : n;
   const std::int64_t first = args.buckets.offsets[tile] * kTilePixels + at.index;
-  const LightBefore<kTilePixels> light_before(args.parts, tile, at.index);
+  const TransmittanceBefore<kTilePixels> transmittance_before(args.parts, tile, at.index);
   float sum = 0;
 #pragma unroll 8
   for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
     const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
-    sum +=
-        light_before.of_bucket(bucket) * seen_through_loss<kWithDepth>(args, kept, __ldg(args.parts.light + kept), g);
+    sum += transmittance_before.of_bucket(bucket) *
+           loss_of_bucket<kWithDepth>(args, kept, __ldg(args.parts.color + kept), g);
   }
   chunk_sums[chunk][lane] = sum;
-  __syncthreads();
+  __syncthreads();  // sums of all chunks
   if (last < 0) return;
-  float behind = light_behind_all(blend, pixel, g);
+  float behind = loss_behind_list(blend, pixel, g);
   for (int later = kChunks - 1; later > chunk; --later) behind += chunk_sums[later][lane];
 #pragma unroll 8
   for (std::int32_t bucket = end - 1; bucket >= begin; --bucket) {
     const std::int64_t kept = first + std::int64_t{bucket} * kTilePixels;
-    const float4 part = __ldg(args.parts.light + kept);
-    const float before = light_before.of_bucket(bucket);
+    const float4 part = __ldg(args.parts.color + kept);
+    const float before = transmittance_before.of_bucket(bucket);
     args.bucket_ends[kept] = make_float2(before * part.x, behind);
-    behind += before * seen_through_loss<kWithDepth>(args, kept, part, g);
+    behind += before * loss_of_bucket<kWithDepth>(args, kept, part, g);
   }
 }
 
@@ -115,7 +124,7 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
   float4 color{};
   float depth = 0;
   std::int32_t id = -1;
-  unsigned reached_groups = 0;  // sub-tiles of 8 x 4 pixels that the splat reaches, a bit each
+  unsigned reached_groups = 0;  // sub-tiles that the splat reaches, a bit each
   if (own_position < n) {
     id = blend.bins.splat_ids[first + own_position];
     const SplatPlace place = load_place(blend.splats, id);
@@ -135,9 +144,10 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
 
   SplatGrad sum{};
   ReverseState<float> state{};
-  int step = 0;      // entry that is in the last lane
-  int produced = 0;  // entries in the ring so far
+  int step = 0;      // pixel that is in the last lane
+  int produced = 0;  // pixels added to the ring so far
 
+  // Adds the pixels of the next sub-tile that did not finish before the bucket to the ring.
   const auto add_group = [&] {
     const int group = __ffs(reached_groups) - 1;
     reached_groups &= reached_groups - 1;
@@ -155,9 +165,10 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
       ring.color[slot] = make_float4(g.color.x, g.color.y, g.color.z, g.depth);
     }
     produced += __popc(living);
-    __syncwarp();  // entries are visible to all lanes
+    __syncwarp();  // the pixels are visible to all lanes
   };
 
+  // One step: every pixel moves one lane down, and each lane handles the pixel that it now has.
   const auto advance = [&] {
     state.transmittance = __shfl_down_sync(kFullWarp, state.transmittance, 1);
     state.behind = __shfl_down_sync(kFullWarp, state.behind, 1);
@@ -176,22 +187,23 @@ __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(c
     float value = g.x * color.x + g.y * color.y + g.z * color.z;
     if constexpr (kWithDepth) value += g.w * depth;
     const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
-    accumulate(sum, reach, part, make_float3(g.x, g.y, g.z), g.w);
+    accumulate(sum, reach, part, g.x, g.y, g.z, g.w);
   };
 
+  // Keep at least 32 pixels ahead, then step through all that are there; finally let the last 31 pass the lanes.
   while (true) {
     while (reached_groups != 0 && produced - step < kWarpSize) add_group();
     if (step >= produced) break;
     for (const int end = produced; step < end;) advance();
-    __syncwarp();  // everyone is done with entries that the next group may overwrite
+    __syncwarp();  // all lanes have finished with entries that the next sub-tile may overwrite
   }
   if (produced > 0) {
     for (const int end = produced + kWarpSize - 1; step < end;) advance();
   }
-  if (id < 0) return;
+  if (id < 0) return;  // beyond the end of the list
   if (sum.q == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
-  if (args.isect_grads != nullptr) {
-    args.isect_grads[blend.bins.isect_slots[first + own_position]] = {sum, {0, 0}};
+  if (args.pair_grads != nullptr) {
+    args.pair_grads[blend.bins.pair_slots[first + own_position]] = {sum, {0, 0}};
   } else {
     atomic_add(args.splat_grads + id, sum);
   }

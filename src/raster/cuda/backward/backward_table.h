@@ -1,4 +1,4 @@
-// The backward schedules on CUDA, one file and one row each.
+// The backward kernels on CUDA, generated from the table in backward_kernel.h; each is defined in backward_ID.cu.
 #pragma once
 
 #include <array>
@@ -9,12 +9,12 @@
 
 namespace b3dgs::cuda {
 
-void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-
-/// Resources of the schedule's kernel, for gradients by colour alone, as in training.
-KernelResources backward_per_pixel_resources(const TileShape& tile);
-KernelResources backward_per_splat_resources(const TileShape& tile);
+/// Resources are those for gradients by colour alone, as in training.
+#define B3DGS_ROW(kernel, id, name, summary)                                                  \
+  void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context); \
+  KernelResources backward_##id##_resources(const TileShape& tile);
+B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
 
 struct BackwardRow {
   BackwardKernel kernel;
@@ -23,10 +23,11 @@ struct BackwardRow {
 };
 
 /// Indexed by BackwardKernel.
-inline constexpr std::array<BackwardRow, kBackwardKernels.size()> kBackwardTable{{
-    {BackwardKernel::kPerPixel, launch_backward_per_pixel, backward_per_pixel_resources},
-    {BackwardKernel::kPerSplat, launch_backward_per_splat, backward_per_splat_resources},
-}};
-static_assert(is_in_order(kBackwardTable));
+inline constexpr std::array kBackwardTable{
+#define B3DGS_ROW(kernel, id, name, summary) \
+  BackwardRow{BackwardKernel::kernel, launch_backward_##id, backward_##id##_resources},
+    B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 }  // namespace b3dgs::cuda

@@ -1,5 +1,9 @@
-// Projection backward: one thread per Gaussian turns its splat's sums into gradients of the stored parameters.
-// Harmonics' gradients, 45 floats a Gaussian, go through shared memory so that a block writes them side by side.
+// Backward projection: a splat's sums to the gradient by its Gaussian's stored parameters.
+//   Grid: a thread per Gaussian; Gaussians that the view does not see get zeros.
+//   Shared memory: the block's SH gradients above degree 0, up to 45 floats per Gaussian; the block then writes them to
+//     global memory contiguously.
+//   Barriers: one, before that.
+// Training uses a fused kernel instead, which applies the optimizer step without storing gradients.
 
 #include "raster/cuda/backward/project_backward.cuh"
 #include "raster/cuda/launch.cuh"
@@ -30,7 +34,7 @@ __global__ void __launch_bounds__(kThreads) project_backward_kernel(const Projec
     store3(args.grad.sh0, i, grad.sh0());
     reinterpret_cast<float2*>(args.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
   }
-  __syncthreads();  // all rows are in shared memory
+  __syncthreads();  // SH gradients of the block are complete
   const std::int64_t rows = n - block_first < kThreads ? n - block_first : kThreads;
   float* const out = args.grad.shN + block_first * n_rest;
   for (int k = static_cast<int>(threadIdx.x); k < rows * n_rest; k += kThreads) out[k] = rests[k];
@@ -43,7 +47,7 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
   if (n == 0) return;
   const int n_rest = rest_floats(args.gaussians.sh_degree_max);
   static_assert(sizeof(float) * kThreads * rest_floats(kShDegreeMax) <= 48 * 1024,
-                "fits without asking for more shared memory");
+                "fits into the shared memory that a block gets without opt-in");
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   const std::size_t shared_bytes = sizeof(float) * kThreads * static_cast<std::size_t>(n_rest);
   with_sh_degree(args.sh_degree, [&](auto degree) {

@@ -1,4 +1,4 @@
-// Adding a splat's gradient to its sums.
+// Device functions that the backward blend kernels share: gradients by pixels, and adding to a splat's sums in memory.
 #pragma once
 
 #include "raster/cuda/passes.h"
@@ -6,6 +6,7 @@
 
 namespace b3dgs::cuda {
 
+/// One vector atomic from compute capability 9.0 on, four scalar ones before.
 __device__ __forceinline__ void atomic_add(float4* sum, float4 value) {
 #if __CUDA_ARCH__ >= 900
   atomicAdd(sum, value);
@@ -24,23 +25,7 @@ __device__ __forceinline__ void atomic_add(SplatGradSum* sum, const SplatGrad& g
   atomic_add(words + 2, make_float4(grad.blue, grad.depth, 0, 0));
 }
 
-/// Adds one pixel's part to a splat's gradient.
-__device__ __forceinline__ void accumulate(SplatGrad& sum, const Reach<float>& reach, const BlendGrad<float>& grad,
-                                           float3 grad_color, float grad_depth) {
-  const float along_x = grad.q * reach.pull_x, along_y = grad.q * reach.pull_y;
-  sum.q += grad.q;
-  sum.q_x += along_x;
-  sum.q_y += along_y;
-  sum.q_xx += along_x * reach.pull_x;
-  sum.q_xy += along_x * reach.pull_y;
-  sum.q_yy += along_y * reach.pull_y;
-  sum.red += grad.weight * grad_color.x;
-  sum.green += grad.weight * grad_color.y;
-  sum.blue += grad.weight * grad_color.z;
-  sum.depth += grad.weight * grad_depth;
-}
-
-/// Gradients by one pixel's colour and depth.
+/// Gradients of the loss by one pixel's colour and depth.
 struct PixelGrad {
   float3 color;
   float depth;
@@ -55,12 +40,13 @@ __device__ __forceinline__ PixelGrad load_pixel_grad(const BlendBackwardArgs& ar
   return g;
 }
 
-/// What lies behind all splats of a pixel, seen through the loss: S in blend.h at the end of the list.
-__device__ __forceinline__ float light_behind_all(const BlendBackwardArgs& args, std::int64_t pixel,
+/// S of blend.h at the end of a pixel's list: the terms of the background and of the pixel's alpha.
+__device__ __forceinline__ float loss_behind_list(const BlendBackwardArgs& args, std::int64_t pixel,
                                                   const PixelGrad& g) {
-  const float shown = g.color.x * args.background.x + g.color.y * args.background.y + g.color.z * args.background.z;
-  const float by_alpha = args.grad.alpha != nullptr ? args.grad.alpha[pixel] : 0.0f;
-  return args.transmittance[pixel] * (shown - by_alpha);
+  const float background =
+      g.color.x * args.background.x + g.color.y * args.background.y + g.color.z * args.background.z;
+  const float grad_alpha = args.grad.alpha != nullptr ? args.grad.alpha[pixel] : 0.0f;
+  return args.transmittance[pixel] * (background - grad_alpha);
 }
 
 }  // namespace b3dgs::cuda

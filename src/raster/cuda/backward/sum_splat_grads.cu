@@ -1,4 +1,5 @@
-// Sums of gradients in a fixed order: a warp owns a splat, its lanes take the splat's records in turn.
+// Deterministic gradients: sums the gradients of each splat's pairs in a fixed order. A warp per splat; lanes take the
+// pairs in turn, and the lanes are summed with shuffles. No shared memory, no barriers.
 
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
@@ -19,7 +20,7 @@ __global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSpla
   float4 sum[kWords]{};
   for (std::int64_t slot = args.slot_offsets[splat] + lane_id(); slot < args.slot_offsets[splat + 1];
        slot += kWarpSize) {
-    const auto* const words = reinterpret_cast<const float4*>(args.isect_grads + slot);
+    const auto* const words = reinterpret_cast<const float4*>(args.pair_grads + slot);
     for (int k = 0; k < kWords; ++k) add(sum[k], words[k]);
   }
   auto* const out = reinterpret_cast<float4*>(args.splat_grads + splat);

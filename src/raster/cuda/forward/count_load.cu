@@ -1,5 +1,5 @@
-// Counts what the forward blend looks at: a block owns a tile, a thread a pixel, lists read where they lie. Asked for
-// once in a thousand steps, so it is as plain as the naive schedule without its staging.
+// Load counting. Grid: a block per tile; thread: one pixel; lists are read from global memory without staging. Training
+// calls this only for its statistics, so it does not have to be fast.
 
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"

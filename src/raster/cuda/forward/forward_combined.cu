@@ -1,10 +1,23 @@
-// Forward blend, combined: blocks of four warps take tasks of 2 x 2 pixels (quads) from the pool, a warp for each
-// pixel, a lane for each splat (the paper's fine-grained combined load balancing). A crowded tile becomes 32 or 64
-// tasks for as many blocks, so the longest task is one pixel's list divided by 32.
+// Forward blend, combined: the paper's fine-grained combined load balancing.
 //
-// Beyond the paper, since a pixel sees little of a crowded list: a first kernel marks which quads each splat touches, a
-// bit for each entry, and tasks fetch nothing else. What they fetch is evaluated by one thread at all four pixels and
-// queued for those it contributes to. So a pixel's warp blends whole groups of 32 splats that all contribute.
+// Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? Not in the paper: a pixel sees few
+// splats of a crowded list, and with the marks a task fetches only those that touch its quad.
+//   Warp: a bucket (32 entries of a tile's list). Lane: an entry; it finds the quads that its splat's ellipse touches,
+//     a bit each. A bit transposition across the warp turns this into a word per quad, with a bit per entry.
+//
+// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 32 or 64 tasks, so no block works longer than
+// one quad takes.
+//   Grid: as many blocks of 4 warps as are resident at once; they take quads from an atomic counter.
+//   Block: a quad. Warp: one of its four pixels.
+//   Repeated until the list ends or all four pixels are finished:
+//     1. Scan: the block reads the quad's words for 1024 entries and appends the marked entries to `candidates`.
+//     2. Evaluate: 128 candidates at a time, one per thread, each at all four pixel centres. A candidate is appended
+//        to the queues of the pixels that it contributes to, in list order. A queue is a ring in shared memory.
+//     3. Blend: each warp blends full groups of 32 splats from its pixel's queue, a lane per splat, with a prefix
+//        product for the transmittances (gaussian_wise.cuh). Up to 31 splats wait for the next round.
+//   Shared memory: candidates, four queues and counts (QuadMemory, about 20 KB); two tickets of the task counter.
+//   Barriers: two per scan, two per evaluation, and one at the end of a task: the next task is known, memory is free.
+//   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
@@ -13,20 +26,30 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kPixels = 4;
-constexpr int kThreads = kPixels * kWarpSize;
-constexpr int kRing = kWarpSize + kThreads;  // of a pixel's queue: at most 31 left over and 128 new
-static_assert(kRing % kWarpSize == 0, "groups of 32 do not go over the ring's end");
-constexpr int kScanned = 8 * kThreads;  // list entries looked at in one go, 8 bits a thread
-constexpr int kMarkWarps = 8;           // of a block of the marking kernel
+constexpr int kPixels = kQuadPixels;           // pixels and warps of a block
+constexpr int kThreads = kPixels * kWarpSize;  // 128
+// Capacity of a pixel's queue: before a round at most 31 splats wait, and a round adds at most one per thread.
+constexpr int kRing = kWarpSize + kThreads;
+static_assert(kRing % kWarpSize == 0, "a group of 32 never wraps around the end of the ring");
+constexpr int kScanBits = 8;                    // entries that a thread scans at once: a quarter of a word
+constexpr int kScanned = kScanBits * kThreads;  // 1024 entries that a block scans at once
+constexpr int kThreadsPerWord = 32 / kScanBits;
+static_assert(kScanned % kWarpSize == 0, "a scan covers whole buckets");
+// Counts of up to 128 contributions are packed into a byte per pixel and added as one word.
+static_assert(kPixels == 4 && kThreads <= 0xff, "four bytes of a word, one per pixel");
+constexpr int kMarkWarps = 8;  // per block of mark_quads_kernel
 
-/// Quads of a tile, which is 16 px wide.
+constexpr TileShape kQuadShape{kQuadSide, kQuadSide};
+
+/// Quads of a tile, whose width is kCudaTileWidth.
 template <int kTilePixels>
 struct TileQuads {
-  static constexpr int kColumns = 8, kCount = kTilePixels / kPixels, kRows = kCount / kColumns;
+  static constexpr int kColumns = kCudaTileWidth / kQuadSide, kCount = kTilePixels / kPixels, kRows = kCount / kColumns;
+  static_assert(kCount % kWarpSize == 0, "mark_quads_kernel handles 32 quads at a time");
 };
 
-/// Quads of 4 rows of a tile that a splat touches, a bit each, row by row.
+/// Which of 32 quads (4 rows of quads of a tile, from column x and row y of the image's quads on) a splat touches: a
+/// bit each, row by row.
 template <int kTilePixels>
 __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, const TileRows& rows, std::int32_t x,
                                                        std::int32_t y) {
@@ -42,8 +65,8 @@ __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, co
   return touched;
 }
 
-/// A warp takes a bucket and writes one word for each quad: which of the 32 splats touch it. A tile's words lie quad by
-/// quad, so that a task reads its own side by side.
+/// Writes, for each bucket and each quad of its tile, a word that tells which of the bucket's 32 splats touch the quad.
+/// A tile's words are stored quad by quad, so that a task reads contiguous words.
 template <int kTilePixels>
 __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const BlendForwardCudaArgs args) {
   using Quads = TileQuads<kTilePixels>;
@@ -53,18 +76,19 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
   const std::int64_t first = args.buckets.offsets[tile], entry = begin + (bucket - first) * kWarpSize + lane_id();
-  TileRows rows{};  // none
+  // The splat's ellipse, tiled by quads. No rows beyond the end of the list.
+  TileRows rows{};
   if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
     const float4 place = load_place(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
     const Splat splat{place.x, place.y, place.z, place.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
-    // One below the cutoff contributes nowhere, and has no ellipse.
+    // Below opacity 1/255 a splat contributes nowhere, and its ellipse is not defined (Culling::kSquare lists it).
     if (place.z >= kLog2AlphaMin) {
-      rows = tile_rows(make_tile_grid(blend.grid.image_width, blend.grid.image_height, {2, 2}), Culling::kEllipse,
+      rows = tile_rows(make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape), Culling::kEllipse,
                        splat, blend.extents[id], 0);
     }
   }
-  const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, {2, 2});
+  const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape);
   const std::int32_t x = tile % blend.grid.columns * Quads::kColumns, y = tile / blend.grid.columns * Quads::kRows;
   std::uint32_t* const words = args.quad_words + first * Quads::kCount + (bucket - first);
   const std::int64_t n_buckets = (end - begin + kWarpSize - 1) / kWarpSize;
@@ -75,24 +99,25 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   }
 }
 
-/// What the warps of a block share while they work on a quad.
+/// Shared memory of a block while it works on a quad.
 struct QuadMemory {
-  std::int32_t candidates[kThreads + kScanned];  // positions in the tile's list that touch the quad
-  // Contributions waiting for each pixel's warp.
-  float4 shown[kPixels][kRing];  // red, green, blue, depth
-  float power[kPixels][kRing];   // log2 of the uncapped alpha
+  std::int32_t candidates[kThreads + kScanned];  // positions in the tile's list of splats that touch the quad
+  // The queue of each pixel: splats that contribute to it and are not blended yet.
+  float4 color_depth[kPixels][kRing];  // red, green, blue, depth
+  float power[kPixels][kRing];         // log2 of the uncapped alpha
   std::int32_t position[kPixels][kRing];
-  std::uint32_t n_by_warp[kPixels];
+  std::uint32_t n_by_warp[kPixels];  // counts exchanged between the warps
 };
 
-/// Appends the positions of the next kScanned entries that touch the quad. `byte` has the thread's 8 of them, from
-/// `position` on. Holds one barrier; the candidates are there behind the next one. Returns how many there are in all.
+/// Scan: appends the positions of the marked entries among the next kScanned to `candidates`. Bit b of `byte` tells
+/// whether entry position + b touches the quad. One barrier inside; the new candidates may be read after the next one.
+/// Returns the total number of candidates.
 __device__ __forceinline__ int add_candidates(QuadMemory& memory, int n_candidates, unsigned byte,
                                               std::int32_t position) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize;
   const int own = __popc(byte), up_to_own = warp_prefix_sum(own);
   if (lane_id() == kWarpSize - 1) memory.n_by_warp[warp] = static_cast<std::uint32_t>(up_to_own);
-  __syncthreads();
+  __syncthreads();  // counts of all warps
   int place = n_candidates + up_to_own - own;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
@@ -104,38 +129,41 @@ __device__ __forceinline__ int add_candidates(QuadMemory& memory, int n_candidat
   return n_candidates;
 }
 
+/// Byte `index` of a word of four counts.
 __device__ __forceinline__ int byte_of(std::uint32_t bytes, int index) {
   return static_cast<int>(bytes >> (8 * index) & 0xffu);
 }
 
-/// A quad on its tile's list.
+/// The quad of a task.
 struct Quad {
   const Splat* splats;
-  const std::int32_t* ids;   // the tile's list
-  float center_x, center_y;  // of the upper left pixel
+  const std::int32_t* ids;   // its tile's list
+  float center_x, center_y;  // pixel centre of its upper left pixel
 };
 
-/// Places of the queues' ends, below kRing; the same in all threads.
+/// Where the next splat is appended to each queue, below kRing; the same in all threads.
 struct QueueEnds {
   int place[kPixels] = {0, 0, 0, 0};
 };
 
+/// Wraps a place below 2 kRing around the end of the ring.
 __device__ __forceinline__ int wrapped(int place) {
   return place < kRing ? place : place - kRing;
 }
 
-/// Evaluates a candidate (or none, if negative) at the four pixels and queues it where it contributes. Returns how many
-/// the own pixel got; -1 if all pixels are done, and nothing was queued. Holds two barriers: behind the first everyone
-/// has emptied its queue, behind the second the queues are filled.
+/// Evaluate: each thread evaluates its candidate (none if negative) at the four pixels and appends it to the queues of
+/// those it contributes to. Returns the number of splats added to this warp's queue, or -1 if all four pixels are
+/// finished and nothing was appended. Two barriers inside: after the first, all warps have finished reading their
+/// queues; after the second, the queues are filled.
 __device__ __forceinline__ int queue_contributions(const Quad& quad, int candidate, bool is_done, QueueEnds& ends,
                                                    QuadMemory& memory) {
   const int lane = lane_id(), warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  const bool is_one = candidate >= 0;
+  const bool has_candidate = candidate >= 0;
   std::int32_t position = 0;
   SplatPlace place{};
   SplatConic conic{};
   SplatColor color{};
-  if (is_one) {
+  if (has_candidate) {
     position = memory.candidates[candidate];
     const std::int32_t id = __ldg(quad.ids + position);
     place = load_place(quad.splats, id);
@@ -144,19 +172,19 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   }
   const SplatShape<float> shape = make_splat_shape(place, conic);
   float power[kPixels];
-  unsigned found[kPixels];
-  std::uint32_t own_counts = 0;
+  unsigned found[kPixels];       // lanes whose splat contributes to each pixel
+  std::uint32_t own_counts = 0;  // how many, a byte per pixel
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
-    const Reach<float> reach =
-        evaluate_reach(shape, quad.center_x + static_cast<float>(p % 2), quad.center_y + static_cast<float>(p / 2));
+    const Reach<float> reach = evaluate_reach(shape, quad.center_x + static_cast<float>(p % kQuadSide),
+                                              quad.center_y + static_cast<float>(p / kQuadSide));
     power[p] = reach.power;
-    found[p] = __ballot_sync(kFullWarp, reach.contributes && is_one);
+    found[p] = __ballot_sync(kFullWarp, reach.contributes && has_candidate);
     own_counts |= static_cast<std::uint32_t>(__popc(found[p])) << (8 * p);
   }
   if (lane == 0) memory.n_by_warp[warp] = own_counts;
-  if (__syncthreads_and(is_done)) return -1;
-  // A byte holds up to 128, so bytes are added as one number.
+  if (__syncthreads_and(is_done)) return -1;  // counts are written, and all warps have finished reading their queues
+  // Counts of the warps ahead of this one, and of all; four bytes are added as one word.
   std::uint32_t ahead = 0, all = 0;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
@@ -166,40 +194,44 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   }
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
+    // List order is thread order: append behind the warps ahead and the lower lanes.
     if ((found[p] >> lane & 1) != 0) {
       const int rank = byte_of(ahead, p) + __popc(found[p] & ((1u << lane) - 1));
       const int slot = wrapped(ends.place[p] + rank);
-      memory.shown[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
+      memory.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
       memory.power[p][slot] = power[p];
       memory.position[p][slot] = position;
     }
     ends.place[p] = wrapped(ends.place[p] + byte_of(all, p));
   }
-  __syncthreads();
+  __syncthreads();  // the queues are filled
   return byte_of(all, warp);
 }
 
-/// Blends the `count` splats of the warp's queue from `head` on. Heads move by 32 and the ring holds a multiple of
-/// that, so no group goes over its end.
+/// Blend: the warp blends `count` <= 32 splats of its queue, from `head` on. Heads are multiples of 32, as is the
+/// ring's capacity, so a group never wraps around.
 template <KeptParts kKept>
 __device__ __forceinline__ void blend_queued(const QuadMemory& memory, int head, int count,
                                              GaussianWisePixel<kKept>& pixel) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = head + lane_id();
   pixel.blend({lane_id() < count, memory.power[warp][slot], memory.position[warp][slot]},
-              [&] { return memory.shown[warp][slot]; });
+              [&] { return memory.color_depth[warp][slot]; });
 }
 
+/// One task: blends quad `task` with the whole block.
 template <int kTilePixels, KeptParts kKept>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& memory) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
   const int thread = static_cast<int>(threadIdx.x), warp = thread / kWarpSize;
   const std::int32_t tile = task / Quads::kCount, own_quad = task % Quads::kCount;
-  const std::int32_t quad_x = own_quad % Quads::kColumns * 2, quad_y = own_quad / Quads::kColumns * 2;
-  const std::int32_t tile_x = tile % blend.grid.columns * 16, tile_y = tile / blend.grid.columns * Quads::kRows * 2;
+  // The quad's upper left pixel within the tile, and the tile's within the image.
+  const std::int32_t quad_x = own_quad % Quads::kColumns * kQuadSide, quad_y = own_quad / Quads::kColumns * kQuadSide;
+  const std::int32_t tile_x = tile % blend.grid.columns * kCudaTileWidth;
+  const std::int32_t tile_y = tile / blend.grid.columns * Quads::kRows * kQuadSide;
   if (tile_x + quad_x >= blend.grid.image_width || tile_y + quad_y >= blend.grid.image_height) return;
-  const std::int32_t x = quad_x + warp % 2, y = quad_y + warp / 2;
-  const TilePixel at{tile_x + x, tile_y + y, y * 16 + x,
+  const std::int32_t x = quad_x + warp % kQuadSide, y = quad_y + warp / kQuadSide;
+  const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileWidth + x,
                      tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
   GaussianWisePixel<kKept> pixel(args, tile, at);
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
@@ -209,35 +241,40 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const std::uint32_t* const words =
       args.quad_words + args.buckets.offsets[tile] * Quads::kCount + static_cast<std::int64_t>(own_quad) * n_buckets;
   QueueEnds ends;
-  int head = 0, waiting = 0, n_candidates = 0;
-  bool is_done = !at.inside, everyone_is_done = false;
-  const std::int32_t own_bucket = thread / 4;
+  int head = 0, waiting = 0;  // this warp's queue: first splat, and how many wait
+  int n_candidates = 0;
+  bool is_done = !at.inside, all_done = false;
+  // The word with this thread's byte, loaded one scan ahead.
+  const std::int32_t own_bucket = thread / kThreadsPerWord;
   std::uint32_t next_word = own_bucket < n_buckets ? __ldg(words + own_bucket) : 0;
-  for (std::int32_t start = 0; start < n_buckets && !everyone_is_done; start += kScanned / kWarpSize) {
-    const unsigned byte = next_word >> (thread % 4 * 8) & 0xffu;
+  for (std::int32_t start = 0; start < n_buckets && !all_done; start += kScanned / kWarpSize) {
+    // Scan the next 1024 entries.
+    const unsigned byte = next_word >> (thread % kThreadsPerWord * kScanBits) & 0xffu;
     const std::int32_t next_bucket = start + kScanned / kWarpSize + own_bucket;
     next_word = next_bucket < n_buckets ? __ldg(words + next_bucket) : 0;
-    n_candidates = add_candidates(memory, n_candidates, byte, start * kWarpSize + thread * 8);
-    __syncthreads();  // the candidates are there
+    n_candidates = add_candidates(memory, n_candidates, byte, start * kWarpSize + thread * kScanBits);
+    __syncthreads();  // candidates are complete
 
-    const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;  // whole rounds, but for the last
+    // Evaluate and blend in full rounds of 128 candidates. After the last scan, also the rest.
+    const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;
     int taken = 0;
-    for (; n_candidates - taken >= wanted && !everyone_is_done; taken += kThreads) {
+    for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
       const int own_candidate = taken + thread < n_candidates ? taken + thread : -1;
       const int n_new = queue_contributions(quad, own_candidate, is_done, ends, memory);
-      everyone_is_done = n_new < 0;
+      all_done = n_new < 0;
       for (waiting += n_new; waiting >= kWarpSize && !is_done; waiting -= kWarpSize) {
         blend_queued(memory, head, kWarpSize, pixel);
         head = wrapped(head + kWarpSize);
         is_done = pixel.is_finished();
       }
     }
-    // What is left over moves to the front. It is less than one for each thread, and all reads of the places that are
-    // overwritten lie before the last barrier.
+    // Move the remaining candidates to the front. There are fewer than threads, and all reads of the overwritten places
+    // happened before the last barrier.
     const int n_left = n_candidates > taken ? n_candidates - taken : 0;
     if (taken > 0 && thread < n_left) memory.candidates[thread] = memory.candidates[taken + thread];
     n_candidates = n_left;
   }
+  // Blend what still waits. No barrier from here on.
   if (!at.inside) return;
   if (waiting > 0 && !is_done) blend_queued(memory, head, waiting, pixel);
   pixel.store();
@@ -248,14 +285,15 @@ __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ QuadMemory memory;
   __shared__ std::int32_t tickets[2];
-  // Tickets are drawn a task ahead, so that nobody waits for the counter; the first is the block's own number.
+  // The first task is the block's own index. Each further one is requested while the task before is blended, so that no
+  // block waits for the atomic; two tickets alternate, because one may still be read when the next is written.
   auto task = static_cast<std::int32_t>(blockIdx.x);
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
     blend_quad<kTilePixels, kKept>(args, task, memory);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
-    __syncthreads();  // the ticket is there, and the memory is free; the other ticket may still be read
+    __syncthreads();  // the ticket is written, and QuadMemory is free
     task = tickets[turn];
   }
 }
@@ -263,7 +301,8 @@ __global__ void __launch_bounds__(kThreads)
 template <int kTilePixels, KeptParts kKept>
 void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
-  B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "tasks are counted in 32 bits; the image has ", n_tasks);
+  B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
+              " tasks, expected below 2^30");
   if (args.buckets.n_max > 0) {
     const auto blocks = static_cast<unsigned>((args.buckets.n_max + kMarkWarps - 1) / kMarkWarps);
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);

@@ -1,6 +1,9 @@
-// Forward blend, dynamic: as many blocks as fit take tiles from a counter until none is left (the paper's inter-block
-// dynamic workload distribution); within a tile as naive. The device's own block scheduler does nearly the same, so
-// little is gained by itself: one tile longer than a fair share still decides the time.
+// Forward blend, dynamic: the paper's inter-block dynamic workload distribution.
+//   Grid: as many blocks as are resident at once; each takes tiles from an atomic counter until none is left. Within a
+//     block: pixel_wise.cuh, as naive.
+//   Barriers: two per tile to hand out the task, besides those of pixel_wise.cuh.
+//   Load: the hardware's block scheduler does nearly the same for naive, so the gain is small. A single tile that costs
+//     more than a block's fair share still determines the time.
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/pixel_wise.cuh"

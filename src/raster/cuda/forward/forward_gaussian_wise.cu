@@ -1,6 +1,11 @@
-// Forward blend, Gaussian-wise: a block owns a tile; each of its warps works through 32 pixels one after the other, a
-// lane for each of 32 splats. A warp never waits for its slowest pixel, but every group costs a prefix product and the
-// list is read once per pixel; the block of the crowded tile is still the longest.
+// Forward blend, Gaussian-wise.
+//   Grid: a block per tile, assigned statically. Warp: 32 of the tile's pixels, one after the other. Lane: one of 32
+//     consecutive splats of the list (a group).
+//   Per group: evaluate the splats at the pixel, then a prefix product over the lanes (gaussian_wise.cuh).
+//   Shared memory and barriers: none.
+//   Load: no lane waits for another pixel, but every group costs a prefix product, the list is read once per pixel, and
+//     the block of the most crowded tile still runs longest.
+//   Saved for the backward pass: final transmittance, last splat, and bucket parts.
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
@@ -9,14 +14,14 @@
 namespace b3dgs::cuda {
 namespace {
 
-/// One pixel by a whole warp. Needs no shared memory and no barrier.
+/// Blends one pixel with the whole warp.
 template <KeptParts kKept>
 __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at) {
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t first = blend.bins.tile_offsets[tile];
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
   GaussianWisePixel<kKept> pixel(args, tile, at);
-  // Every lane runs every round: the bound is a whole number of groups, entries beyond the list do not contribute.
+  // All lanes run every round; beyond the end of the list they do not contribute.
   for (std::int32_t group = 0; group < n && !pixel.is_finished(); group += kWarpSize) {
     const std::int32_t entry = group + lane_id();
     const std::int32_t id = blend.bins.splat_ids[first + (entry < n ? entry : n - 1)];

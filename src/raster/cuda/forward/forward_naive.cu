@@ -1,6 +1,6 @@
-// Forward blend, naive: a block owns a tile, a thread a pixel. The list, centres and conics are staged in shared
-// memory, colours and depths are read from global memory where a splat contributes (the paper's baseline). A block runs
-// as long as its slowest pixel, and the crowded tile decides the time of the whole launch.
+// Forward blend, naive: the paper's baseline, and the reference if kernels disagree.
+//   Grid: a block per tile, assigned statically. Within a block: pixel_wise.cuh.
+//   Load: a block runs as long as its slowest pixel, and the most crowded tile determines the time of the launch.
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/pixel_wise.cuh"

@@ -1,37 +1,38 @@
-// Memory that forward schedules work in besides their arguments and results.
+// Memory that individual forward kernels need in addition to their arguments and results.
 #pragma once
 
 #include "raster/cuda/passes.h"
 #include "raster/forward_kernel.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 
 class ForwardScratch {
  public:
-  /// Fills in what the kernel needs for a view whose other arguments are there. The backward pass after it needs the
-  /// parts that parts_after() gives, which are not in `scratch`.
-  void lend(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
+  /// Sets the scratch pointers of `args` for this kernel; the other arguments must be set. What the backward pass needs
+  /// (parts_after()) is not in `scratch`, which later passes overwrite.
+  void allocate(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
     const std::int64_t tile_pixels = std::int64_t{args.blend.grid.tile.width} * args.blend.grid.tile.height;
     args.next_task = next_task_.resize(1, context);
     if (kernel == ForwardKernel::kCombined) {
-      scratch.lend(context, [&](ScratchArrays& arrays) {
-        args.quad_words = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / 4);
+      scratch.allocate(context, [&](ScratchArrays& arrays) {
+        args.quad_words = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / kQuadPixels);
       });
     }
     if (kernel == ForwardKernel::kSegmented) {
-      // All but the last of a list's segments are full, and each task has a full one before it.
-      const std::int64_t n_tasks_max = args.blend.bins.n_isects / kSegmentEntries;
-      const std::int64_t n = 2 * args.blend.bins.n_isects / kSegmentEntries, n_pixels = n * tile_pixels;
+      // Each task has a full segment in front of it, since only a list's last segment may be shorter.
+      const std::int64_t n_tasks_max = args.blend.bins.n_pairs / kSegmentEntries;
+      const std::int64_t n = 2 * args.blend.bins.n_pairs / kSegmentEntries, n_pixels = n * tile_pixels;
       Segments& segments = args.segments;
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
       segments.n_tasks = args.next_task;
       segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
       segments.before = before_.resize(n_pixels, context);
-      scratch.lend(context, [&](ScratchArrays& arrays) {
+      scratch.allocate(context, [&](ScratchArrays& arrays) {
         segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
         segments.is_done = arrays.take<std::int32_t>(n);
         segments.transmittance = arrays.take<float>(n_pixels);
-        segments.shown = arrays.take<float4>(n_pixels);
+        segments.color_depth = arrays.take<float4>(n_pixels);
         segments.last = arrays.take<std::int32_t>(n_pixels);
       });
     }
@@ -47,7 +48,7 @@ class ForwardScratch {
   DeviceBuffer<float> before_;
 };
 
-/// What a forward pass with these arguments has kept for the backward pass.
+/// The bucket parts that a forward pass with these arguments has stored for the backward pass.
 inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs& args) {
   BucketParts parts = args.parts;
   if (kernel == ForwardKernel::kSegmented) {

@@ -1,17 +1,25 @@
-// Forward blend, segmented: long lists are cut into segments of equal length, and a block owns a segment of a tile's
-// list, a thread a pixel, as in shared-memory. Balanced as combined is, with the work of a pixel-wise kernel.
+// Forward blend, segmented: shared-memory, with long lists cut into segments of 1024 entries that are blended in
+// parallel. Balanced like combined, with the cost per splat of a pixel-wise kernel. Not in the paper, whose balanced
+// kernel distributes a crowded tile over its pixels.
 //
-// Beyond the paper, whose balanced kernel spreads a crowded tile over its pixels: compositing is associative, so that
-// the list itself can be divided. A segment is blended as if all light reached it; (transmittance, colour) of the
-// segments are then joined front to back. What does not divide is where a pixel ends: the segment whose splats would
-// take its transmittance below the minimum is blended once more for that pixel, from what reaches it.
+// Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
+// colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
+// segment in which a pixel finishes is blended again for that pixel, from the true transmittance.
 //
-// Segments behind that one are work in vain. So that there is little of it, blocks begin with the first segments of all
-// lists, then take the second ones, and so on; and a block whose turn has come looks at which segments before its own
-// are done by now, and leaves its own alone if no light comes through them. What it finds there depends on who was
-// first, but no pixel does: a segment that is left alone lies behind the end of every pixel.
+// Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
+// Kernel 2, forward_segmented: a block per segment or short list, a thread per pixel. The first segments of all lists
+//   run first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
+//   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
+//   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
+//   timing. The image does not: a skipped segment is behind the end of all its pixels.
+// Kernel 3, join_segments: a block per tile, a thread per pixel. Combines the pixel's segments front to back, up to the
+//   one in which it finishes, and writes the pixel unless that segment has to be blended again.
+// Kernel 4, end_pixels: a block per task blends the segment again for the pixels that finish in it, and writes them.
 //
-// Four kernels: cut the lists; blend; join; blend the segments in which pixels end.
+// Shared memory: two batches of staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
+// Barriers: one per batch of splats, and one before a segment is marked as done.
+// Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
+//   transmittance in front of each segment (Segments::before).
 
 #include <cub/block/block_scan.cuh>
 #include <cuda/atomic>
@@ -24,22 +32,27 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kCutThreads = 1024;
+constexpr int kCutThreads = 1024;  // one block; also how many segment numbers are sorted exactly
 
+/// Number of segments of a list with `length` entries; 1 if it is not cut.
 __device__ __forceinline__ std::int32_t n_segments(std::int32_t length) {
   return length > kSegmentEntries ? (length + kSegmentEntries - 1) / kSegmentEntries : 1;
 }
 
-/// One block lists the segments after the first ones in the order of their numbers; from kCutThreads - 1 on in any
-/// order. Tiles are ranked by how many segments they have: those with a segment of some number are then the first ones.
+/// Lists all segments except the first of each list, sorted by their number within the list (numbers from
+/// kCutThreads - 1 on in any order). This is a counting sort: tiles are ranked by their number of segments, most first.
+/// The tiles that have a segment number k are then the first n_with[k + 1] ranks, and the task of segment k of a tile
+/// is at first_of_number[k] + rank.
 __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwardCudaArgs args) {
   using BlockScan = cub::BlockScan<std::int32_t, kCutThreads>;
-  constexpr std::int32_t kLast = kCutThreads - 1;  // stands for this number and all beyond
+  constexpr std::int32_t kLast = kCutThreads - 1;  // this number and all above share a counter
   __shared__ typename BlockScan::TempStorage scan_memory;
-  __shared__ std::int32_t next_rank[kCutThreads];        // of tiles with so many segments
-  __shared__ std::int32_t n_with[kCutThreads];           // tiles with so many segments or more
-  __shared__ std::int32_t first_of_number[kCutThreads];  // place in the list of tasks
-  __shared__ std::int32_t n_beyond;                      // segments of numbers from kLast on
+  // Indexed by a number of segments:
+  __shared__ std::int32_t next_rank[kCutThreads];  // first a count of tiles, then the next rank for such a tile
+  __shared__ std::int32_t n_with[kCutThreads];     // tiles with that many segments or more
+  // Indexed by a segment's number:
+  __shared__ std::int32_t first_of_number[kCutThreads];  // index of the first task with that number
+  __shared__ std::int32_t n_beyond;                      // number of segments with numbers from kLast on
   const Segments& segments = args.segments;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
@@ -47,15 +60,18 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   if (thread == 0) n_beyond = 0;
   __syncthreads();
 
+  // Count tiles by their number of segments, and assign each cut list a range of segment indices.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
     const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
-    // Two segments or more have at least half as many entries as they have room for: so numbers leave enough of it.
+    // A list of two or more segments fills more than half of them, so twice the entries in front of the list, divided
+    // by the segment length, leaves enough indices for the lists in front (Segments).
     segments.first_of_tile[tile] =
         count > 1 ? static_cast<std::int32_t>(2 * args.blend.bins.tile_offsets[tile] / kSegmentEntries) : -1;
     if (count > 1) atomicAdd(next_rank + min(count, kLast), 1);
     if (count > kLast) atomicAdd(&n_beyond, count - kLast);
   }
   __syncthreads();
+  // Scan from the largest number of segments down: ranks, and where each segment number begins in the list of tasks.
   const std::int32_t own_tiles = next_rank[kLast - thread];
   std::int32_t n_ranked = 0;
   BlockScan(scan_memory).InclusiveSum(own_tiles, n_ranked);
@@ -68,6 +84,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   if (thread == 0) *segments.n_tasks = n_listed + n_beyond;
   __syncthreads();
 
+  // Write the tasks.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
     const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
     if (count == 1) continue;
@@ -80,24 +97,27 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   }
 }
 
-/// A listed task; false if there are not so many.
+/// Reads task `number` of the list. Returns false if there are fewer.
 __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32_t number, SegmentTask& task) {
   if (number >= *segments.n_tasks) return false;
   task = segments.tasks[number];
   return true;
 }
 
-/// The block's task: the first blocks take each tile's list or its first segment, those after them what is listed.
+/// The block's task. The first n_tiles blocks take the first segment (or the whole list) of each tile, the others take
+/// the listed tasks in order.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, SegmentTask& task) {
   const auto block = static_cast<std::int32_t>(blockIdx.x), n_tiles = args.blend.grid.n_tiles();
   task = {block, 0};
   return block < n_tiles || take_listed(args.segments, block - n_tiles, task);
 }
 
-/// Where a task's segment lies.
+/// The segment of a task.
 struct OwnSegment {
-  std::int32_t tile, first, index;  // of the tile's first segment and of the own one; first is -1 for a whole list
-  ListRange range;
+  std::int32_t tile;
+  std::int32_t first;  // index of the list's first segment, -1 if the list is not cut
+  std::int32_t index;  // index of this segment
+  ListRange range;     // its entries
   __device__ OwnSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
       : tile(task.tile), first(args.segments.first_of_tile[task.tile]), index(first + task.segment) {
     const std::int32_t length = list_length(args.blend.bins, tile), begin = task.segment * kSegmentEntries;
@@ -105,14 +125,14 @@ struct OwnSegment {
   }
 };
 
-/// Upper bound on what comes through the pixel's segments before the own one: the product of those that are done, in
-/// the order in which they are joined, so that rounding keeps it a bound. For all threads of the block, those of pixels
-/// outside the image too.
+/// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
+/// is computed in the order in which join_segments_kernel multiplies, so that it is a bound despite rounding. Must be
+/// called by all threads of the block, including those of pixels outside the image.
 template <int kThreads>
-__device__ __forceinline__ float light_so_far(const Segments& segments, const OwnSegment& own,
-                                              std::int32_t pixel_index) {
-  constexpr int kAtOnce = 4;  // loads on their way
-  float light = 1;
+__device__ __forceinline__ float transmittance_bound(const Segments& segments, const OwnSegment& own,
+                                                     std::int32_t pixel_index) {
+  constexpr int kAtOnce = 4;  // loads in flight
+  float bound = 1;
   for (std::int32_t start = own.first; start < own.index; start += kWarpSize) {
     const std::int32_t segment = start + lane_id();
     bool is_done = false;
@@ -121,7 +141,7 @@ __device__ __forceinline__ float light_so_far(const Segments& segments, const Ow
       is_done = done.load(::cuda::memory_order_acquire) != 0;
     }
     unsigned ready = __ballot_sync(kFullWarp, is_done);
-    __syncwarp();  // what a lane has acquired, all lanes may read
+    __syncwarp();  // makes what one lane acquired visible to the whole warp
     while (ready != 0) {
       float factor[kAtOnce];
 #pragma unroll
@@ -131,10 +151,10 @@ __device__ __forceinline__ float light_so_far(const Segments& segments, const Ow
         ready &= ready - 1;
       }
 #pragma unroll
-      for (int k = 0; k < kAtOnce; ++k) light *= factor[k] > 0 ? factor[k] : 0.0f;
+      for (int k = 0; k < kAtOnce; ++k) bound *= factor[k] > 0 ? factor[k] : 0.0f;
     }
   }
-  return light;
+  return bound;
 }
 
 template <int kThreads>
@@ -147,24 +167,26 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   const OwnSegment own(args, task);
   const TilePixel at = staged_pixel(blend.grid, own.tile);
   const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
-  bool is_lit = at.inside, is_any_lit = true;
+  // Skip what cannot be visible.
+  bool is_alive = at.inside, is_any_alive = true;
   if (own.index > own.first) {
     segments.before[pixel_of_segment] = 1;
-    const float light = light_so_far<kThreads>(segments, own, at.index);  // its votes need all lanes
-    is_lit = is_lit && light >= kTransmittanceMin;
-    is_any_lit = __syncthreads_or(is_lit) != 0;
+    const float bound = transmittance_bound<kThreads>(segments, own, at.index);  // uses votes: all lanes must call it
+    is_alive = is_alive && bound >= kTransmittanceMin;
+    is_any_alive = __syncthreads_or(is_alive) != 0;
   }
 
-  // Outside the image, or behind the pixel's end: finished.
-  PixelState<float> pixel{is_lit ? 1.0f : -1.0f, 0, 0, 0, 0};
-  const std::int32_t last = is_any_lit ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
+  // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
+  PixelState<float> pixel{is_alive ? 1.0f : -1.0f, 0, 0, 0, 0};
+  const std::int32_t last = is_any_alive ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
   if (own.first < 0) {
     if (at.inside) store_pixel(blend, at, pixel, last);
     return;
   }
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
-  segments.shown[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
+  segments.color_depth[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
   segments.last[pixel_of_segment] = last;
+  // Publish the segment for blocks that are behind it in the same list.
   __syncthreads();  // all threads have written
   if (threadIdx.x == 0) {
     ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[own.index]);
@@ -172,11 +194,12 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   }
 }
 
-/// A pixel's segments front to back, to the one in which the pixel ends. There end_pixels_kernel goes on: it finds what
-/// was blended so far in the segment's `shown` and `last`, and the negated transmittance in `before`.
+/// Combines each pixel's segments front to back. If the pixel finishes in a segment that has to be blended again,
+/// leaves the state in front of it to end_pixels_kernel: colour and depth in the segment's `color_depth`, `last`, and
+/// the negated transmittance in `before`.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForwardCudaArgs args) {
-  constexpr int kAtOnce = 8;  // loads on their way
+  constexpr int kAtOnce = 8;  // loads in flight
   const Segments& segments = args.segments;
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t first = segments.first_of_tile[tile];
@@ -193,13 +216,13 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
   for (std::int32_t start = 0; start < count; start += kAtOnce) {
     const std::int32_t own = (first + start) * kThreads + at.index;
     float transmittance[kAtOnce];
-    float4 shown[kAtOnce];
+    float4 color_depth[kAtOnce];
     std::int32_t last_of_segment[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const std::int32_t from = own + (start + k < count ? k : 0) * kThreads;
       transmittance[k] = segments.transmittance[from];
-      shown[k] = segments.shown[from];
+      color_depth[k] = segments.color_depth[from];
       last_of_segment[k] = segments.last[from];
     }
 #pragma unroll
@@ -207,16 +230,18 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
       if (start + k >= count) break;
       const std::int32_t to = own + k * kThreads;
       const float before = pixel.transmittance, behind = before * transmittance[k];
-      const bool is_exact = before == 1;              // the segment was blended from what does reach it
-      if (behind < kTransmittanceMin && !is_exact) {  // or negative: the segment alone ends the pixel
+      // With transmittance 1 in front, the segment was blended exactly as it should be. Otherwise, if the product falls
+      // below the minimum, or the segment alone finishes the pixel (negative), it has to be blended again.
+      const bool is_exact = before == 1;
+      if (behind < kTransmittanceMin && !is_exact) {
         segments.before[to] = -before;
-        segments.shown[to] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
+        segments.color_depth[to] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
         segments.last[to] = last;
         return;
       }
       segments.before[to] = before;
-      pixel = {behind, pixel.red + before * shown[k].x, pixel.green + before * shown[k].y,
-               pixel.blue + before * shown[k].z, pixel.depth + before * shown[k].w};
+      pixel = {behind, pixel.red + before * color_depth[k].x, pixel.green + before * color_depth[k].y,
+               pixel.blue + before * color_depth[k].z, pixel.depth + before * color_depth[k].w};
       if (last_of_segment[k] >= 0) last = last_of_segment[k];
       if (behind < 0) {
         store_pixel(args.blend, at, pixel, last);
@@ -227,26 +252,26 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
   store_pixel(args.blend, at, pixel, last);
 }
 
-/// The segments in which pixels end, for these pixels. What is kept of their buckets is then absolute, so that `before`
-/// becomes 1.
+/// Blends segments again for the pixels that finish in them. Their bucket parts are then absolute instead of relative
+/// to the segment, so `before` becomes 1.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
   __shared__ BatchPair<kThreads> batches;
   const Segments& segments = args.segments;
   SegmentTask task;
-  // No pixel ends in the first segment of its list that has not been blended as it should.
+  // Only listed segments: the first of a list has transmittance 1 in front of it and is never blended again.
   if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x), task)) return;
   const OwnSegment own(args, task);
   const TilePixel at = staged_pixel(args.blend.grid, own.tile);
   const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
   const float before = segments.before[pixel_of_segment];
-  const bool ends = before < 0;
+  const bool ends = before < 0;  // the pixel finishes in this segment
   if (__syncthreads_or(ends) == 0) return;
 
   PixelState<float> pixel{-1, 0, 0, 0, 0};
   if (ends) {
-    const float4 shown = segments.shown[pixel_of_segment];
-    pixel = {-before, shown.x, shown.y, shown.z, shown.w};
+    const float4 color_depth = segments.color_depth[pixel_of_segment];
+    pixel = {-before, color_depth.x, color_depth.y, color_depth.z, color_depth.w};
   }
   const std::int32_t last = blend_staged(args, batches, own.tile, own.range, at, pixel);
   if (!ends) return;
@@ -257,8 +282,9 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
 }  // namespace
 
 void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  static_assert(kSegmentEntries % kWarpSize == 0, "segments begin with a bucket");
-  static_assert(2 * (kIndexMax / kSegmentEntries) * 256 <= kIndexMax, "32 bits count the pixels of all segments");
+  static_assert(kSegmentEntries % kWarpSize == 0, "a segment consists of whole buckets");
+  static_assert(2 * (kIndexMax / kSegmentEntries) * (kCudaTileWidth * 16) <= kIndexMax,
+                "32 bits index the pixels of all segments");
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();

@@ -1,5 +1,6 @@
-// Forward blend, shared-memory: a block owns a tile, a thread a pixel, splats are staged whole in shared memory
-// (staged_blend.cuh). The kernel of choice once the load is balanced.
+// Forward blend, shared-memory: the kernel of choice if the load is balanced.
+//   Grid: a block per tile, assigned statically. Within a block: staged_blend.cuh, over the whole list.
+//   Saved for the backward pass: final transmittance, last splat, and bucket parts.
 
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/staged_blend.cuh"
@@ -14,7 +15,7 @@ __global__ void __launch_bounds__(kThreads) forward_shared_memory_kernel(const B
   const BlendForwardArgs& blend = args.blend;
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const TilePixel at = staged_pixel(blend.grid, tile);
-  PixelState<float> pixel{at.inside ? 1.0f : -1.0f, 0, 0, 0, 0};  // outside the image: finished
+  PixelState<float> pixel{at.inside ? 1.0f : -1.0f, 0, 0, 0, 0};  // outside the image: starts as finished
   const std::int32_t last = blend_staged(args, batches, tile, {0, list_length(blend.bins, tile)}, at, pixel);
   if (at.inside) store_pixel(blend, at, pixel, last);
 }

@@ -1,4 +1,5 @@
-// The forward schedules on CUDA, one file and one row each.
+// The forward kernels on CUDA, generated from the table in forward_kernel.h; each is defined in forward_ID.cu. They
+// support tiles of 16 x 8 and 16 x 16 px.
 #pragma once
 
 #include <array>
@@ -9,20 +10,12 @@
 
 namespace b3dgs::cuda {
 
-void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext& context);
-void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context);
-void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context);
-void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context);
-void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context);
-void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context);
-
-/// Resources of the schedule's kernel; of the longest-running one if it launches several.
-KernelResources forward_naive_resources(const TileShape& tile);
-KernelResources forward_dynamic_resources(const TileShape& tile);
-KernelResources forward_gaussian_wise_resources(const TileShape& tile);
-KernelResources forward_combined_resources(const TileShape& tile);
-KernelResources forward_shared_memory_resources(const TileShape& tile);
-KernelResources forward_segmented_resources(const TileShape& tile);
+/// Resources are those of the kernel that runs longest, if a schedule launches several.
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary)                                   \
+  void launch_forward_##id(const BlendForwardCudaArgs& args, const LaunchContext& context); \
+  KernelResources forward_##id##_resources(const TileShape& tile);
+B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
 
 struct ForwardRow {
   ForwardKernel kernel;
@@ -30,15 +23,12 @@ struct ForwardRow {
   KernelResources (*resources)(const TileShape& tile);
 };
 
-/// Indexed by ForwardKernel. Tiles of 16 x 8 and 16 x 16 px.
-inline constexpr std::array<ForwardRow, kForwardKernels.size()> kForwardTable{{
-    {ForwardKernel::kNaive, launch_forward_naive, forward_naive_resources},
-    {ForwardKernel::kDynamic, launch_forward_dynamic, forward_dynamic_resources},
-    {ForwardKernel::kGaussianWise, launch_forward_gaussian_wise, forward_gaussian_wise_resources},
-    {ForwardKernel::kCombined, launch_forward_combined, forward_combined_resources},
-    {ForwardKernel::kSharedMemory, launch_forward_shared_memory, forward_shared_memory_resources},
-    {ForwardKernel::kSegmented, launch_forward_segmented, forward_segmented_resources},
-}};
-static_assert(is_in_order(kForwardTable));
+/// Indexed by ForwardKernel.
+inline constexpr std::array kForwardTable{
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  ForwardRow{ForwardKernel::kernel, launch_forward_##id, forward_##id##_resources},
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 }  // namespace b3dgs::cuda

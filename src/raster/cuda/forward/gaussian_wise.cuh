@@ -1,5 +1,5 @@
-// Gaussian-wise blending: a warp blends one pixel, a lane for each of 32 splats, with a prefix product where a single
-// thread would have a chain.
+// Gaussian-wise blending: a warp blends one pixel, 32 splats (a group) at a time, a lane each. The transmittance in
+// front of each lane is a prefix product of 1 - alpha, where a single thread would need 32 dependent steps.
 #pragma once
 
 #include <type_traits>
@@ -8,33 +8,33 @@
 
 namespace b3dgs::cuda {
 
-/// What a lane brings to a group. Positions rise from lane to lane.
+/// A lane's splat of a group. Positions increase from lane to lane.
 struct LaneSplat {
   bool contributes;
   float power;            // log2 of the uncapped alpha
   std::int32_t position;  // in the tile's list
 };
 
-/// Which of the BucketParts a kernel writes. Depths cost the warp a fourth sum, and training rarely asks for them.
-enum class KeptParts { kNone, kLight, kLightAndDepth };
+/// Which BucketParts a kernel writes. Depth costs an additional warp sum, and training needs no gradient by depth.
+enum class KeptParts { kNone, kColor, kColorAndDepth };
 
 template <KeptParts kKept>
 using KeptPartsConstant = std::integral_constant<KeptParts, kKept>;
 
-/// Calls `launch` with the constant that fits the buffers.
+/// Calls launch(KeptPartsConstant<...>()) according to which buffers there are.
 template <class Launch>
 void with_kept_parts(const BucketParts& parts, Launch&& launch) {
-  if (parts.light == nullptr) {
+  if (parts.color == nullptr) {
     launch(KeptPartsConstant<KeptParts::kNone>());
   } else if (parts.depth == nullptr) {
-    launch(KeptPartsConstant<KeptParts::kLight>());
+    launch(KeptPartsConstant<KeptParts::kColor>());
   } else {
-    launch(KeptPartsConstant<KeptParts::kLightAndDepth>());
+    launch(KeptPartsConstant<KeptParts::kColorAndDepth>());
   }
 }
 
 /// A pixel that a warp blends group by group. Transmittance, last and finished are the same in all lanes; colour and
-/// depth stay spread over the lanes until the end.
+/// depth are partial sums per lane until store().
 template <KeptParts kKept>
 class GaussianWisePixel {
  public:
@@ -45,22 +45,23 @@ class GaussianWisePixel {
 
   __device__ bool is_finished() const { return finished_; }
 
-  /// Blends up to 32 splats. Not for finished pixels. `shown()` gives the own splat's red, green, blue and depth; it is
-  /// asked only where the splat is blended.
-  template <class Shown>
-  __device__ __forceinline__ void blend(const LaneSplat& splat, Shown&& shown) {
+  /// Blends a group. The pixel must not be finished. `color_depth()` returns the lane's red, green, blue and depth; it
+  /// is called only by lanes whose splat is blended.
+  template <class ColorDepth>
+  __device__ __forceinline__ void blend(const LaneSplat& splat, ColorDepth&& color_depth) {
     const int lane = lane_id();
     const float alpha = splat.contributes ? evaluate_alpha(splat.power).alpha : 0.0f;
-    // A splat that does not contribute lets all light through: 1 - 0.
+    // A splat that does not contribute has alpha 0, a factor of 1.
     const float after = transmittance_ * warp_prefix_product(1 - alpha);
     float before = __shfl_up_sync(kFullWarp, after, 1);
     if (lane == 0) before = transmittance_;
+    // The first lane that would bring the transmittance below the minimum finishes the pixel.
     const unsigned saturating = __ballot_sync(kFullWarp, splat.contributes && after < kTransmittanceMin);
     const int stop = saturating != 0 ? __ffs(saturating) - 1 : kWarpSize;
     const bool accepted = splat.contributes && lane < stop;
     PixelState<float> own{after, 0, 0, 0, 0};
     if (accepted) {
-      const float4 color = shown();
+      const float4 color = color_depth();
       const float weight = before * alpha;
       own = {after, weight * color.x, weight * color.y, weight * color.z, weight * color.w};
       part_ = {1, part_.red + own.red, part_.green + own.green, part_.blue + own.blue, part_.depth + own.depth};
@@ -75,7 +76,7 @@ class GaussianWisePixel {
     transmittance_ = finished_ ? __shfl_sync(kFullWarp, before, stop) : __shfl_sync(kFullWarp, after, kWarpSize - 1);
   }
 
-  /// Writes the pixel. For all lanes, once.
+  /// Writes the pixel, and its last bucket part. Must be called once, by all lanes.
   __device__ __forceinline__ void store() const {
     const float4 sum = warp_sum(make_float4(part_.red, part_.green, part_.blue, part_.depth));
     const PixelState<float> pixel{transmittance_, sum.x, sum.y, sum.z, sum.w};
@@ -92,8 +93,8 @@ class GaussianWisePixel {
   __device__ __forceinline__ void store_part(std::int32_t bucket, const PixelState<float>& part) const {
     const TileShape shape = args_.blend.grid.tile;
     const std::int64_t at = first_part_ + std::int64_t{bucket} * (shape.width * shape.height);
-    args_.parts.light[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
-    if constexpr (kKept == KeptParts::kLightAndDepth) args_.parts.depth[at] = part.depth;
+    args_.parts.color[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
+    if constexpr (kKept == KeptParts::kColorAndDepth) args_.parts.depth[at] = part.depth;
   }
 
   __device__ static __forceinline__ PixelState<float> sum_of(const PixelState<float>& front,
@@ -102,17 +103,21 @@ class GaussianWisePixel {
             back.depth + front.depth};
   }
 
-  /// Of the lane that is `distance` ahead; not the transmittance.
-  __device__ static __forceinline__ PixelState<float> sum_of_lane_ahead(const PixelState<float>& sum, int distance) {
+  /// The sums of the lane `distance` below; without the transmittance.
+  __device__ static __forceinline__ PixelState<float> sum_of_earlier_lane(const PixelState<float>& sum, int distance) {
     PixelState<float> other{1, __shfl_up_sync(kFullWarp, sum.red, distance),
                             __shfl_up_sync(kFullWarp, sum.green, distance),
                             __shfl_up_sync(kFullWarp, sum.blue, distance), 0};
-    if constexpr (kKept == KeptParts::kLightAndDepth) other.depth = __shfl_up_sync(kFullWarp, sum.depth, distance);
+    if constexpr (kKept == KeptParts::kColorAndDepth) other.depth = __shfl_up_sync(kFullWarp, sum.depth, distance);
     return other;
   }
 
-  /// Sums the lanes before `end`, the last of which blended its splat, bucket by bucket, and writes each bucket that is
-  /// complete. The last one stays open, for the next group may go on with it. Before last_ is moved on.
+  /// Adds the lanes below `end` (lane end - 1 blended its splat) to bucket parts and writes each bucket that is
+  /// complete. The last bucket stays open, since the next group may continue it. Must be called before last_ is
+  /// updated.
+  ///
+  /// A group may span several buckets. This is a segmented prefix sum: the first lane of each bucket is a head, every
+  /// lane adds the lanes down to its head, and the last lane of each complete bucket writes the sum.
   __device__ __forceinline__ void keep_parts(PixelState<float> sum, std::int32_t bucket, int end) {
     const int lane = lane_id();
     std::int32_t before = __shfl_up_sync(kFullWarp, bucket, 1);
@@ -125,15 +130,16 @@ class GaussianWisePixel {
       }
     }
     const bool is_head = lane < end && bucket != before;
+    // Buckets without a blended splat, between the previous bucket and this one.
     if (is_head) {
       for (std::int32_t empty = before + 1; empty < bucket; ++empty) store_part(empty, {1, 0, 0, 0, 0});
     }
     const unsigned heads = __ballot_sync(kFullWarp, is_head) | 1u;
-    const int ahead = lane - (31 - __clz(heads & (kFullWarp >> (kWarpSize - 1 - lane))));  // lanes of the own bucket
-    // Where splats are small a pixel sees few of a bucket's 32, and one or two rounds will do.
+    const int ahead = lane - (31 - __clz(heads & (kFullWarp >> (kWarpSize - 1 - lane))));  // lanes from the head
+    // Small splats: a pixel blends few of a bucket's 32, so only the necessary rounds are run.
     const int most_ahead = warp_max(lane < end ? ahead : 0);
     for (int distance = 1; distance <= most_ahead; distance *= 2) {
-      const PixelState<float> front = sum_of_lane_ahead(sum, distance);
+      const PixelState<float> front = sum_of_earlier_lane(sum, distance);
       if (distance <= ahead) sum = sum_of(front, sum);
     }
     if (lane + 1 < end && (heads >> (lane + 1) & 1) != 0) store_part(bucket, sum);
@@ -141,7 +147,7 @@ class GaussianWisePixel {
     open_.red = __shfl_sync(kFullWarp, sum.red, end - 1);
     open_.green = __shfl_sync(kFullWarp, sum.green, end - 1);
     open_.blue = __shfl_sync(kFullWarp, sum.blue, end - 1);
-    if constexpr (kKept == KeptParts::kLightAndDepth) open_.depth = __shfl_sync(kFullWarp, sum.depth, end - 1);
+    if constexpr (kKept == KeptParts::kColorAndDepth) open_.depth = __shfl_sync(kFullWarp, sum.depth, end - 1);
   }
 
   const BlendForwardCudaArgs& args_;
@@ -149,9 +155,9 @@ class GaussianWisePixel {
   float transmittance_ = 1;
   std::int32_t last_ = -1;
   bool finished_ = false;
-  PixelState<float> part_{1, 0, 0, 0, 0};  // of the own lane; its transmittance is not used
-  std::int64_t first_part_ = 0;            // place of the first bucket's part
-  // Of the bucket of last_, whose part is not written yet; the same in all lanes.
+  PixelState<float> part_{1, 0, 0, 0, 0};  // this lane's sums; its transmittance is not used
+  std::int64_t first_part_ = 0;            // index of the first bucket's part
+  // Part of the bucket of last_, not written yet; the same in all lanes.
   PixelState<float> open_{1, 0, 0, 0, 0};
 };
 

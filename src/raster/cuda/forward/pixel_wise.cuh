@@ -1,12 +1,18 @@
-// Pixel-wise blending of a tile as the paper's baseline does it: a thread for each pixel, the list, centres and conics
-// staged in shared memory batch by batch, colours and depths read from global memory where a splat contributes.
+// Pixel-wise blending as in the paper's baseline; used by naive and dynamic.
+//
+//   Block: a tile. Thread: one pixel (row by row; a warp has two rows of 16).
+//   Stage: each thread loads one splat of the batch to shared memory: list entry, centre, opacity and conic.
+//   Blend: each thread evaluates the batch's splats in order, and reads colour and depth from global memory only where
+//     the splat contributes.
+//   Barriers: two per batch. A block stops once all of its pixels are finished.
+//   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 #pragma once
 
 #include "raster/cuda/forward/tile_blend.cuh"
 
 namespace b3dgs::cuda {
 
-/// A batch of splats in shared memory, one for each thread of the block.
+/// A batch of splats in shared memory, one per thread of the block.
 template <int kThreads>
 struct StagedBatch {
   float4 place[kThreads];
@@ -14,8 +20,8 @@ struct StagedBatch {
   std::int32_t id[kThreads];
 };
 
-/// Blends a tile. Barriers: each batch begins with one that counts finished pixels, which also tells that everyone has
-/// read the last batch; the second says that the new one is complete. All threads reach both, finished or not.
+/// Blends a tile with the whole block. All threads reach both barriers of a batch, whether or not their pixel is
+/// finished.
 template <int kThreads>
 __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs& args, StagedBatch<kThreads>& batch,
                                                      std::int32_t tile) {
@@ -28,16 +34,17 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
   std::int32_t last_blended = -1;
   bool done = !at.inside;
   for (std::int64_t start = first; start < last; start += kThreads) {
-    if (__syncthreads_count(done) == kThreads) break;
+    if (__syncthreads_count(done) == kThreads) break;  // also: all threads have finished with the previous batch
     if (start + threadIdx.x < last) {
       const std::int32_t id = blend.bins.splat_ids[start + threadIdx.x];
       batch.id[threadIdx.x] = id;
       batch.place[threadIdx.x] = load_place(blend.splats, id).v;
       batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
     }
-    __syncthreads();
+    __syncthreads();  // the batch is complete
 
     const int n = static_cast<int>(last - start < kThreads ? last - start : kThreads);
+    // Bucket by bucket, since the backward pass needs what each bucket of 32 adds to the pixel.
     for (int bucket = 0; bucket < n && !done; bucket += kWarpSize) {
       const int bucket_end = bucket + kWarpSize < n ? bucket + kWarpSize : n;
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
@@ -54,7 +61,7 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
       }
       pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
                pixel.depth + part.depth};
-      if (args.parts.light != nullptr) {
+      if (args.parts.color != nullptr) {
         store_bucket_part(args, tile, start - first + bucket, at.index, part);
       }
     }

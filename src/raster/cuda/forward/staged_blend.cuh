@@ -1,10 +1,13 @@
-// Pixel-wise blending with splats staged whole in shared memory, colours and depths too, so that a contributing splat
-// costs no trip to global memory.
+// Pixel-wise blending with complete splats staged in shared memory, including colour and depth, so that no contributing
+// splat needs an access to global memory. Used by shared-memory and segmented.
 //
-// Beyond the paper: a batch is copied while the one before is blended. A warp's pixels form a sub-tile of 8 x 4; it
-// looks at 32 staged splats at once, a lane each, and visits only those whose box reaches the sub-tile. Of these it
-// evaluates four before it blends them one after the other, since what decides a crowded tile's time is how long a
-// thread waits for each splat.
+//   Block: a tile, or a segment of its list. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
+//   Stage: each thread copies one splat of the next batch asynchronously while the current batch is blended (two
+//     batches in shared memory, one barrier per batch, which also counts finished pixels to stop early).
+//   Cull: for every bucket (32 staged splats) a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
+//   Blend: each thread evaluates four of the remaining splats before blending them in order, because in a crowded tile
+//     the latency per splat determines the time.
+// Asynchronous copies, culling by sub-tile and evaluation in fours are not in the paper.
 #pragma once
 
 #include <cuda_pipeline.h>
@@ -13,7 +16,7 @@
 
 namespace b3dgs::cuda {
 
-/// Splats of a batch, one for each thread of the block.
+/// A batch of splats in shared memory, one per thread of the block.
 template <int kThreads>
 struct Batch {
   float4 place[kThreads];
@@ -21,7 +24,7 @@ struct Batch {
   float4 color[kThreads];
   float2 extent[kThreads];
 
-  /// Starts to copy a splat to the thread's place.
+  /// Starts copying a splat to this thread's entry.
   __device__ __forceinline__ void copy(const BlendForwardArgs& blend, std::int32_t id) {
     const auto* const words = reinterpret_cast<const float4*>(blend.splats + id);
     __pipeline_memcpy_async(place + threadIdx.x, words, sizeof(float4));
@@ -35,21 +38,22 @@ struct Batch {
 template <int kThreads>
 using BatchPair = Batch<kThreads>[2];
 
-/// Part of a tile's list: entries [begin, end), begin being the first of a bucket.
+/// Entries [begin, end) of a tile's list; `begin` is the first entry of a bucket.
 struct ListRange {
   std::int32_t begin, end;
 };
 
-/// The pixel of the tile that this thread blends, so that each warp has a sub-tile.
+/// The pixel that this thread blends, such that each warp has a sub-tile.
 __device__ __forceinline__ TilePixel staged_pixel(const TileGrid& grid, std::int32_t tile) {
   return tile_pixel(grid, tile, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
 }
 
-/// Blends the splats of a bucket, `chosen` of the 32 from `first` on. Returns the last one blended, or -1.
+/// Blends those of a bucket's splats whose bit in `chosen` is set; `first` is the bucket's first entry in the batch.
+/// Returns the batch entry of the last one blended, or -1.
 template <int kThreads>
 __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int first, unsigned chosen, float center_x,
                                             float center_y, PixelState<float>& part) {
-  constexpr int kAtOnce = 4;
+  constexpr int kAtOnce = 4;  // independent evaluations that hide the latency of shared memory and the exponential
   int last = -1;
   while (chosen != 0) {
     int places[kAtOnce];
@@ -76,9 +80,9 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
   return last;
 }
 
-/// Blends a part of the tile's list onto the thread's pixel, staged_pixel(), and keeps what each bucket adds if that is
-/// asked for. A pixel that is finished keeps its state. For all threads of the block. Returns the position in the list
-/// of the last splat blended, or -1.
+/// Blends entries of a tile's list onto this thread's pixel, which is staged_pixel(), and stores bucket parts if
+/// args.parts asks for them. A finished pixel keeps its state. Must be called by all threads of the block. Returns the
+/// position in the list of the last splat blended, or -1.
 template <int kThreads>
 __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs& args, BatchPair<kThreads>& batches,
                                                      std::int32_t tile, const ListRange& range, const TilePixel& at,
@@ -90,13 +94,14 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
   const std::int32_t* const ids = blend.bins.splat_ids + blend.bins.tile_offsets[tile] + range.begin;
   const std::int32_t n = range.end - range.begin;
 
+  // Start copying the first batch, and load the list entry for the second.
   std::int32_t last_blended = -1;
   if (thread < n) batches[0].copy(blend, ids[thread]);
   __pipeline_commit();
   std::int32_t next_id = thread + kThreads < n ? ids[thread + kThreads] : 0;
   for (std::int32_t start = 0; start < n; start += kThreads) {
     __pipeline_wait_prior(0);
-    // One barrier a batch: this one is complete, and everyone has read the one before.
+    // The one barrier per batch: this batch is complete, and all threads have finished with the previous one.
     if (__syncthreads_count(pixel.transmittance < 0) == kThreads) break;
     const Batch<kThreads>& batch = batches[start / kThreads % 2];
     if (start + kThreads + thread < n) batches[(start / kThreads + 1) % 2].copy(blend, next_id);
@@ -107,6 +112,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
     for (int bucket = 0; bucket < count; bucket += kWarpSize) {
       const bool is_alive = pixel.transmittance > 0;
       if (!__any_sync(kFullWarp, is_alive)) break;
+      // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
       const int own = bucket + lane_id();
       const bool reaches =
           own < count && reaches_sub_tile(batch.place[own].x, batch.place[own].y, batch.extent[own], left, top);
@@ -116,7 +122,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
       if (last >= 0) last_blended = range.begin + start + last;
       pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
                pixel.depth + part.depth};
-      if (args.parts.light != nullptr && is_alive) {
+      if (args.parts.color != nullptr && is_alive) {
         store_bucket_part(args, tile, range.begin + start + bucket, at.index, part);
       }
     }

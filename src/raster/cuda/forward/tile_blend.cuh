@@ -1,15 +1,17 @@
-// What the blend schedules share on the device: splats in registers, pixels to the image, bucket parts for the backward
-// pass, the pool of tasks.
+// Device functions that the blend kernels share: loading splats, writing pixels and bucket parts, taking tasks.
 #pragma once
 
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/blend.h"
+#include "raster/math/store_pixel.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 
-/// The three 16-byte words of a Splat.
+static_assert(kSubTilePixels == kWarpSize, "a lane per pixel of a sub-tile");
+
+/// The three 16-byte words of a Splat, each loaded with one instruction.
 struct SplatPlace {  // mean_x, mean_y, log2_opacity, depth
   float4 v;
 };
@@ -33,11 +35,11 @@ __device__ __forceinline__ SplatShape<float> make_splat_shape(const SplatPlace& 
   return {place.v.x, place.v.y, place.v.z, conic.v.x, conic.v.y, conic.v.z};
 }
 
-/// A pixel of the image and of its tile.
+/// A pixel, in the image and in its tile.
 struct TilePixel {
   std::int32_t x, y;   // in the image, px
   std::int32_t index;  // in the tile, row by row
-  bool inside;         // of the image
+  bool inside;         // the image
   __device__ float center_x() const { return static_cast<float>(x) + 0.5f; }
   __device__ float center_y() const { return static_cast<float>(y) + 0.5f; }
 };
@@ -48,20 +50,14 @@ __device__ __forceinline__ TilePixel tile_pixel(const TileGrid& grid, std::int32
   return {x, y, index, x < grid.image_width && y < grid.image_height};
 }
 
+/// Writes the pixel's outputs.
 __device__ __forceinline__ void store_pixel(const BlendForwardArgs& args, const TilePixel& at,
                                             const PixelState<float>& pixel, std::int32_t last) {
-  const std::int64_t p = static_cast<std::int64_t>(at.y) * args.grid.image_width + at.x;
-  const float t = magnitude(pixel.transmittance);
-  args.out.color[3 * p] = pixel.red + t * args.background.x;
-  args.out.color[3 * p + 1] = pixel.green + t * args.background.y;
-  args.out.color[3 * p + 2] = pixel.blue + t * args.background.z;
-  args.out.depth[p] = pixel.depth;
-  args.out.alpha[p] = 1 - t;
-  args.transmittance[p] = t;
-  args.last_ids[p] = last;
+  store_blended(args, at.x, at.y,
+                {pixel.red, pixel.green, pixel.blue, pixel.depth, magnitude(pixel.transmittance), last});
 }
 
-/// Place in BucketParts of what the bucket that holds list entry `position` adds to a pixel.
+/// Index in BucketParts of a pixel's part for the bucket that contains list entry `position`.
 __device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                           std::int64_t position, std::int32_t pixel_index) {
   const TileShape shape = args.blend.grid.tile;
@@ -69,21 +65,22 @@ __device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCuda
   return bucket * (shape.width * shape.height) + pixel_index;
 }
 
-/// Keeps it. `part` has the transmittance behind the bucket.
+/// Stores a pixel's bucket part; part.transmittance is the transmittance behind the bucket.
 __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                   std::int64_t position, std::int32_t pixel_index,
                                                   const PixelState<float>& part) {
   const std::int64_t at = bucket_part_index(args, tile, position, pixel_index);
-  args.parts.light[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
+  args.parts.color[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
   if (args.parts.depth != nullptr) args.parts.depth[at] = part.depth;
 }
 
-/// Entries of a tile's list.
+/// Number of entries of a tile's list.
 __device__ __forceinline__ std::int32_t list_length(const BinnedSplats& bins, std::int32_t tile) {
   return static_cast<std::int32_t>(bins.tile_offsets[tile + 1] - bins.tile_offsets[tile]);
 }
 
-/// The next task of the pool, for all threads of the block. Two barriers: the ticket is there; everyone has read it.
+/// Takes the next task from the counter, for the whole block. Two barriers inside: all threads have read the previous
+/// ticket; the new one is written.
 __device__ __forceinline__ std::int32_t take_task(std::int32_t* next_task, std::int32_t& ticket) {
   __syncthreads();
   if (threadIdx.x == 0) ticket = atomicAdd(next_task, 1);
@@ -91,10 +88,11 @@ __device__ __forceinline__ std::int32_t take_task(std::int32_t* next_task, std::
   return ticket;
 }
 
-/// Whether a splat's box reaches a sub-tile of 8 x 4 pixels whose upper left pixel has its centre at (left, top).
+/// Whether a splat's bounding box contains a pixel centre of the sub-tile whose upper left pixel centre is (left, top).
 __device__ __forceinline__ bool reaches_sub_tile(float mean_x, float mean_y, float2 extent, float left, float top) {
-  return mean_x + extent.x >= left && mean_x - extent.x <= left + 7 && mean_y + extent.y >= top &&
-         mean_y - extent.y <= top + 3;
+  constexpr float kLastX = kSubTileWidth - 1, kLastY = kSubTileHeight - 1;
+  return mean_x + extent.x >= left && mean_x - extent.x <= left + kLastX && mean_y + extent.y >= top &&
+         mean_y - extent.y <= top + kLastY;
 }
 
 }  // namespace b3dgs::cuda

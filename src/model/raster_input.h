@@ -1,0 +1,36 @@
+// A scene's camera and a cloud of Gaussians in the form that the rasterizer takes.
+#pragma once
+
+#include "model/formats/splat_cloud.h"
+#include "raster/args.h"
+#include "scene/cameras/camera.h"
+
+namespace b3dgs {
+
+/// The camera in single precision, with its centre.
+inline PinholeView to_pinhole_view(const Camera& camera) {
+  PinholeView view{};
+  for (std::size_t i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(camera.cam_from_world.rotation[i]);
+  const auto to_float = [](const std::array<double, 3>& v) {
+    return Vec3f{static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
+  };
+  view.translation = to_float(camera.cam_from_world.translation);
+  view.center = to_float(camera.center());
+  view.fx = static_cast<float>(camera.fx);
+  view.fy = static_cast<float>(camera.fy);
+  view.cx = static_cast<float>(camera.cx);
+  view.cy = static_cast<float>(camera.cy);
+  view.width = camera.width;
+  view.height = camera.height;
+  return view;
+}
+
+/// Pointers into `cloud`, which has to outlive them.
+inline GaussianArrays to_gaussian_arrays(const SplatCloud& cloud) {
+  return {cloud.size(),       cloud.sh_degree,
+          cloud.means.data(), cloud.log_scales.data(),
+          cloud.quats.data(), cloud.logit_opacities.data(),
+          cloud.sh0.data(),   cloud.shN.data()};
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,131 @@
+#include "model/set_aside.h"
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kImagesPrefix = "ours_";
+
+/// N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
+int iteration_of(const std::string& name) {
+  const std::string prefix = kImagesPrefix;
+  int iteration = -1;
+  if (name.compare(0, prefix.size(), prefix) != 0) return -1;
+  const char *begin = name.data() + prefix.size(), *end = name.data() + name.size();
+  const auto result = std::from_chars(begin, end, iteration);
+  return result.ec == std::errc() && (result.ptr == end || *result.ptr == '_') ? iteration : -1;
+}
+
+Json read_json(const fs::path& path) {
+  std::ifstream file(path);
+  return Json::parse(file, nullptr, /*allow_exceptions=*/false);
+}
+
+/// Checkpoints, PLYs and folders of renders of later iterations.
+std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
+  std::vector<fs::path> files;
+  // The newest first: if this is interrupted, no remaining checkpoint is newer than one that was moved.
+  std::vector<int> checkpoints = folder.checkpoint_iterations();
+  std::reverse(checkpoints.begin(), checkpoints.end());
+  for (const int own : checkpoints) {
+    if (own > iteration) files.push_back(folder.checkpoint(own));
+  }
+  for (const int own : folder.ply_iterations()) {
+    if (own > iteration) files.push_back(folder.ply(own).parent_path());
+  }
+  for (const fs::path& set : folder.image_sets()) {
+    std::error_code error;
+    for (fs::directory_iterator it(set, error), end; !error && it != end; it.increment(error)) {
+      if (iteration_of(it->path().filename().string()) > iteration) files.push_back(it->path());
+    }
+  }
+  return files;
+}
+
+/// The entries of a results file up to the iteration, and those after it.
+std::pair<Json, Json> divide_results(const fs::path& path, int iteration) {
+  std::pair<Json, Json> parts{Json::object(), Json::object()};
+  const Json all = read_json(path);
+  if (!all.is_object()) return parts;
+  for (const auto& [key, value] : all.items()) {
+    (iteration_of(key) > iteration ? parts.second : parts.first)[key] = value;
+  }
+  return parts;
+}
+
+void write_json(const fs::path& path, const Json& json) {
+  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+/// The log's lines of later iterations.
+std::string later_lines(const fs::path& log, int iteration) {
+  std::string lines;
+  std::ifstream file(log);
+  for (std::string line; std::getline(file, line);) {
+    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+    const bool is_line = json.is_object() && json.contains("iteration") && json["iteration"].is_number_integer();
+    if (is_line && json["iteration"].get<std::int64_t>() > iteration) lines += line + "\n";
+  }
+  return lines;
+}
+
+void move_below(const fs::path& from, const ModelFolder& folder, const fs::path& aside) {
+  const fs::path to = aside / from.lexically_relative(folder.root());
+  create_folder(to.parent_path());
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (error) io_error(from.string(), ": cannot be moved to ", to.string(), ": ", error.message());
+}
+
+fs::path new_folder(const ModelFolder& folder, int iteration) {
+  const fs::path parent = folder.root() / "set_aside";
+  for (int i = 1;; ++i) {
+    const fs::path path = parent / detail::concat("after_iteration_", iteration, "_", i);
+    if (fs::exists(path)) continue;
+    create_folder(path);
+    return path;
+  }
+}
+
+}  // namespace
+
+fs::path set_aside_after(const ModelFolder& folder, int iteration) {
+  const std::vector<fs::path> files = later_files(folder, iteration);
+  std::vector<std::pair<fs::path, std::pair<Json, Json>>> results;
+  bool has_results = false;
+  for (const fs::path& path : folder.results()) {
+    results.emplace_back(path, divide_results(path, iteration));
+    has_results = has_results || !results.back().second.second.empty();
+  }
+  if (files.empty() && !has_results) return {};
+
+  const fs::path aside = new_folder(folder, iteration);
+  for (const auto& [path, parts] : results) {
+    if (parts.second.empty()) continue;
+    write_json(aside / path.filename(), parts.second);
+    write_json(path, parts.first);
+  }
+  if (const std::string lines = later_lines(folder.log(), iteration); !lines.empty()) {
+    write_file(aside / folder.log().filename(), lines);
+  }
+  for (const char* report : {"report.html", "report"}) {
+    if (fs::exists(folder.root() / report)) move_below(folder.root() / report, folder, aside);
+  }
+  for (const fs::path& path : files) move_below(path, folder, aside);
+  return aside;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,51 @@
+// From a splat's sums over pixels (SplatGrad) to the gradient by its Gaussian's stored parameters: the end of the
+// backward pass, one Gaussian at a time.
+#pragma once
+
+#include <cstdint>
+
+#include "raster/args.h"
+#include "raster/math/array_rows.h"
+#include "raster/math/opacity.h"
+#include "raster/math/projection.h"
+#include "raster/math/sh.h"
+
+namespace b3dgs {
+
+/// Gradient of the loss by one Gaussian's stored parameters and by its projected centre (1/px). All zero for a Gaussian
+/// that the view does not see. The gradient by SH coefficient k is basis_k(dir) * color and is not stored here.
+struct GaussianGrad {
+  Vec3f mean, log_scales;
+  Vec4f quat;
+  float logit_opacity;
+  Vec2f mean2d;
+  Vec3f color;  // by the colour before the clamp at 0
+  Vec3f dir;    // unit vector from the camera centre to the Gaussian
+  B3DGS_HD Vec3f sh0() const { return static_cast<float>(kSh0) * color; }
+};
+
+/// Gradient by Gaussian i, which the view sees. `sum` holds its splat's sums; bit c of `clamped` is set if colour
+/// channel c was clamped at 0, which stops that channel's gradient.
+B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
+                                    const Vec3f& camera_center, int sh_degree, const SplatGrad& sum, unsigned clamped) {
+  const Vec3f mean = load3(g.means, i);
+  const Vec3f point = to_camera(view, mean);
+  const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
+  const Projection<float> p = project_gaussian(view, point, shape.factor);
+  const ProjectionGrad<float> grad = project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
+                                                      Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
+  const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
+  const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
+                         clamped & 4u ? 0.0f : sum.blue};
+  const ShOffsetGrad<float> grad_sh =
+      sh_offset_grad(sh_degree, mean - camera_center, g.shN + rest_floats(g.sh_degree_max) * i, grad_color);
+  return {transpose_times(view.rotation, grad.point) + grad_sh.offset,
+          grad_shape.log_scales,
+          grad_shape.quat,
+          logit_grad(sum.q, g.logit_opacities[i]),
+          grad.mean2d,
+          grad_color,
+          grad_sh.dir};
+}
+
+}  // namespace b3dgs

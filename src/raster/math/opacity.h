@@ -1,0 +1,35 @@
+// Opacity is stored as a logit, x = ln(o / (1 - o)): conversions, and its gradient.
+#pragma once
+
+#include <cmath>
+
+#include "core/vec.h"
+
+namespace b3dgs {
+
+/// Inverse of the logistic function, for 0 < probability < 1.
+inline float logit(double probability) {
+  return static_cast<float>(std::log(probability / (1 - probability)));
+}
+
+/// log2(sigmoid(logit)), accurate in both tails.
+B3DGS_HD float log2_sigmoid(float logit) {
+  constexpr float kLog2e = 1.44269504f;
+#if defined(__CUDA_ARCH__)
+  const float tail = log1pf(__expf(-fabsf(logit)));  // __expf loses accuracy only where its value is far below 1
+#else
+  const float tail = std::log1p(std::exp(-std::fabs(logit)));
+#endif
+  return -kLog2e * (logit >= 0 ? tail : tail - logit);
+}
+
+/// dL/d(logit) from q = dL/d(ln opacity): d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = 1 / (1 + e^x).
+B3DGS_HD float logit_grad(float q, float logit) {
+#if defined(__CUDA_ARCH__)
+  return q / (1 + __expf(logit));
+#else
+  return q / (1 + std::exp(logit));
+#endif
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,81 @@
+// Density control behind one interface: which Gaussians are added and removed while a model is trained.
+//
+// In each iteration the trainer asks plan() what there is to do, and then calls, in this order:
+//   after_step()       right after the optimizer moved the Gaussians: statistics of the view, noise
+//   plan_round()       after the iteration's log line, evaluation and PLY: which rows stay and which are new
+//   lower_opacities()  after the round: an opacity reset, or a decay
+// The strategy decides; the trainer applies the RowEdit to parameters, Adam moments and statistics, keeps the model
+// within memory, and repeats a round that ran out of it.
+//
+// A strategy has no state of its own. What it remembers of a Gaussian is a column of DensityStatistics, which row edits
+// and checkpoints carry along; random numbers follow from (seed, purpose, iteration, row), see core/random.h. So a
+// resumed training continues bit for bit.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "raster/torch/gaussian_tensors.h"
+#include "train/config/train_config.h"
+#include "train/density/density_statistics.h"
+#include "train/density/row_edit.h"
+#include "train/optimizer/adam.h"
+
+namespace b3dgs {
+
+/// What a strategy does in one iteration.
+struct DensityPlan {
+  bool after_step = false;  // after_step() has work to do
+  bool densify = false;     // a round of densification and pruning
+  bool lower_opacities = false;
+};
+
+/// The optimizer step that was just taken.
+struct DensityStep {
+  int iteration = 0;  // counted from 1
+  const ViewStatistics& view;
+  std::int32_t width = 0, height = 0;  // px, of the view
+};
+
+/// One round of densification and pruning.
+struct DensityRound {
+  RowEdit edit;
+  std::int64_t n_cloned = 0, n_split = 0, n_pruned = 0;
+  std::int64_t n_over_limit = 0;  // candidates that were not added because of the limit
+};
+
+class DensityStrategy {
+ public:
+  virtual ~DensityStrategy() = default;
+
+  /// Zero statistics of `n_gaussians`; with further columns if the strategy needs more than the common ones.
+  virtual DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const;
+
+  virtual DensityPlan plan(int iteration) const = 0;
+
+  /// May change parameters in place. Must neither allocate nor fail: a step that fails is rolled back, and this comes
+  /// after its first change.
+  virtual void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics& statistics) const = 0;
+
+  /// Changes nothing. The edit leaves at most `max_gaussians` rows (0 = no limit), or adds none if there are more
+  /// already. The statistics are set to 0 once the edit is applied.
+  virtual DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
+                                  std::int64_t max_gaussians) const = 0;
+
+  /// In place.
+  virtual void lower_opacities(int iteration, GaussianTensors& gaussians, AdamState& adam) const = 0;
+
+  /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:
+  /// kernel checks wait.
+  virtual bool is_recovering(int iteration) const = 0;
+};
+
+/// The strategy used unless another is asked for.
+inline constexpr const char* kDefaultDensityStrategy = "original";
+
+/// The strategy of that name. `extent` is the scene's, world units. @throws LogicError if there is none
+std::unique_ptr<DensityStrategy> make_density_strategy(const std::string& name, const TrainConfig& config,
+                                                       double extent);
+
+}  // namespace b3dgs

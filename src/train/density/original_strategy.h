@@ -1,0 +1,52 @@
+// Adaptive density control of the original 3DGS (Kerbl et al. 2023, section 5): Gaussians with a large gradient of
+// their projected centre are cloned if small and split if large; transparent and oversized ones are pruned; opacities
+// are reset at intervals.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "raster/torch/gaussian_tensors.h"
+#include "train/config/train_config.h"
+#include "train/density/density_statistics.h"
+#include "train/density/density_strategy.h"
+#include "train/optimizer/adam.h"
+
+namespace b3dgs {
+
+/// `extent` is the scene's, world units.
+std::unique_ptr<DensityStrategy> make_original_strategy(const TrainConfig& config, double extent);
+
+// Its parts, as functions of their arguments alone.
+
+/// The schedule of the original; iterations are counted from 1.
+DensityPlan density_plan(const TrainConfig& config, int iteration);
+
+/// Whether opacities were reset within the last 500 iterations before this one, or half the reset interval if that is
+/// less. After that most have recovered.
+bool is_after_opacity_reset(const TrainConfig& config, int iteration);
+
+/// Thresholds of one round.
+struct DensityRule {
+  double grad_threshold = 0;       // mean gradient norm from which a Gaussian is cloned or split, half image sizes
+  double split_scale = 0;          // world units: larger Gaussians are split, others cloned
+  double prune_opacity = 0;        // Gaussians below it are removed
+  double prune_scale = 0;          // world units; Gaussians above it are removed; 0 = none
+  double prune_radius = 0;         // px on screen; Gaussians above it are removed; 0 = none
+  std::int64_t max_gaussians = 0;  // 0 = no limit
+};
+
+/// `extent` is the scene's, world units.
+DensityRule density_rule(const TrainConfig& config, double extent, int iteration);
+
+/// One round, in the order of the original: clones (exact copies) from the gradients, then splits (the parent is
+/// replaced by 2 samples of itself, 1.6 times smaller), never of this round's clones, then pruning of old and new rows.
+/// With more candidates than max_gaussians has room for, those with the largest gradients are taken, and of equal ones
+/// the first. Samples are drawn per row: the same for any number of threads.
+DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& statistics, const DensityRule& rule,
+                     std::int64_t seed, int iteration);
+
+/// Lowers every opacity to at most 0.01 and zeroes the Adam moments of the opacities.
+void reset_opacities(GaussianTensors& gaussians, AdamState& adam);
+
+}  // namespace b3dgs

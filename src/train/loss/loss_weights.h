@@ -1,0 +1,15 @@
+// The options that weight the terms of the loss.
+#pragma once
+
+#include "train/config/train_config.h"
+#include "train/loss/loss_args.h"
+
+namespace b3dgs {
+
+inline LossWeights loss_weights(const TrainConfig& config) {
+  LossWeights weights;
+  weights.dssim = config.lambda_dssim;
+  return weights;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,158 @@
+#include "train/output/train_recorder.h"
+
+#include <algorithm>
+#include <cstdio>
+
+#include "model/disk_space.h"
+#include "train/checkpoint/checkpoint.h"
+
+namespace b3dgs {
+
+void TrainRecorder::resume_from(const std::filesystem::path& checkpoint, double elapsed_s) {
+  resumed_s_ = elapsed_s;
+  outputs_.checkpoint = checkpoint;
+}
+
+void TrainRecorder::report_progress(const char* activity) const {
+  if (!source_.listeners.on_progress) return;
+  TrainProgress progress;
+  progress.iteration = source_.state.iteration;
+  progress.iterations = source_.config.iterations;
+  progress.loss = source_.state.loss_average;
+  progress.n_gaussians = source_.state.gaussians.size();
+  progress.held_at = source_.state.held_at;
+  progress.elapsed_s = source_.time.train_s();
+  progress.activity = activity;
+  source_.listeners.on_progress(progress);
+}
+
+void TrainRecorder::say(const std::string& message) const {
+  if (source_.listeners.on_message) source_.listeners.on_message(message);
+}
+
+void TrainRecorder::warn(const std::string& message) const {
+  if (source_.listeners.on_warning) source_.listeners.on_warning(message);
+}
+
+void TrainRecorder::open_log() {
+  log_ = std::make_unique<TrainLog>(source_.folder.log(), source_.state.iteration);
+  logged_iteration_ = staged_iteration_ = source_.state.iteration;
+}
+
+void TrainRecorder::log_event(int iteration, const char* event, const nlohmann::ordered_json& fields) {
+  if (log_) log_->write_event(iteration, event, fields);
+}
+
+void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
+                                  const std::string& backward_kernel) {
+  const TrainState& state = source_.state;
+  TrainLogLine line;
+  line.test_quality = test_quality;
+  line.iteration = state.iteration;
+  line.loss = state.loss_average;
+  line.ms = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
+  logged_ms_ = line.ms;
+  line.count = state.gaussians.size();
+  line.peak_memory_bytes = source_.memory.use().peak_reserved;
+  line.elapsed_s = elapsed_s();
+  collect_stage_times();
+  line.stages = stages_.take(state.iteration - staged_iteration_);
+  if (line.stages) staged_iteration_ = state.iteration;
+  line.kernel = kernel;
+  line.backward_kernel = backward_kernel;
+  log_->write(line);
+  if (const std::string fault = log_->take_fault(); !fault.empty()) {
+    warn(fault + "; log lines are kept in memory until it can be written");
+  }
+  logged_iteration_ = state.iteration;
+  logged_s_ = source_.time.train_s();
+}
+
+void TrainRecorder::add_evaluation(const Evaluation& evaluation, const EvaluationSource& source) {
+  const int iteration = source_.state.iteration;
+  outputs_.evaluations.emplace_back(iteration, evaluation);
+  try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
+  char text[120];
+  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", iteration,
+                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
+  say(text);
+}
+
+double TrainRecorder::step_ms() const {
+  if (logged_ms_ > 0 || source_.state.iteration == 0) return logged_ms_;
+  return 1e3 * elapsed_s() / source_.state.iteration;
+}
+
+void TrainRecorder::add_stage_times(const std::vector<StageTimes>& known) {
+  for (const StageTimes& times : known) {
+    stages_.add(times);
+    if (source_.listeners.on_stage_times) source_.listeners.on_stage_times(times);
+  }
+}
+
+bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
+  const std::optional<std::int64_t> limit = source_.memory.limit();
+  // The same amount again is left to the training.
+  return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
+}
+
+void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
+  const int iteration = source_.state.iteration;
+  writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
+                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
+  if (!is_end()) return;
+  writer_.wait();
+  collect_files();
+}
+
+void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint) {
+  checkpoint_s_ = source_.time.train_s();
+  const std::filesystem::path path = source_.folder.checkpoint(whole.iteration);
+  writer_.write_checkpoint({WrittenFile::Kind::kCheckpoint, whole.iteration, path, ""},
+                           checkpoint_header(source_.config, whole, scene_fingerprint), checkpoint_tensors(whole),
+                           has_room_for_copy(checkpoint_bytes(whole.gaussians.size(), source_.config.sh_degree)));
+  if (!is_end()) return;
+  writer_.wait();
+  collect_files();
+}
+
+bool TrainRecorder::is_checkpoint_due() const {
+  const double interval_s = 60 * source_.config.checkpoint_minutes;
+  return interval_s > 0 && !writer_.is_busy() && source_.time.train_s() - checkpoint_s_ >= interval_s;
+}
+
+void TrainRecorder::collect_files() {
+  const TrainState& state = source_.state;
+  for (WrittenFile& file : writer_.take()) {
+    const bool is_checkpoint = file.kind == WrittenFile::Kind::kCheckpoint;
+    if (!file.error.empty()) {
+      outputs_.not_written.push_back(file.path);
+      if (is_end() && file.iteration == state.iteration) {
+        failed_.push_back(file);
+      } else {
+        warn(file.error + (is_checkpoint
+                               ? "; training continues, the next checkpoint is written as scheduled" + last_checkpoint()
+                               : "; training continues without this PLY"));
+      }
+    } else if (is_checkpoint) {
+      outputs_.checkpoint = file.path;
+      remove_superseded_checkpoints(source_.folder, state.training_id, file.iteration, source_.config.keep_checkpoints);
+    } else {
+      outputs_.ply = file.path;
+    }
+  }
+}
+
+void TrainRecorder::finish_files() {
+  writer_.wait();
+  collect_files();
+  if (!failed_.empty()) {
+    throw IoError(failed_.front().error + "; free some space and continue with --resume auto" + last_checkpoint());
+  }
+}
+
+std::string TrainRecorder::last_checkpoint() const {
+  return "; last checkpoint: " + (outputs_.checkpoint.empty() ? "none was written" : outputs_.checkpoint.string());
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,121 @@
+// Records a training: lines of train.jsonl, evaluations, PLYs and checkpoints, and messages to the user. It reads the
+// training's state and never changes it.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/check.h"
+#include "model/model_folder.h"
+#include "train/checkpoint/train_state.h"
+#include "train/config/train_config.h"
+#include "train/memory/memory_source.h"
+#include "train/output/output_writer.h"
+#include "train/output/train_events.h"
+#include "train/output/train_log.h"
+#include "train/timing/stage_timer.h"
+#include "train/timing/time_account.h"
+
+namespace b3dgs {
+
+class TrainRecorder {
+ public:
+  /// What is recorded; everything must outlive the recorder.
+  struct Source {
+    const TrainConfig& config;
+    const ModelFolder& folder;
+    const TrainListeners& listeners;
+    const TrainState& state;
+    const TimeAccount& time;
+    MemorySource& memory;
+    StageTimer& timer;
+  };
+
+  TrainRecorder(const Source& source, torch::Device device) : source_(source), writer_(device) {}
+
+  /// The training continues from this checkpoint, after `elapsed_s` seconds of training.
+  void resume_from(const std::filesystem::path& checkpoint, double elapsed_s);
+
+  // Messages and progress.
+  void report_progress(const char* activity) const;
+  void say(const std::string& message) const;
+  void warn(const std::string& message) const;
+  /// Calls `write`; an IoError becomes a warning.
+  template <class Write>
+  void try_to_write(Write&& write) const {
+    try {
+      write();
+    } catch (const IoError& error) {
+      warn(error.what());
+    }
+  }
+
+  // train.jsonl. Events before open_log() are dropped.
+  void open_log();
+  bool is_log_open() const { return log_ != nullptr; }
+  void log_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
+  /// The line of this iteration. Kernel names may be empty: then there is no choice.
+  void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
+                     const std::string& backward_kernel);
+  /// Writes the results files, and a message. `source` says what was evaluated.
+  void add_evaluation(const Evaluation& evaluation, const EvaluationSource& source);
+
+  // Times.
+  /// Of training over all sessions, s.
+  double elapsed_s() const { return resumed_s_ + source_.time.train_s(); }
+  /// Duration of a step in the last log interval, or on average over the whole training, ms; 0 before the first step.
+  double step_ms() const;
+  /// Passes stage times that are known by now to the log and the listener.
+  void collect_stage_times() { add_stage_times(source_.timer.take()); }
+  void wait_for_stage_times() { add_stage_times(source_.timer.wait()); }
+
+  // PLYs and checkpoints. They are written in the background, unless this is the end: after the last iteration, or
+  // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
+  void set_ending(bool is_ending) { is_ending_ = is_ending; }
+  void write_ply(const GaussianTensors& gaussians);
+  /// The last PLY is that of this iteration, written by an earlier session.
+  void use_existing_ply() { outputs_.ply = source_.folder.ply(source_.state.iteration); }
+  /// `whole` is the state without deferred updates, with the elapsed time.
+  void write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint);
+  /// --checkpoint_minutes have passed since the last checkpoint, and no file is being written.
+  bool is_checkpoint_due() const;
+  bool is_writing() const { return writer_.is_busy(); }
+  void wait_for_files() { writer_.wait(); }
+  /// Handles files that have been written, or could not be, since the last call: warns, and removes superseded
+  /// checkpoints.
+  void collect_files();
+  /// Waits for all files. @throws IoError if a file of the last iteration could not be written
+  void finish_files();
+  /// Files of the last iteration that could not be written.
+  const std::vector<WrittenFile>& failed_files() const { return failed_; }
+  const TrainOutputs& outputs() const { return outputs_; }
+  /// "; last checkpoint: PATH", to be appended to an error.
+  std::string last_checkpoint() const;
+
+ private:
+  bool is_end() const { return source_.state.iteration == source_.config.iterations || is_ending_; }
+  /// Whether tensors of this size should be copied on the device, to be written in the background.
+  bool has_room_for_copy(std::int64_t bytes) const;
+  void add_stage_times(const std::vector<StageTimes>& known);
+
+  const Source source_;
+  OutputWriter writer_;
+  TrainOutputs outputs_;
+  std::vector<WrittenFile> failed_;
+  std::unique_ptr<TrainLog> log_;
+  StageAverage stages_;
+  bool is_ending_ = false;
+  double resumed_s_ = 0;      // of training before this session
+  double checkpoint_s_ = 0;   // time.train_s() at the last checkpoint
+  int logged_iteration_ = 0;  // of the last log line
+  double logged_s_ = 0;       // time.train_s() at that line
+  double logged_ms_ = 0;      // of a step before that line; 0 = no line in this session
+  int staged_iteration_ = 0;  // of the last line with stage times
+};
+
+}  // namespace b3dgs

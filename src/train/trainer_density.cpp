@@ -1,0 +1,147 @@
+// Density control within the available memory. If a round, or the views after it, would not fit, the number of
+// Gaussians is held and training continues with those that there are.
+
+#include <algorithm>
+
+#include "core/text.h"
+#include "train/trainer_impl.h"
+
+namespace b3dgs {
+
+void Trainer::Impl::control_density() {
+  const DensityPlan plan = density->plan(state.iteration);
+  if (plan.densify) {
+    recorder.report_progress("densifying");
+    timer.start(StageTimes::Kind::kDensityRound);
+    flush();
+    run_density_round();
+    timer.finish();
+    if (state.gaussians.size() == 0) {
+      is_consistent = false;
+      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
+                                        "lower --prune_opacity or the learning rates"));
+    }
+  }
+  if (plan.lower_opacities) density->lower_opacities(state.iteration, state.gaussians, state.adam);
+  state.is_density_pending = false;
+}
+
+std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
+  const std::optional<std::int64_t> limit = memory->limit();
+  if (!limit) return std::nullopt;
+  const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes();
+  const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
+  return largest_count(limits, gaussian_memory(state, view_memory(step_settings()), view_ratios));
+}
+
+void Trainer::Impl::hold_count(std::int64_t count) {
+  constexpr double kNoteworthy = 0.99;  // of the count logged before
+  const bool is_news =
+      state.held_at == 0 || static_cast<double>(count) < kNoteworthy * static_cast<double>(state.held_at);
+  state.held_at = count;
+  if (!is_news) return;
+  recorder.say("held at " + format_count(count) + " Gaussians: GPU memory");
+  recorder.log_event(state.iteration, "held",
+                     {{"reason", "GPU memory"},
+                      {"count", count},
+                      {"in_use_bytes", memory->use().in_use},
+                      {"limit_bytes", memory->limit().value_or(0)}});
+}
+
+bool Trainer::Impl::can_grow_again(std::int64_t room) const {
+  // With less the count would be held again at each round.
+  constexpr double kWorthwhile = 1.05;
+  // A deterministic training must not depend on how much memory is free.
+  if (config.deterministic || growth_has_failed) return false;
+  return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
+}
+
+void Trainer::Impl::plan_and_apply_round() {
+  const std::int64_t before = state.gaussians.size();
+  const std::int64_t room = room_for_gaussians().value_or(0);
+  if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
+  const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
+  const std::int64_t limit = smaller_limit(allowed, room);
+  const DensityRound round = density->plan_round(state.gaussians, state.statistics, state.iteration, limit);
+  if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
+
+  const std::int64_t n_rows = round.edit.sources.size(0);
+  // Spare capacity, so that most rounds reallocate nothing, but within the limit.
+  constexpr std::int64_t kSparePart = 8;
+  std::int64_t n_room = n_rows + n_rows / kSparePart;
+  if (limit > 0) n_room = std::max(n_rows, std::min(n_room, limit));
+  try {
+    row_editor.reserve(round.edit, n_room, state.gaussians, state.adam, state.statistics);
+  } catch (const OutOfMemoryError&) {
+    if (n_room == n_rows) throw;
+    row_editor.reserve(round.edit, n_rows, state.gaussians, state.adam, state.statistics);
+  }
+  is_consistent = false;
+  row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
+  for (torch::Tensor* statistic : state.statistics.all()) statistic->zero_();
+  is_consistent = true;
+}
+
+void Trainer::Impl::run_density_round() {
+  view_ratios.begin_round();
+  try {
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
+  } catch (const OutOfMemoryError&) {
+    growth_has_failed = true;
+    hold_count(state.gaussians.size());
+    // Once more without growth: pruning still takes place.
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
+  }
+  trim_memory();
+}
+
+MemoryRemedy Trainer::Impl::wait_for_files() {
+  return [this] {
+    if (!recorder.is_writing()) return false;
+    recorder.wait_for_files();  // frees the copies on the device that they are written from
+    return true;
+  };
+}
+
+MemoryRemedy Trainer::Impl::free_scratch() {
+  return [this] {
+    rasterizer.release_memory();
+    memory->release_unused();
+    return true;
+  };
+}
+
+MemoryRemedy Trainer::Impl::release_photographs() {
+  return [this] {
+    // About the size of the model's largest tensor, since the next views may need that much again.
+    constexpr std::int64_t kAtLeast = std::int64_t{256} << 20;
+    const std::int64_t freed = images.release_resident(std::max(kAtLeast, state_bytes(state) / 4));
+    if (freed == 0) return false;
+    memory->release_unused();
+    recorder.say("fewer photographs stay on the GPU: memory is short");
+    return true;
+  };
+}
+
+void Trainer::Impl::trim_memory() {
+  if (keeps_too_much(memory->use())) memory->release_unused();
+}
+
+std::optional<MemoryForecast> Trainer::forecast_memory() {
+  Impl& own = *impl_;
+  const std::optional<std::int64_t> limit = own.memory->limit();
+  if (!limit) return std::nullopt;
+  if (own.state.gaussians.size() == 0) own.initialize_model();
+  const GaussianMemory each = gaussian_memory(own.state, view_memory(own.step_settings()), own.view_ratios);
+  const double n = static_cast<double>(own.state.gaussians.size());
+  const MemoryUse use = own.memory->use();
+  MemoryForecast forecast;
+  forecast.limit = *limit;
+  forecast.model = static_cast<std::int64_t>(n * (each.state + each.step));
+  forecast.pairs = static_cast<std::int64_t>(n * each.view);
+  forecast.photographs = std::max<std::int64_t>(0, use.in_use - state_bytes(own.state));
+  forecast.largest_count = largest_count({*limit, forecast.photographs}, each);
+  return forecast;
+}
+
+}  // namespace b3dgs

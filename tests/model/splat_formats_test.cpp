@@ -1,0 +1,78 @@
+#include "model/formats/splat_formats.h"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "core/check.h"
+#include "model/formats/ply.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+SplatCloud two_gaussians() {
+  SplatCloud cloud;
+  cloud.means = {0, 1, 2, -3, 4, 5};
+  cloud.log_scales = {-3, -4, -5, -3, -3, -3};
+  cloud.quats = {1, 0, 0, 0, 0.5f, 0.5f, 0.5f, 0.5f};
+  cloud.logit_opacities = {2, -2};
+  cloud.sh0 = {0.1f, 0.2f, 0.3f, -0.1f, -0.2f, -0.3f};
+  return cloud;
+}
+
+// Formats may be lossy, so only positions are compared, and not exactly.
+TEST(SplatFormats, EachReadsWhatItWrites) {
+  const test::TempDir folder;
+  const SplatCloud cloud = two_gaussians();
+  ASSERT_FALSE(splat_formats().empty());
+  for (const SplatFormat& format : splat_formats()) {
+    const fs::path path = folder / (std::string("a") + format.extension);
+    write_splats(path, cloud);
+    EXPECT_TRUE(holds_splats(path)) << format.name;
+    const SplatCloud back = read_splats(path);
+    ASSERT_EQ(back.size(), 2) << format.name;
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(back.means[i], cloud.means[i], 1e-2) << format.name;
+    EXPECT_EQ(back.shN.size(), 6u * static_cast<std::size_t>(sh_coefficient_count(back.sh_degree) - 1)) << format.name;
+  }
+}
+
+TEST(SplatFormats, EachRejectsADamagedFile) {
+  const test::TempDir folder;
+  for (const SplatFormat& format : splat_formats()) {
+    const fs::path path = folder / (std::string("a") + format.extension);
+    write_splats(path, two_gaussians());
+    const std::string whole = test::read_bytes(path);
+    test::write_bytes(path, whole.substr(0, whole.size() - 1));
+    EXPECT_TRUE(test::fails_with<InputError>({path.string()}, [&] { read_splats(path); })) << format.name;
+  }
+}
+
+TEST(SplatFormats, AreFoundByExtension) {
+  std::set<std::string> extensions;
+  for (const SplatFormat& format : splat_formats()) {
+    EXPECT_TRUE(extensions.insert(format.extension).second) << format.extension << " is there twice";
+    EXPECT_EQ(find_splat_format(std::string("folder/a") + format.extension), &format);
+  }
+  EXPECT_EQ(find_splat_format("A.PLY"), &splat_formats().front());
+  EXPECT_EQ(find_splat_format("ply"), nullptr);
+  EXPECT_EQ(find_splat_format("a.ply.zip"), nullptr);
+}
+
+TEST(SplatFormats, OtherExtensionsAreReadAsPlyAndNotWritten) {
+  const test::TempDir folder;
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"a.xyz", ".ply (PLY)"}, [&] { write_splats(folder / "a.xyz", two_gaussians()); }));
+  write_splat_ply(folder / "a.xyz", two_gaussians());
+  EXPECT_EQ(read_splats(folder / "a.xyz").means, two_gaussians().means);
+  EXPECT_TRUE(holds_splats(folder / "a.xyz"));
+  write_point_ply(folder / "points.ply", {{1, 2, 3}, {4, 5, 6}});
+  EXPECT_FALSE(holds_splats(folder / "points.ply"));
+}
+
+}  // namespace
+}  // namespace b3dgs
