@@ -59,7 +59,7 @@ std::string unknown_option(const std::string& key) {
     if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
   });
   const std::string nearest = nearest_name(key, names);
-  return nearest.empty() ? "see b3dgs train --help" : "did you mean " + nearest + "?";
+  return nearest.empty() ? "see b3dgs train --help-all" : "did you mean " + nearest + "?";
 }
 
 bool is_list(const std::string& name) {
