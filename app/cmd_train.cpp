@@ -185,7 +185,8 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
                                 : "";
   std::printf("%-12s%d iterations%s in %s (%s in total), %s Gaussians\n", "trained",
               result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
-              format_duration(total_s).c_str(), format_count(result.n_gaussians).c_str());
+              format_duration(total_s).c_str(),
+              format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
   if (result.peak_memory_bytes > 0) {
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
                 format_gigabytes(result.peak_memory_bytes).c_str());

@@ -226,7 +226,7 @@ TEST_F(SplatPly, RejectsANumberOfRestCoefficientsOfNoDegree) {
 TEST_F(SplatPly, RejectsCountsThatTheFileCannotHold) {
   const std::string row(14 * 4, '\x3f');
   EXPECT_TRUE(refuses(header("binary_little_endian", 2000000000, kDegree0) + row,
-                      {"2000000000 rows of element vertex", "only 56"}));
+                      {"2000000000 rows of element vertex", "found 56 bytes"}));
   EXPECT_TRUE(refuses(header("binary_little_endian", 2, kDegree0) + row + row.substr(1), {"2 rows of element vertex"}));
   EXPECT_TRUE(refuses(header("binary_little_endian", 1, kDegree0) + row + "x", {"1 bytes follow"}));
   EXPECT_TRUE(refuses(header("ascii", 1000000, kDegree0) + "1 1 1\n", {"1000000 rows"}));

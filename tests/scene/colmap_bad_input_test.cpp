@@ -71,7 +71,7 @@ TEST_F(DamagedModel, RejectsTruncatedPointsFile) {
   std::string bytes = content("points3D.bin");
   bytes.replace(bytes.size() - 8, 8, bytes_of<std::uint64_t>(2));
   replace("points3D.bin", bytes + std::string(8, '\1'));
-  EXPECT_TRUE(refuses({file("points3D.bin"), "2 track elements", "only 8 bytes"}));
+  EXPECT_TRUE(refuses({file("points3D.bin"), "2 track elements", "found 8 bytes"}));
 }
 
 TEST_F(DamagedModel, RejectsCountsLargerThanTheFileBeforeAllocating) {

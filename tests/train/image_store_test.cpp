@@ -28,7 +28,7 @@ TEST(UploadSlots, UploadEachWantedViewOnceAndKeepItsSlot) {
   EXPECT_EQ(second[0].slot, slot_of_4) << "the slot of the view that is not wanted any more";
   EXPECT_EQ(slots.slot_of(7), slot_of_7);
   EXPECT_EQ(slots.slot_of(4), -1);
-  EXPECT_TRUE(test::fails_with<LogicError>({"4 views want 3 slots"}, [&] { slots.assign({1, 2, 3, 4}); }));
+  EXPECT_TRUE(test::fails_with<LogicError>({"4 views for 3 slots"}, [&] { slots.assign({1, 2, 3, 4}); }));
 }
 
 TEST(UploadSlots, UploadTwoStepsAheadInAnyOrderOfViews) {

@@ -242,7 +242,7 @@ TEST(ImageFault, ReportsWhatRoundingCannotExplain) {
   flipped.image.color[10] += 0.004;  // a flip in each pixel of a row
   EXPECT_NE(image_fault(flipped.image, flipped.reference), "");
   wrong.image.color[99][199][2] += 0.5;  // in a single pixel
-  EXPECT_NE(image_fault(wrong.image, wrong.reference).find("1 pixels, by up to 0.5"), std::string::npos);
+  EXPECT_NE(image_fault(wrong.image, wrong.reference).find("1 pixels by up to 0.5"), std::string::npos);
   faded.image.alpha[0][0] -= 0.1;
   EXPECT_NE(image_fault(faded.image, faded.reference), "");
   hole.image.color[5][5][0] = std::numeric_limits<float>::quiet_NaN();

@@ -26,6 +26,17 @@ using test::eventful_config;
 using test::train;
 using test::Trained;
 
+TEST(Trainer, TellsTheSizeOfTheSavedModel) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = eventful_config();
+  config.iterations = 10;
+  ASSERT_TRUE(density_plan(config, config.iterations).densify) << "the PLY is written before this round";
+  const TrainResult result = train(config, scene, temp / "model").result;
+  EXPECT_EQ(result.n_saved, read_splat_ply(result.ply).size());
+  EXPECT_NE(result.n_gaussians, result.n_saved);
+}
+
 TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;

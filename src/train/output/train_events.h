@@ -34,7 +34,8 @@ struct TrainListeners {
 
 /// Files and evaluations of this session.
 struct TrainOutputs {
-  std::filesystem::path ply, checkpoint;                // last ones written
+  std::filesystem::path ply, checkpoint;  // last ones written
+  std::int64_t n_saved = 0;  // Gaussians in the last PLY; density control of the last iteration comes after it
   std::vector<std::filesystem::path> not_written;       // the system refused, e.g. because the disk is full
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
 };

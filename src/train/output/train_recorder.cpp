@@ -98,6 +98,7 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
 
 void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
   const int iteration = source_.state.iteration;
+  outputs_.n_saved = gaussians.size();
   writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
                     has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
   if (!is_end()) return;
