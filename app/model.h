@@ -6,12 +6,12 @@
 #include <vector>
 
 #include "app/terminal/progress.h"
+#include "config/train_config.h"
 #include "core/config.h"
 #include "model/formats/splat_cloud.h"
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 

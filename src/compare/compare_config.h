@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "train/config/train_config.h"
+#include "config/train_config.h"
 
 namespace b3dgs {
 

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "config/train_config.h"
 #include "model/evaluation.h"
 #include "scene/scene.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "config/train_config.h"
 #include "report/train_log_reader.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 

@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
+#include "config/train_config.h"
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/config/train_config.h"
 #include "train/loss/metrics.h"
 
 namespace b3dgs {

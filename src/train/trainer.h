@@ -9,9 +9,9 @@
 #include <string>
 
 #include "adaptive/kernel_timer.h"
+#include "config/train_config.h"
 #include "model/model_folder.h"
 #include "scene/scene.h"
-#include "train/config/train_config.h"
 #include "train/evaluate.h"
 #include "train/memory/memory_source.h"
 #include "train/output/train_events.h"

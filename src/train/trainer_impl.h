@@ -12,11 +12,11 @@
 #include <utility>
 #include <vector>
 
+#include "config/output_plan.h"
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
 #include "train/checkpoint/train_state.h"
-#include "train/config/output_plan.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
 #include "train/device.h"

@@ -3,10 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include "config/train_config.h"
 #include "core/files/atomic_file.h"
 #include "data_synth/synth_config.h"
 #include "support/temp_dir.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 namespace {

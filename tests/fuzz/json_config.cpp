@@ -1,7 +1,7 @@
 // Training configurations as JSON: config.json, --config and the header of checkpoints.
+#include "config/train_config.h"
 #include "core/json_text.h"
 #include "fuzz/fuzz_target.h"
-#include "train/config/train_config.h"
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   const nlohmann::ordered_json json = parse_json(bytes);

@@ -2,11 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include "config/view_order.h"
 #include "core/check.h"
 #include "support/expect_error.h"
 #include "support/train/disk_scene.h"
 #include "support/train/tiny_scene.h"
-#include "train/config/view_order.h"
 #include "train/images/upload_slots.h"
 
 namespace b3dgs {

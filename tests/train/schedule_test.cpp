@@ -7,9 +7,9 @@
 #include <numeric>
 #include <set>
 
+#include "config/output_plan.h"
+#include "config/view_order.h"
 #include "core/random.h"
-#include "train/config/output_plan.h"
-#include "train/config/view_order.h"
 #include "train/optimizer/lr_schedule.h"
 
 namespace b3dgs {

@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "train/config/train_config.h"
-#include "train/config/view_order.h"
+#include "config/train_config.h"
+#include "config/view_order.h"
 
 namespace b3dgs {
 

@@ -9,10 +9,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include "config/train_config.h"
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/checkpoint/train_state.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 

@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "config/view_order.h"
 #include "raster/torch/gaussian_tensors.h"
-#include "train/config/view_order.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
 

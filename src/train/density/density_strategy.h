@@ -16,8 +16,8 @@
 #include <memory>
 #include <string>
 
+#include "config/train_config.h"
 #include "raster/torch/gaussian_tensors.h"
-#include "train/config/train_config.h"
 #include "train/density/density_statistics.h"
 #include "train/density/row_edit.h"
 #include "train/optimizer/adam.h"

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <memory>
 
+#include "config/train_config.h"
 #include "raster/torch/gaussian_tensors.h"
-#include "train/config/train_config.h"
 #include "train/density/density_statistics.h"
 #include "train/density/density_strategy.h"
 #include "train/optimizer/adam.h"

@@ -1,9 +1,9 @@
 // The initial Gaussians of a training.
 #pragma once
 
+#include "config/train_config.h"
 #include "model/formats/splat_cloud.h"
 #include "scene/scene.h"
-#include "train/config/train_config.h"
 
 namespace b3dgs {
 

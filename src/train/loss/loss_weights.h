@@ -1,7 +1,7 @@
 // The options that weight the terms of the loss.
 #pragma once
 
-#include "train/config/train_config.h"
+#include "config/train_config.h"
 #include "train/loss/loss_args.h"
 
 namespace b3dgs {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "train/config/train_config.h"
+#include "config/train_config.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {

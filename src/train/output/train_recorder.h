@@ -10,10 +10,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include "config/train_config.h"
 #include "core/check.h"
 #include "model/model_folder.h"
 #include "train/checkpoint/train_state.h"
-#include "train/config/train_config.h"
 #include "train/memory/memory_source.h"
 #include "train/output/output_writer.h"
 #include "train/output/train_events.h"

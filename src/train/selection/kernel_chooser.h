@@ -12,7 +12,7 @@
 
 #include "adaptive/kernel_selector.h"
 #include "adaptive/kernel_timer.h"
-#include "train/config/train_config.h"
+#include "config/train_config.h"
 #include "train/selection/blend_pass.h"
 
 namespace b3dgs {

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "train/config/train_config.h"
+#include "config/train_config.h"
 
 namespace b3dgs {
 
