@@ -51,7 +51,8 @@ struct DenseView {
   std::vector<std::string> hazards;
 };
 
-/// Gradients of the loss by the stored parameters and by the projected centres, [N, 2] in 1/px; double, without graph.
+/// Gradients of the loss with respect to the stored parameters and the projected centres, [N, 2] in 1/px; double,
+/// without graph.
 struct DenseGradients {
   GaussianTensors parameters;
   torch::Tensor means2d;
