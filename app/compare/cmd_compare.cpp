@@ -1,4 +1,4 @@
-// b3dgs compare: trains one scene with several configurations in turns and compares their time and quality.
+// b3dgs compare: trains one scene with several configurations, taking turns, and compares their time and quality.
 #include <algorithm>
 #include <iostream>
 
@@ -38,8 +38,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> vi
   field(Option{"configs"}.common(), c.configs, Any{},
         "[NAME:]PART+PART..., comma-separated; PART: kernel, original or option=value");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
-  field(Option{"noise"}, c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
-  field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations are trained in turns");
+  field(Option{"noise"}.common(), c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
+  field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations take turns");
   field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
   field(Option{"resume"}.common(), c.resume, Any{}, "resume the comparison in the output folder (-m)");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing comparison in the output folder");
@@ -185,15 +185,17 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
 }  // namespace
 
 int run_compare(const std::vector<std::string>& words) {
-  CommandLine line("compare",
-                   "Train a COLMAP scene with several configurations in turns, and compare time and quality. Writes "
-                   "compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
-                   "first of --configs is the baseline; `original` stands for the options that are closest to the "
-                   "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles).",
-                   "b3dgs compare scenes/garden --configs original,naive,adaptive+culling=square");
+  CommandLine line(
+      "compare",
+      "Train a COLMAP scene with several configurations, taking turns, and compare time and quality. "
+      "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
+      "first of --configs is the baseline; `original` stands for the options that are closest to the "
+      "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles).",
+      "b3dgs compare scenes/garden --configs original,naive,adaptive+culling=square");
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});
+  line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
   line.apply(options);
 

@@ -170,7 +170,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   // fixed configurations need as well are counted too, so the result is rather too large than too small.
   Configuration common{"", plan.base};
   common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
-  common.config.backward_kernel = kUnmeasuredBackwardKernel;
+  common.config.backward_kernel = kStandardBackwardKernel;
   common.config.kernel_times_interval = 0;
   train(common);
   double loading_ms = 0;

@@ -15,8 +15,8 @@ namespace b3dgs {
 inline constexpr const char* kAdaptive = "adaptive";
 /// The same for the forward kernel, with the rule of the paper: see KernelPolicy::kPublished.
 inline constexpr const char* kPaperKernel = "paper";
-/// The kernels used in place of these where nothing is timed: in evaluation and in deterministic training.
-inline constexpr const char *kUnmeasuredKernel = "shared-memory", *kUnmeasuredBackwardKernel = "per-splat";
+/// The standard kernels, used in place of these where nothing is timed: in evaluation and in deterministic training.
+inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-splat";
 
 struct TrainConfig {
   // Input and output
@@ -65,14 +65,14 @@ struct TrainConfig {
   int densify_from_iter = 500;     // exclusive: first acts at 600
   int densify_until_iter = 15000;  // exclusive: last acts at 14900
   int densification_interval = 100;
-  double densify_grad_threshold = 0.0002;  // of the loss by the projected centre, in units of half the image
+  double densify_grad_threshold = 0.0002;  // dL/d(projected centre), normalised device coordinates
   double percent_dense = 0.01;             // of the scene extent: larger Gaussians are split, smaller ones cloned
   double prune_opacity = 0.005;
-  double prune_world_size = 0.1;  // of the scene extent; acts after the first opacity reset
+  double prune_world_size = 0.1;  // of the scene extent; acts after iteration opacity_reset_interval
   // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
   // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
-  double prune_screen_size = 0;  // px
-  int opacity_reset_interval = 3000;
+  double prune_screen_size = 0;       // px
+  int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
   int sh_increase_interval = 1000;
   std::int64_t max_gaussians = 0;  // 0 = no limit
 
@@ -119,7 +119,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
   field(Option{"host_memory_gb"}.common(), c.host_memory_gb, AtLeast{-1},
-        "host memory for photographs, GB; others on disk (-1 = 80 % of available)");
+        "photographs kept in host memory, GB; rest read from disk (-1 = 80 % of available)");
 
   field(Option{"sh_degree"}.common().group("Model and image"), c.sh_degree, InRange{0, 3},
         "highest degree of the spherical harmonics");
@@ -134,7 +134,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "evaluate the test views after these iterations, and at the end");
   field(Option{"save_iterations", '\0', {"save_steps"}}.common(), c.save_iterations, AtLeast{1},
         "write a PLY after these iterations, and at the end");
-  field(Option{"checkpoint_iterations"}.common(), c.checkpoint_iterations, AtLeast{1},
+  field(Option{"checkpoint_iterations"}, c.checkpoint_iterations, AtLeast{1},
         "write a checkpoint after these iterations, and at the end");
   field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0},
         "write a checkpoint every N iterations (0 = never)");
@@ -168,10 +168,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1},
         "remove Gaussians with an opacity below X");
   field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0},
-        "after an opacity reset, remove Gaussians larger than X x scene extent (0 = none)");
+        "remove Gaussians > X x scene extent after opacity_reset_interval steps (0 = none)");
   field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
-        "after an opacity reset, remove Gaussians with a radius above X px (0 = none)");
-  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1}, "iterations between opacity resets");
+        "remove Gaussians of radius > X px after opacity_reset_interval steps (0 = none)");
+  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1},
+        "iterations between opacity resets, until density control ends");
   field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}, c.sh_increase_interval, AtLeast{1},
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},

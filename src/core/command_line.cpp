@@ -95,6 +95,7 @@ enum class HelpDetail { kShort, kAll };
 std::string description(const OptionSpec& spec, HelpDetail detail) {
   std::vector<std::string> notes;
   if (const std::string text = value_text(spec.default_value); !text.empty()) notes.push_back("default " + text);
+  if (spec.default_value == true) notes.push_back("--no_" + spec.name + " turns it off");
   if (!spec.range.empty() && (detail == HelpDetail::kAll || spec.lists_choices)) notes.push_back(spec.range);
   if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
   if (notes.empty()) return spec.help;
@@ -347,6 +348,15 @@ void CommandLine::add(const OptionSpec& spec) {
     option->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   }
   impl_->rows.push_back({spec, option});
+}
+
+void CommandLine::set_help(const std::string& name, const std::string& help) {
+  for (Impl::Row& row : impl_->rows) {
+    if (row.spec.name != name) continue;
+    row.spec.help = help;
+    return;
+  }
+  B3DGS_CHECK(false, "no option --", name);
 }
 
 bool CommandLine::parse(const std::vector<std::string>& words) {

@@ -101,6 +101,9 @@ class CommandLine {
     });
   }
 
+  /// Replaces the help text of an option, where a command treats it differently from the others.
+  void set_help(const std::string& name, const std::string& help);
+
   /// Parses the words after the command's name. False if they ask for help, which is then printed to standard output.
   /// @throws InputError for an unknown option (suggesting the nearest known one) and for a missing or malformed value
   bool parse(const std::vector<std::string>& words);

@@ -34,8 +34,8 @@ struct GaussianArrays {
   const float* shN = nullptr;              // [N, K-1, 3]
 };
 
-/// Gradients of the loss by the stored parameters. Every row is written; rows of Gaussians that the view does not see
-/// are zero.
+/// Gradients of the loss with respect to the stored parameters. Every row is written; rows of Gaussians that the view
+/// does not see are zero.
 struct GaussianGradArrays {
   float* means = nullptr;            // [N, 3]
   float* log_scales = nullptr;       // [N, 3]
@@ -43,11 +43,11 @@ struct GaussianGradArrays {
   float* logit_opacities = nullptr;  // [N]
   float* sh0 = nullptr;              // [N, 3]
   float* shN = nullptr;              // [N, K-1, 3]; coefficients above the rendered degree get 0
-  float* means2d = nullptr;          // [N, 2] by the projected centre, in 1/px
+  float* means2d = nullptr;          // [N, 2] of the projected centre, in 1/px
 };
 
 enum class Culling {
-  kEllipse,  // tiles that the ellipse alpha >= 1/255 touches: shorter lists, without changing the image
+  kEllipse,  // tiles touched by the ellipse within which alpha >= 1/255: shorter lists, without changing the image
   kSquare,   // all tiles of the 3-sigma square, as in the original rasterizer: cuts off the tails of opaque splats
 };
 
@@ -66,8 +66,8 @@ struct RenderSettings {
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
   bool deterministic = false;       // on CUDA: sum gradients in a fixed order; the CPU always does
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
-  bool depth_gradient = true;       // false saves GPU memory if there will be no gradient by depth
-  StageRecorder* stages = nullptr;  // notified when a forward or backward pass begins; may be null
+  bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
+  StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
 };
 
 /// The rendered view.
@@ -77,7 +77,7 @@ struct ImageArrays {
   float* alpha = nullptr;  // [H, W] 1 - final transmittance
 };
 
-/// Gradients of the loss by the rendered view. Null means zero.
+/// Gradients of the loss with respect to the rendered view. Null means zero.
 struct ImageGradArrays {
   const float* color = nullptr;  // [H, W, 3]
   const float* depth = nullptr;  // [H, W]
@@ -98,9 +98,9 @@ struct alignas(16) Splat {
 static_assert(sizeof(Splat) == 48, "three 16-byte loads");
 
 /// A splat's sums over pixels: of q = dL/d(ln alpha), of its first and second moments with the pull, conic d (Reach in
-/// blend.h), and of the gradients by colour and depth. The backward blend computes them; gaussian_grad.h turns them
-/// into parameter gradients. The moments are those of the pull rather than of d: along a needle d is long and the pull
-/// short, and multiplying by the conic after summing would cancel the significant digits.
+/// blend.h), and of the gradients with respect to colour and depth. The backward blend computes them; gaussian_grad.h
+/// turns them into parameter gradients. The moments are those of the pull rather than of d: along a needle d is long
+/// and the pull short, and multiplying by the conic after summing would cancel the significant digits.
 struct SplatGrad {
   float q, q_x, q_y, q_xx, q_xy, q_yy;
   float red, green, blue;
@@ -170,7 +170,8 @@ struct CountLoadArgs {
   std::int32_t* contributing = nullptr;  // [H, W] out: entries blended
 };
 
-/// Backward blend: gradients by pixels to gradients by splats, one SplatGrad per (tile, splat) pair.
+/// Backward blend: from gradients with respect to pixels to those with respect to splats, one SplatGrad per (tile,
+/// splat) pair.
 struct BlendBackwardArgs {
   const Splat* splats = nullptr;
   const Vec2f* extents = nullptr;
@@ -185,7 +186,7 @@ struct BlendBackwardArgs {
   SplatGrad* pair_grads = nullptr;  // [n_pairs] out, by slot; every one is written
 };
 
-/// Backward projection: gradients by splats to gradients by the stored parameters (CPU).
+/// Backward projection: from gradients with respect to splats to those with respect to the stored parameters (CPU).
 struct ProjectBackwardArgs {
   GaussianArrays gaussians{};
   PinholeView view{};

@@ -1,6 +1,6 @@
-// Stages of a training step, and the interface that is notified when one begins. The rasterizer reports its own five
-// passes, from projection to backward projection; training reports the others. One list for all of them keeps the
-// order and the names of train.jsonl, of the report and of the benchmark in one place.
+// Stages of a training step, and the interface that is notified when one begins. The rasterizer reports its own five,
+// from projection to backward projection; training reports the others. One list for all of them keeps the order and
+// the names of train.jsonl, of the report and of the benchmark in one place.
 #pragma once
 
 #include <array>

@@ -18,8 +18,8 @@ TileShape tile_shape(const TrainConfig& config) {
 
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
-  const std::string name = forward_is_open ? kUnmeasuredKernel : config.kernel;
-  const std::string backward_name = backward_is_open ? kUnmeasuredBackwardKernel : config.backward_kernel;
+  const std::string name = forward_is_open ? kStandardKernel : config.kernel;
+  const std::string backward_name = backward_is_open ? kStandardBackwardKernel : config.backward_kernel;
   const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};

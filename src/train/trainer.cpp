@@ -46,7 +46,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
                                       : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
              this->hooks.on_loading),
       timer(make_stage_clock(device)),
-      time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [own = device] { wait_for(own); }),
+      time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
   if (device.is_cuda() && config.deterministic &&
       evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
@@ -66,38 +66,39 @@ Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder fold
 Trainer::~Trainer() = default;
 
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {
-  Impl& own = *impl_;
-  Checkpoint read = read_checkpoint(checkpoint, own.scene, own.device);
-  if (read.config.sh_degree != own.config.sh_degree) {
+  Impl& impl = *impl_;
+  Checkpoint read = read_checkpoint(checkpoint, impl.scene, impl.device);
+  if (read.config.sh_degree != impl.config.sh_degree) {
     input_error(checkpoint.string(), ": SH degree ", read.config.sh_degree, ", but --sh_degree is ",
-                own.config.sh_degree, "; resume with the same degree");
+                impl.config.sh_degree, "; resume with the same degree");
   }
-  if (read.state.iteration > own.config.iterations) {
+  if (read.state.iteration > impl.config.iterations) {
     input_error(checkpoint.string(), ": iteration ", read.state.iteration, " is beyond --iterations ",
-                own.config.iterations, "; give a larger --iterations");
+                impl.config.iterations, "; give a larger --iterations");
   }
-  own.fingerprint = scene_fingerprint(own.scene);
-  const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), own.fingerprint);
+  impl.fingerprint = scene_fingerprint(impl.scene);
+  const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), impl.fingerprint);
   if (!changed.empty()) {
-    own.recorder.warn(detail::concat(
-        changed.size(), " of ", own.scene.train.size(), " photographs have changed since this checkpoint was written (",
-        changed.size() > 1 ? "first: " : "", changed.front(), "); training continues with the current files"));
+    impl.recorder.warn(detail::concat(changed.size(), " of ", impl.scene.train.size(),
+                                      " photographs have changed since this checkpoint was written (",
+                                      changed.size() > 1 ? "first: " : "", changed.front(),
+                                      "); training continues with the current files"));
   }
-  own.state = std::move(read.state);
-  own.resumed = checkpoint;
-  own.recorder.resume_from(checkpoint, own.state.elapsed_s);
-  own.result.first_iteration = own.state.iteration;
-  own.kernels.restore(own.state.kernel_selection, checkpoint.string());
-  own.changed_options = config_differences(read.config, own.config);
-  return own.changed_options;
+  impl.state = std::move(read.state);
+  impl.resumed = checkpoint;
+  impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
+  impl.result.first_iteration = impl.state.iteration;
+  impl.kernels.restore(impl.state.kernel_selection, checkpoint.string());
+  impl.changed_options = config_differences(read.config, impl.config);
+  return impl.changed_options;
 }
 
 void Trainer::step() {
-  Impl& own = *impl_;
-  if (own.state.gaussians.size() == 0) own.initialize_model();
-  own.time.train([&] { own.step(); });
-  own.time.train([&] { own.control_density(); });
-  own.recorder.collect_stage_times();
+  Impl& impl = *impl_;
+  if (impl.state.gaussians.size() == 0) impl.initialize_model();
+  impl.time.train([&] { impl.step(); });
+  impl.time.train([&] { impl.control_density(); });
+  impl.recorder.collect_stage_times();
 }
 
 void Trainer::wait() {
@@ -122,21 +123,21 @@ TrainResult Trainer::run() {
 }
 
 TrainResult Trainer::run_until(int iteration) {
-  Impl& own = *impl_;
-  TrainResult& result = own.result;
-  B3DGS_CHECK(iteration <= own.config.iterations, "iteration ", iteration, " of ", own.config.iterations);
-  own.begin();
-  while (own.state.iteration < iteration && !result.interrupted) own.iterate();
-  own.time.finish_training();
+  Impl& impl = *impl_;
+  TrainResult& result = impl.result;
+  B3DGS_CHECK(iteration <= impl.config.iterations, "iteration ", iteration, " of ", impl.config.iterations);
+  impl.begin();
+  while (impl.state.iteration < iteration && !result.interrupted) impl.iterate();
+  impl.time.finish_training();
   wait();
-  own.time.output([&] { own.recorder.finish_files(); });
-  static_cast<TrainOutputs&>(result) = own.recorder.outputs();
-  result.train_s = own.time.train_s();
-  result.output_s = own.time.output_s();
-  result.iteration = own.state.iteration;
-  result.n_gaussians = own.state.gaussians.size();
-  result.peak_memory_bytes = own.memory->use().peak_reserved;
-  result.n_removed = own.state.n_removed;
+  impl.time.output([&] { impl.recorder.finish_files(); });
+  static_cast<TrainOutputs&>(result) = impl.recorder.outputs();
+  result.train_s = impl.time.train_s();
+  result.output_s = impl.time.output_s();
+  result.iteration = impl.state.iteration;
+  result.n_gaussians = impl.state.gaussians.size();
+  result.peak_memory_bytes = impl.memory->use().peak_reserved;
+  result.n_removed = impl.state.n_removed;
   return result;
 }
 
@@ -152,7 +153,7 @@ void Trainer::Impl::iterate() {
     if (uses_device) {
       time.output([&] { write_outputs(plan); });
     } else if (plan.log) {
-      // The device is still computing. Counting the line as output would mean to wait for the device, and would not
+      // The device is still computing. Counting the line as output would mean waiting for the device, and would not
       // count the part of the step that runs meanwhile.
       time.train([&] { write_outputs(plan); });
     }
@@ -179,24 +180,24 @@ int Trainer::iteration() const {
 }
 
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
-  Impl& own = *impl_;
-  B3DGS_CHECK(own.recorder.is_log_open(), "evaluate() before run_until()");
-  return own.without_invalid_gaussians([&] {
-    return evaluate_views(own.rasterizer, own.flushed_state().gaussians, views,
-                          evaluation_settings(own.config, own.state.sh_degree), on_rendered);
+  Impl& impl = *impl_;
+  B3DGS_CHECK(impl.recorder.is_log_open(), "evaluate() before run_until()");
+  return impl.without_invalid_gaussians([&] {
+    return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, views,
+                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered);
   });
 }
 
 std::filesystem::path Trainer::write_checkpoint() {
-  Impl& own = *impl_;
-  B3DGS_CHECK(own.recorder.is_log_open(), "write_checkpoint() before run_until()");
-  own.recorder.set_ending(true);
-  own.write_checkpoint();
-  own.recorder.set_ending(false);
-  if (const std::vector<WrittenFile>& failed = own.recorder.failed_files(); !failed.empty()) {
-    throw IoError(failed.front().error + own.recorder.last_checkpoint());
+  Impl& impl = *impl_;
+  B3DGS_CHECK(impl.recorder.is_log_open(), "write_checkpoint() before run_until()");
+  impl.recorder.set_ending(true);
+  impl.write_checkpoint();
+  impl.recorder.set_ending(false);
+  if (const std::vector<WrittenFile>& failed = impl.recorder.failed_files(); !failed.empty()) {
+    throw IoError(failed.front().error + impl.recorder.last_checkpoint());
   }
-  return own.recorder.outputs().checkpoint;
+  return impl.recorder.outputs().checkpoint;
 }
 
 }  // namespace b3dgs

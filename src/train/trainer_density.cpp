@@ -1,5 +1,5 @@
 // Density control within the available memory. If a round, or the views after it, would not fit, the number of
-// Gaussians is held and training continues with those that there are.
+// Gaussians is held and training continues with the existing ones.
 
 #include <algorithm>
 
@@ -49,7 +49,7 @@ void Trainer::Impl::hold_count(std::int64_t count) {
 }
 
 bool Trainer::Impl::can_grow_again(std::int64_t room) const {
-  // With less the count would be held again at each round.
+  // With less room, the count would be held again in every round.
   constexpr double kWorthwhile = 1.05;
   // A deterministic training must not depend on how much memory is free.
   if (config.deterministic || growth_has_failed) return false;
@@ -128,18 +128,18 @@ void Trainer::Impl::trim_memory() {
 }
 
 std::optional<MemoryForecast> Trainer::forecast_memory() {
-  Impl& own = *impl_;
-  const std::optional<std::int64_t> limit = own.memory->limit();
+  Impl& impl = *impl_;
+  const std::optional<std::int64_t> limit = impl.memory->limit();
   if (!limit) return std::nullopt;
-  if (own.state.gaussians.size() == 0) own.initialize_model();
-  const GaussianMemory each = gaussian_memory(own.state, view_memory(own.step_settings()), own.view_ratios);
-  const double n = static_cast<double>(own.state.gaussians.size());
-  const MemoryUse use = own.memory->use();
+  if (impl.state.gaussians.size() == 0) impl.initialize_model();
+  const GaussianMemory each = gaussian_memory(impl.state, view_memory(impl.step_settings()), impl.view_ratios);
+  const double n = static_cast<double>(impl.state.gaussians.size());
+  const MemoryUse use = impl.memory->use();
   MemoryForecast forecast;
   forecast.limit = *limit;
   forecast.model = static_cast<std::int64_t>(n * (each.state + each.step));
   forecast.pairs = static_cast<std::int64_t>(n * each.view);
-  forecast.photographs = std::max<std::int64_t>(0, use.in_use - state_bytes(own.state));
+  forecast.photographs = std::max<std::int64_t>(0, use.in_use - state_bytes(impl.state));
   forecast.largest_count = largest_count({*limit, forecast.photographs}, each);
   return forecast;
 }

@@ -44,7 +44,7 @@ struct Trainer::Impl {
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
 
   // trainer.cpp
-  /// One iteration with all that it writes. @throws with the checkpoint that was written
+  /// One iteration and everything it writes. @throws what failed, with the path of the checkpoint written appended
   void iterate();
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
 
@@ -89,9 +89,10 @@ struct Trainer::Impl {
   void plan_and_apply_round();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   std::optional<std::int64_t> room_for_gaussians();
-  /// Whether a hold ends, there being memory for `room` Gaussians (0 = any number).
+  /// Whether the hold can end now that there is memory for `room` Gaussians (0 = any number).
   bool can_grow_again(std::int64_t room) const;
-  /// The model does not grow beyond `count` until there is memory for more. Logged unless it is no news.
+  /// The model does not grow beyond `count` until there is memory for more. Logged at the start of a hold and when it
+  /// drops by over 1 %.
   void hold_count(std::int64_t count);
   /// Returns memory that the allocator caches beyond a share.
   void trim_memory();
@@ -133,7 +134,7 @@ struct Trainer::Impl {
   ImageStore images;
   StageTimer timer;
   TimeAccount time;
-  TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or Adam moments
+  TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   TrainRecorder recorder;
   ViewRatios view_ratios;
   bool growth_has_failed = false;  // in this session, although memory had seemed sufficient

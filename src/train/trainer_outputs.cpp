@@ -57,7 +57,7 @@ void Trainer::Impl::begin() {
 
 /// How uneven the load of the first view is: always the same view, so that the log shows the effect of training only.
 void Trainer::Impl::log_load() {
-  const TrainView& view = images.describe(0);
+  const TrainView& view = images.stored_view(0);
   RenderSettings settings = evaluation_settings(config, state.sh_degree);
   settings.keep_for_backward = false;
   without_invalid_gaussians([&] { rasterizer.forward(flushed_state().gaussians, view.camera, settings); });

@@ -2,8 +2,8 @@
 //
 // The original 3DGS differs in two places. It runs density control before Adam; that replaces the parameters, so the
 // gradients of such a step are lost. Here they are used. And it skips Adam in the very last iteration; here all
-// iterations are alike, so that a training resumed with more iterations equals one that never stopped. Either affects
-// one step in a hundred or fewer. As in the original, an iteration's evaluation and PLY show the model before that
+// iterations are alike, so that a training resumed with more iterations equals one that never stopped. Each affects
+// at most one step in a hundred. As in the original, an iteration's evaluation and PLY show the model before that
 // iteration's density control; otherwise an opacity reset would show in the figures.
 
 #include <cmath>
@@ -87,7 +87,7 @@ BlendInput Trainer::Impl::kernel_check_input() {
   BlendInput input{rasterizer, flushed_state().gaussians, evaluation_settings(config, state.sh_degree), {}};
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
-    input.views.push_back(images.describe(view).camera);
+    input.views.push_back(images.stored_view(view).camera);
   }
   return input;
 }
@@ -112,7 +112,8 @@ void Trainer::Impl::take_step() {
   const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   timer.begin(Stage::kUpload);
-  const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + images.look_ahead());
+  const std::vector<std::int32_t> next =
+      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
   const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
   timer.end();
   // Not before: if the photograph cannot be read, the state must be that after the last step.

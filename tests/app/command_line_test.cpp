@@ -231,6 +231,24 @@ TEST(CommandLine, HelpAllListsEveryOptionInGroupsWithKernelsLast) {
   EXPECT_LT(help.find("--stats_interval"), kernels) << "a later row that names an earlier group";
 }
 
+TEST(CommandLine, HelpTellsHowToTurnOffAFlagThatIsOn) {
+  CommandLine line("compare", "Compares.");
+  TrainConfig defaults;
+  defaults.eval = true;
+  line.add(defaults, "Training");
+  EXPECT_NE(line.help().find("(default on; --no_eval turns"), std::string::npos) << line.help();
+  EXPECT_EQ(line.help().find("--no_white_background"), std::string::npos) << "is off anyway";
+}
+
+TEST(CommandLine, ACommandCanReplaceTheHelpOfAnOption) {
+  CommandLine line("compare", "Compares.");
+  line.add(TrainConfig{}, "Training");
+  line.set_help("model_path", "another folder");
+  EXPECT_NE(line.help().find("-m, --model_path TEXT             another folder\n"), std::string::npos) << line.help();
+  EXPECT_NE(line.help_markdown().find("| another folder |"), std::string::npos);
+  EXPECT_THROW(line.set_help("model_pth", "none"), LogicError);
+}
+
 TEST(CommandLine, IgnoredOptionsAreAcceptedAndNotListed) {
   CommandLine line("bench step", "Times.");
   line.add(TrainConfig{}, "Training", {}, {"model_path"});

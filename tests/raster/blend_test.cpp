@@ -69,7 +69,7 @@ TEST(Blend, FinishesThePixelBeforeTheSplatThatWouldSaturateIt) {
 struct PixelProblem {
   std::size_t n;
   double background[3] = {0.3, 0.1, 0.8};
-  double grad[5] = {0.9, -0.7, 0.4, 0.3, -0.5};  // by red, green, blue, depth, alpha
+  double grad[5] = {0.9, -0.7, 0.4, 0.3, -0.5};  // with respect to red, green, blue, depth, alpha
 
   PixelState<double> blend(const std::vector<double>& x, std::vector<bool>* accepted = nullptr) const {
     PixelState<double> pixel{1, 0, 0, 0, 0};

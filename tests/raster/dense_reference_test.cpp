@@ -321,7 +321,7 @@ std::vector<double> to_vector(const torch::Tensor& tensor) {
   return {flat.data_ptr<double>(), flat.data_ptr<double>() + flat.numel()};
 }
 
-/// Compares the gradient by each group with finite differences.
+/// Compares the gradient with respect to each group with finite differences.
 void expect_gradients_of(const TestScene& scene) {
   RenderSettings settings;
   settings.background = scene.background;

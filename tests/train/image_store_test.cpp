@@ -34,7 +34,7 @@ TEST(UploadSlots, UploadEachWantedViewOnceAndKeepItsSlot) {
 TEST(UploadSlots, UploadTwoStepsAheadInAnyOrderOfViews) {
   // The requests of ImageStore over three passes, in which a view may come last in one pass and first in the next.
   constexpr std::int32_t kViews = 7;
-  constexpr std::size_t kAhead = ImageStore::kLookAhead;
+  constexpr std::size_t kAhead = ImageStore::kUploadAhead;
   ViewOrder order;
   UploadSlots slots(static_cast<int>(kAhead) + 1);
   int n_uploads = 0;
@@ -89,7 +89,7 @@ TEST(ImageStore, OnTheCpuSharesTheImagesOfTheSceneWhateverTheBudget) {
     EXPECT_EQ(view.valid.data_ptr<std::uint8_t>(), expected.valid->pixels.data()) << "copied";
     EXPECT_EQ(view.truth.sizes(), (std::vector<std::int64_t>{44, 60, 3}));
     EXPECT_EQ(view.n_valid, 44 * 48);
-    EXPECT_EQ(store.describe(i).n_valid, view.n_valid);
+    EXPECT_EQ(store.stored_view(i).n_valid, view.n_valid);
   }
 }
 
@@ -102,13 +102,13 @@ TEST(ImageStore, OnTheCpuKeepsWhatFitsAndReadsTheRestAhead) {
     ImageStore store(scene.train, torch::kCPU, 0);
     const ImageMemory& memory = *scene.train.front().image->memory();
     EXPECT_EQ(store.n_resident() == store.size(), photographs == 100);
-    EXPECT_EQ(store.look_ahead() > 0, store.n_resident() < store.size());
+    EXPECT_EQ(store.n_upcoming_wanted() > 0, store.n_resident() < store.size());
     EXPECT_EQ(store.places().in_memory.count, store.n_resident());
     EXPECT_EQ(store.places().on_disk.count, store.size() - store.n_resident());
     EXPECT_EQ(store.release_resident(1), 0);
     ViewOrder order;
     for (int step = 0; step < 3 * store.size(); ++step) {
-      const std::vector<std::int32_t> upcoming = order.upcoming(1, store.size(), 1 + store.look_ahead());
+      const std::vector<std::int32_t> upcoming = order.upcoming(1, store.size(), 1 + store.n_upcoming_wanted());
       const auto index = static_cast<std::size_t>(order.next(1, store.size()));
       ASSERT_EQ(upcoming.front(), static_cast<std::int32_t>(index));
       const TrainView view = store.take(upcoming.front(), {upcoming.begin() + 1, upcoming.end()});
@@ -117,7 +117,7 @@ TEST(ImageStore, OnTheCpuKeepsWhatFitsAndReadsTheRestAhead) {
       ASSERT_TRUE(std::equal(expected->pixels.begin(), expected->pixels.end(), view.truth.data_ptr<std::uint8_t>()))
           << "step " << step;
       EXPECT_EQ(view.valid.data_ptr<std::uint8_t>(), scene.train[index].valid->pixels.data()) << "copied";
-      EXPECT_EQ(view.n_valid, store.describe(upcoming.front()).n_valid);
+      EXPECT_EQ(view.n_valid, store.stored_view(upcoming.front()).n_valid);
     }
     EXPECT_LE(memory.used(), std::max(memory.limit(), scene.train.front().image->n_bytes() + memory.fixed()));
   }

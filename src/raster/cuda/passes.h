@@ -113,7 +113,7 @@ struct BucketParts {
   // [n_buckets, pixels of a tile row by row] transmittance behind the bucket (undefined if no splat of it was blended);
   // red, green, blue that it adds. Null: no parts are stored.
   float4* color = nullptr;
-  float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient by depth will be needed.
+  float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
   // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is cut.
   const float* before_segment = nullptr;                // Segments::before

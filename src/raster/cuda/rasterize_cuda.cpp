@@ -130,7 +130,7 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
                                       const LaunchContext& context) {
   B3DGS_CHECK(parts.color != nullptr, "backward() after a forward() without keep_for_backward");
   B3DGS_CHECK(grad.depth == nullptr || parts.depth != nullptr,
-              "gradient by depth after a forward() without depth_gradient");
+              "gradient with respect to depth after a forward() without depth_gradient");
   const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
     SplatGradSum* const records = buffer.resize(count, context);
     B3DGS_CUDA_CHECK(

@@ -103,7 +103,7 @@ B3DGS_BLEND_FN SplatShape<Real> splat_shape(const AnySplat& splat) {
 /// A splat evaluated at a pixel, before the exponential.
 template <class Real>
 struct Reach {
-  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the exponent's gradient by d, 1/px
+  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the gradient of the exponent w.r.t. d, 1/px
   Real power;              // log2 of the uncapped alpha
   Mask<Real> contributes;  // alpha >= 1/255
 };
@@ -167,7 +167,7 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
 /// Gradient at one pixel that concerns one splat.
 template <class Real>
 struct BlendGrad {
-  Real weight;  // alpha times transmittance: derivative of each pixel channel by the splat's colour
+  Real weight;  // alpha times transmittance: derivative of each pixel channel with respect to the splat's colour
   Real q;       // dL/d(ln alpha), 0 where alpha is capped
 };
 

@@ -47,13 +47,14 @@ B3DGS_HD Shape<Real> make_shape(Vec3<Real> log_scales, Vec4<Real> quat) {
   return shape;
 }
 
+/// Gradient with respect to the stored parameters.
 template <class Real>
 struct ShapeGrad {
   Vec3<Real> log_scales;
-  Vec4<Real> quat;  // by the stored, unnormalised quaternion, and therefore orthogonal to it
+  Vec4<Real> quat;  // orthogonal to the stored quaternion, which is not normalised
 };
 
-/// Gradients by the stored log scales and quaternion from the gradient by M.
+/// Gradients with respect to the stored log scales and quaternion, from the gradient with respect to M.
 template <class Real>
 B3DGS_HD ShapeGrad<Real> shape_backward(const Shape<Real>& shape, const Mat3<Real>& grad_factor) {
   const Mat3<Real>& g = grad_factor;

@@ -1,5 +1,5 @@
-// From a splat's sums over pixels (SplatGrad) to the gradient by its Gaussian's stored parameters: the end of the
-// backward pass, one Gaussian at a time.
+// From a splat's sums over pixels (SplatGrad) to the gradient with respect to its Gaussian's stored parameters: the end
+// of the backward pass, one Gaussian at a time.
 #pragma once
 
 #include <cstdint>
@@ -12,14 +12,15 @@
 
 namespace b3dgs {
 
-/// Gradient of the loss by one Gaussian's stored parameters and by its projected centre (1/px). All zero for a Gaussian
-/// that the view does not see. The gradient by SH coefficient k is basis_k(dir) * color and is not stored here.
+/// Gradient of the loss with respect to one Gaussian's stored parameters and its projected centre (1/px). All zero for
+/// a Gaussian that the view does not see. The gradient with respect to SH coefficient k is basis_k(dir) * color and is
+/// not stored here.
 struct GaussianGrad {
   Vec3f mean, log_scales;
   Vec4f quat;
   float logit_opacity;
   Vec2f mean2d;
-  Vec3f color;  // by the colour before the clamp at 0
+  Vec3f color;  // of the colour before the clamp at 0
   Vec3f dir;    // unit vector from the camera centre to the Gaussian
   B3DGS_HD Vec3f sh0() const { return static_cast<float>(kSh0) * color; }
 };

@@ -99,11 +99,12 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
 }
 
+/// Gradient with respect to what each comment names.
 template <class Real>
 struct ProjectionGrad {
-  Vec3<Real> point;   // by the centre in camera coordinates
-  Mat3<Real> factor;  // by M
-  Vec2<Real> mean2d;  // by the projected centre, 1/px
+  Vec3<Real> point;   // centre in camera coordinates
+  Mat3<Real> factor;  // M
+  Vec2<Real> mean2d;  // projected centre, 1/px
 };
 
 /// Gradients from a splat's sums over pixels (SplatGrad): moments of q with the pull p.

@@ -51,7 +51,8 @@ B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {
   basis[15] = Real(-kSh3a) * x * (xx - 3 * yy);
 }
 
-/// Gradient by the direction of sum_k basis_k(dir) w_k, with w_k = dot(coefficient k, gradient by colour).
+/// Gradient of sum_k basis_k(dir) w_k with respect to the direction; w_k = dot(coefficient k, gradient with respect to
+/// the colour).
 template <class Real>
 B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w) {
   if (degree < 1) return {0, 0, 0};
@@ -105,7 +106,8 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   return result;
 }
 
-/// Gradients by the coefficients above degree 0, [k][channel], for a colour seen along the unit vector `dir`.
+/// Gradients with respect to the coefficients above degree 0, [k][channel], for a colour seen along the unit vector
+/// `dir`.
 template <class Real>
 B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, float* grad_shN) {
   Real basis[16]{};  // initialised because GCC does not see that sh_basis() writes every value read below
@@ -121,7 +123,7 @@ B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, fl
 template <class Real>
 struct ShOffsetGrad {
   Vec3<Real> dir;     // unit vector along the offset
-  Vec3<Real> offset;  // gradient of the loss by the offset
+  Vec3<Real> offset;  // gradient of the loss with respect to the offset
 };
 
 /// `grad_color` must be 0 in channels that were clamped.

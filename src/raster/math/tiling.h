@@ -99,8 +99,8 @@ inline constexpr float kExtentMargin = 1e-3f;   // px, absolute part
 inline constexpr float kTileRowMargin = 5e-3f;  // px, on the left and right ends found for one row of tiles
 inline constexpr float kLn2 = 0.693147181f;
 
-/// Half width and half height (px) of the axis-aligned bounding box of the ellipse alpha >= 1/255, slightly enlarged;
-/// {0, 0} if the opacity itself is below 1/255. `cov` is the 2D covariance, px^2.
+/// Half width and half height (px) of the axis-aligned bounding box of the ellipse within which alpha >= 1/255,
+/// slightly enlarged; {0, 0} if the opacity itself is below 1/255. `cov` is the 2D covariance, px^2.
 B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
   const StrictFloat power = StrictFloat(log2_opacity) - kLog2AlphaMin;  // log2 of opacity / (1/255)
   if (!(power >= 0)) return {0, 0};
@@ -140,7 +140,7 @@ B3DGS_HD Rect square_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat
   return {x.begin, x.end, y.begin, y.end};
 }
 
-/// The ellipse alpha >= 1/255, row by row. At height dy relative to its centre it spans
+/// The ellipse within which alpha >= 1/255, row by row. At height dy relative to its centre it spans
 ///   dx = shear dy +- chord sqrt(1 - (dy / half_height)^2).
 /// No term is a difference of large products, so this is as accurate for needles as for discs.
 struct EllipseRows {

@@ -18,14 +18,14 @@ struct RenderedView {
   torch::Tensor alpha;  // [H, W] 1 - final transmittance
 };
 
-/// Gradients of the loss by the rendered view. An undefined tensor means zero.
+/// Gradients of the loss with respect to the rendered view. An undefined tensor means zero.
 struct RenderedViewGrad {
   torch::Tensor color, depth, alpha;  // shapes as in RenderedView
 };
 
 /// What densification needs to know about the last view.
 struct ViewStatistics {
-  torch::Tensor means2d_grad;  // [N, 2] gradient of the loss by the projected centre, 1/px
+  torch::Tensor means2d_grad;  // [N, 2] gradient of the loss with respect to the projected centre, 1/px
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
 };
 

@@ -16,9 +16,11 @@ struct DensityStatistics {
     torch::Tensor values;  // [N] float
   };
 
-  torch::Tensor grad_norm_sum;  // [N] float, sum over views of the norm of dL/d(projected centre), half image sizes
-  torch::Tensor view_count;     // [N] int32, views that saw the Gaussian
-  torch::Tensor max_radii;      // [N] int32, px, largest radius in any of them
+  // [N] float, sum over views of the norm of dL/d(projected centre) in normalised device coordinates: dL/dpx times half
+  // the image size.
+  torch::Tensor grad_norm_sum;
+  torch::Tensor view_count;  // [N] int32, views that saw the Gaussian
+  torch::Tensor max_radii;   // [N] int32, px, largest radius in any of them
   std::vector<Column> extra;
 
   /// All columns and their names, in the order of a checkpoint.

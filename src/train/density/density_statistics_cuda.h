@@ -13,7 +13,7 @@ struct AddViewArgs {
   const float* means2d_grad = nullptr;    // [N, 2] 1/px
   const std::int32_t* radii = nullptr;    // [N] px, 0 = not seen
   float half_width = 0, half_height = 0;  // px, of the image
-  float* grad_norm_sum = nullptr;         // [N] half image sizes
+  float* grad_norm_sum = nullptr;         // [N] normalised device coordinates
   std::int32_t* view_count = nullptr;     // [N]
   std::int32_t* max_radii = nullptr;      // [N] px
 };

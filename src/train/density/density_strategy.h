@@ -1,7 +1,8 @@
 // Density control behind one interface: which Gaussians are added and removed while a model is trained.
 //
 // In each iteration the trainer asks plan() what there is to do, and then calls, in this order:
-//   after_step()       right after the optimizer moved the Gaussians: statistics of the view, noise
+//   after_step()       right after the optimizer moved the Gaussians: statistics of the view (or noise
+//                      on the means, for strategies that add it)
 //   plan_round()       after the iteration's log line, evaluation and PLY: which rows stay and which are new
 //   lower_opacities()  after the round: an opacity reset, or a decay
 // The strategy decides; the trainer applies the RowEdit to parameters, Adam moments and statistics, keeps the model
@@ -63,7 +64,7 @@ class DensityStrategy {
   virtual DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
                                   std::int64_t max_gaussians) const = 0;
 
-  /// In place.
+  /// In place: an opacity reset or a decay.
   virtual void lower_opacities(int iteration, GaussianTensors& gaussians, AdamState& adam) const = 0;
 
   /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:
@@ -74,7 +75,7 @@ class DensityStrategy {
 /// The strategy used unless another is asked for.
 inline constexpr const char* kDefaultDensityStrategy = "original";
 
-/// The strategy of that name. `extent` is the scene's, world units. @throws LogicError if there is none
+/// The strategy of that name. `extent`: the scene extent, world units. @throws LogicError if there is none
 std::unique_ptr<DensityStrategy> make_density_strategy(const std::string& name, const TrainConfig& config,
                                                        double extent);
 

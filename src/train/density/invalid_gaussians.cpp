@@ -18,7 +18,7 @@ torch::Tensor finite_rows(const torch::Tensor& values) {
 
 std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
                                       DensityStatistics& statistics) {
-  constexpr double kAbsurd = 1e4;  // times the extent
+  constexpr double kAbsurd = 1e4;  // times the scene extent
   const std::int64_t n = gaussians.size();
   B3DGS_CHECK(named >= 0 && named < n, "Gaussian ", named, " of ", n);
   torch::Tensor stays = torch::ones({n}, gaussians.means.options().dtype(torch::kBool));

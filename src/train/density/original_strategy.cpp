@@ -110,7 +110,8 @@ DensityPlan density_plan(const TrainConfig& config, int iteration) {
 }
 
 bool is_after_opacity_reset(const TrainConfig& config, int iteration) {
-  // An Adam step moves a logit by about --opacity_lr at most, and a reset lowers it to -4.6.
+  // A reset lowers logits to -4.6 and zeroes their moments, but not Adam's step count: updates are then up to 6.6 times
+  // --opacity_lr, and fall to about 1.6 times after 500 steps. By then most opacities have recovered.
   constexpr int kRecovery = 500;
   for (int i = std::max(1, iteration - std::min(kRecovery, config.opacity_reset_interval / 2)); i < iteration; ++i) {
     if (density_plan(config, i).lower_opacities) return true;

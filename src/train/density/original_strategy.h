@@ -14,7 +14,7 @@
 
 namespace b3dgs {
 
-/// `extent` is the scene's, world units.
+/// `extent`: the scene extent, world units.
 std::unique_ptr<DensityStrategy> make_original_strategy(const TrainConfig& config, double extent);
 
 // Its parts, as functions of their arguments alone.
@@ -28,7 +28,7 @@ bool is_after_opacity_reset(const TrainConfig& config, int iteration);
 
 /// Thresholds of one round.
 struct DensityRule {
-  double grad_threshold = 0;       // mean gradient norm from which a Gaussian is cloned or split, half image sizes
+  double grad_threshold = 0;       // mean gradient norm from which a Gaussian is cloned or split, see DensityStatistics
   double split_scale = 0;          // world units: larger Gaussians are split, others cloned
   double prune_opacity = 0;        // Gaussians below it are removed
   double prune_scale = 0;          // world units; Gaussians above it are removed; 0 = none
@@ -36,7 +36,7 @@ struct DensityRule {
   std::int64_t max_gaussians = 0;  // 0 = no limit
 };
 
-/// `extent` is the scene's, world units.
+/// `extent`: the scene extent, world units.
 DensityRule density_rule(const TrainConfig& config, double extent, int iteration);
 
 /// One round, in the order of the original: clones (exact copies) from the gradients, then splits (the parent is
@@ -46,7 +46,8 @@ DensityRule density_rule(const TrainConfig& config, double extent, int iteration
 DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& statistics, const DensityRule& rule,
                      std::int64_t seed, int iteration);
 
-/// Lowers every opacity to at most 0.01 and zeroes the Adam moments of the opacities.
+/// Lowers every opacity to at most 0.01 and zeroes the Adam moments of the opacities. Adam's step count, shared by all
+/// parameters, stays, as in the original. Opacities are never deferred, so no flush is needed.
 void reset_opacities(GaussianTensors& gaussians, AdamState& adam);
 
 }  // namespace b3dgs

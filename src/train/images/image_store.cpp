@@ -33,20 +33,20 @@ torch::Tensor truth_at(const std::uint8_t* rgb, const TrainView& view, torch::De
 }
 
 /// Everything except the tensors.
-TrainView describe_view(const View& view) {
+TrainView make_train_view(const View& view) {
   const int width = view.camera.width, height = view.camera.height;
   B3DGS_CHECK(view.image && view.image->size().width == width && view.image->size().height == height, "view ",
               view.name, " has no RGB image of the size of its camera, ", width, " x ", height);
-  TrainView own;
-  own.name = view.name;
-  own.camera = to_pinhole_view(view.camera);
-  own.n_valid = static_cast<std::int64_t>(width) * height;
+  TrainView train_view;
+  train_view.name = view.name;
+  train_view.camera = to_pinhole_view(view.camera);
+  train_view.n_valid = static_cast<std::int64_t>(width) * height;
   if (view.valid) {
     B3DGS_CHECK(view.valid->width == width && view.valid->height == height, "the mask of view ", view.name,
                 " differs in size from its image");
-    own.n_valid = count_valid(view.valid->pixels.data(), own.n_valid);
+    train_view.n_valid = count_valid(view.valid->pixels.data(), train_view.n_valid);
   }
-  return own;
+  return train_view;
 }
 
 void add(ImagePlaces::Share& share, const ViewImage& image) {
@@ -95,7 +95,7 @@ struct ImageStore::Streamed {
 #if B3DGS_TORCH_CUDA
   std::unique_ptr<BufferPlan> staging;  // of the uploader
   std::unique_ptr<cuda::ImageUploader> uploader;
-  UploadSlots slots{static_cast<int>(kLookAhead) + 1};
+  UploadSlots slots{static_cast<int>(kUploadAhead) + 1};
   int slot_in_use = -1;
 #endif
   std::unique_ptr<ImageReader> reader;  // declared last: ends before its buffers do
@@ -114,15 +114,16 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
   std::map<const Image8*, torch::Tensor> masks;
   std::int64_t used = 0;
   for (const View& view : views) {
-    TrainView& own = views_.emplace_back(describe_view(view));
+    TrainView& train_view = views_.emplace_back(make_train_view(view));
     images_.push_back(view.image);
     if (!view.valid) continue;
     torch::Tensor& mask = masks[view.valid.get()];
     if (!mask.defined()) {
-      mask = bytes_at(view.valid->pixels.data(), {own.camera.height, own.camera.width}, torch::kCPU).to(device);
+      mask = bytes_at(view.valid->pixels.data(), {train_view.camera.height, train_view.camera.width}, torch::kCPU)
+                 .to(device);
       used += mask.numel();
     }
-    own.valid = mask;
+    train_view.valid = mask;
   }
   if (device.is_cpu()) {
     hold_images(views, progress);
@@ -136,9 +137,9 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
     Indices stays;
     std::vector<View> others;
     for (std::int32_t i = 0; i < size(); ++i) {
-      const std::int64_t own = images_[static_cast<std::size_t>(i)]->n_bytes();
-      if (used + own <= budget_bytes) {
-        used += own;
+      const std::int64_t n_bytes = images_[static_cast<std::size_t>(i)]->n_bytes();
+      if (used + n_bytes <= budget_bytes) {
+        used += n_bytes;
         stays.push_back(i);
       } else {
         others.push_back(views[static_cast<std::size_t>(i)]);
@@ -163,29 +164,29 @@ void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress)
 }
 
 void ImageStore::start_streaming() {
-  std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed;
+  std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed_images;
   for (std::int32_t i = 0; i < size(); ++i) {
-    if (!is_resident(i)) streamed.push_back(images_[static_cast<std::size_t>(i)]);
+    if (!is_resident(i)) streamed_images.push_back(images_[static_cast<std::size_t>(i)]);
   }
-  auto own = std::make_unique<Streamed>();
+  auto streamed = std::make_unique<Streamed>();
   ImageReader::Setup setup;
   setup.images = all;
   setup.n_threads = reading_threads(device_.is_cpu());
   if (device_.is_cpu()) {
-    own->buffers = std::make_unique<ImageBuffers>(streamed);
-    setup.buffers = own->buffers->pointers();
+    streamed->buffers = std::make_unique<ImageBuffers>(streamed_images);
+    setup.buffers = streamed->buffers->pointers();
   }
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) {
-    own->staging = std::make_unique<BufferPlan>(streamed);
-    own->uploader = std::make_unique<cuda::ImageUploader>(static_cast<int>(kLookAhead) + 1, own->staging->count,
-                                                          own->staging->n_bytes);
-    setup.buffers = own->uploader->staging();
-    setup.before_write = [uploader = own->uploader.get()](int buffer) { uploader->wait_for_upload_of(buffer); };
+    streamed->staging = std::make_unique<BufferPlan>(streamed_images);
+    streamed->uploader = std::make_unique<cuda::ImageUploader>(static_cast<int>(kUploadAhead) + 1,
+                                                               streamed->staging->count, streamed->staging->n_bytes);
+    setup.buffers = streamed->uploader->staging();
+    setup.before_write = [uploader = streamed->uploader.get()](int buffer) { uploader->wait_for_upload_of(buffer); };
   }
 #endif
-  own->reader = std::make_unique<ImageReader>(std::move(setup));
-  streamed_ = std::move(own);
+  streamed->reader = std::make_unique<ImageReader>(std::move(setup));
+  streamed_ = std::move(streamed);
 }
 
 ImagePlaces ImageStore::places() const {
@@ -198,18 +199,18 @@ ImagePlaces ImageStore::places() const {
   return places;
 }
 
-std::size_t ImageStore::look_ahead() const {
+std::size_t ImageStore::n_upcoming_wanted() const {
   if (streamed_ == nullptr) return 0;
   // Enough to name an image for each buffer although some of the upcoming views are resident.
   constexpr std::int64_t kMostPerBuffer = 4;
   const std::int64_t n_streamed = size() - n_resident_, n_buffers = streamed_->reader->n_buffers();
   const std::int64_t wanted = (n_buffers * size() + n_streamed - 1) / n_streamed;
-  return std::max(kLookAhead, static_cast<std::size_t>(std::min(wanted, kMostPerBuffer * n_buffers)));
+  return std::max(kUploadAhead, static_cast<std::size_t>(std::min(wanted, kMostPerBuffer * n_buffers)));
 }
 
 TrainView ImageStore::take(std::int32_t index, const Indices& upcoming) {
   retired_.reset();
-  if (streamed_ == nullptr) return describe(index);
+  if (streamed_ == nullptr) return stored_view(index);
   Indices streamed;
   const auto want = [&](std::int32_t view) {
     if (!is_resident(view)) streamed.push_back(view);
@@ -220,7 +221,7 @@ TrainView ImageStore::take(std::int32_t index, const Indices& upcoming) {
 }
 
 TrainView ImageStore::take_on_cpu(std::int32_t index, const Indices& streamed) {
-  TrainView view = describe(index);
+  TrainView view = stored_view(index);
   ImageReader& reader = *streamed_->reader;
   reader.expect(streamed);
   if (!is_resident(index)) view.truth = truth_at(reader.bytes(reader.wait(index)), view, device_);
@@ -230,7 +231,7 @@ TrainView ImageStore::take_on_cpu(std::int32_t index, const Indices& streamed) {
 #if B3DGS_TORCH_CUDA
 
 TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
-  TrainView view = describe(index);
+  TrainView view = stored_view(index);
   Streamed& s = *streamed_;
   ImageReader& reader = *s.reader;
   const cudaStream_t stream = torch_launch_context().stream;
@@ -244,7 +245,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
   }
   Indices wanted;
   for (const std::int32_t other : streamed) {
-    if (wanted.size() > kLookAhead || !(is_here(other) || reader.is_ready(other))) break;
+    if (wanted.size() > kUploadAhead || !(is_here(other) || reader.is_ready(other))) break;
     if (std::find(wanted.begin(), wanted.end(), other) == wanted.end()) wanted.push_back(other);
   }
   for (const auto [slot, other] : s.slots.assign(wanted)) {

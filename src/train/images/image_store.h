@@ -2,9 +2,9 @@
 //
 // On a GPU, photographs stay in its memory within a budget ("resident"); the others are uploaded on a separate stream
 // while earlier steps run. On a CPU they stay in host memory within the limit of ImageMemory. Photographs that are not
-// in host memory are read ahead from disk by background threads. Every view is used once per pass over the scene, so it
-// does not matter which ones are resident; the first ones are. Apart from buffers for the next few, each photograph is
-// stored once.
+// in host memory are read ahead from disk by background threads. Every view is used once per epoch, so it does not
+// matter which ones are resident; the first ones are. Apart from buffers for the next few, each photograph is stored
+// once.
 #pragma once
 
 #include <torch/types.h>
@@ -46,10 +46,11 @@ ImagePlaces places_of(const std::vector<View>& views);
 
 class ImageStore {
  public:
-  static constexpr std::size_t kLookAhead = 2;  // views uploaded while another one is in use
+  static constexpr std::size_t kUploadAhead = 2;  // views uploaded while another one is in use
 
   /// Reads the resident photographs into device or host memory. Masks are on the device; views that share a mask share
-  /// its tensor. If the budget of a GPU is too small for all photographs, it holds kLookAhead + 1 beyond the budget.
+  /// its tensor. If the budget of a GPU is too small for all photographs, kUploadAhead + 1 upload slots come on top of
+  /// the budget.
   /// @throws InputError for a photograph that cannot be read
   ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes,
              const ProgressFn& progress = {});
@@ -62,10 +63,10 @@ class ImageStore {
   ImagePlaces places() const;
 
   /// The view as returned by take(), but without photograph if it is not resident.
-  const TrainView& describe(std::int32_t index) const { return views_[static_cast<std::size_t>(index)]; }
+  const TrainView& stored_view(std::int32_t index) const { return views_[static_cast<std::size_t>(index)]; }
 
-  /// Number of `upcoming` views that take() uses; 0 if all are resident.
-  std::size_t look_ahead() const;
+  /// How many `upcoming` views take() should be given; 0 if all are resident.
+  std::size_t n_upcoming_wanted() const;
 
   /// The view, valid for work that is queued on the current stream before the next take(). `upcoming` are the views
   /// that will be taken next. The host waits for a photograph that has not been read yet, and the stream for its
@@ -84,14 +85,16 @@ class ImageStore {
   void start_streaming();
   TrainView take_on_cpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
   TrainView take_on_gpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
-  bool is_resident(std::int32_t index) const { return describe(index).truth.defined(); }
+  bool is_resident(std::int32_t index) const { return stored_view(index).truth.defined(); }
 
   torch::Device device_;
   std::vector<TrainView> views_;
   std::vector<std::shared_ptr<ViewImage>> images_;
   std::vector<std::shared_ptr<const Image8>> held_;  // on the CPU: what tensors of views_ point to
   std::int32_t n_resident_ = 0;
-  std::unique_ptr<Streamed> streamed_, retired_;  // streamed_ is null if all views are resident
+  std::unique_ptr<Streamed> streamed_;  // null if all views are resident
+  // streamed_ before release_resident(), until the next take(): the view in use may be in one of its upload slots.
+  std::unique_ptr<Streamed> retired_;
 };
 
 }  // namespace b3dgs

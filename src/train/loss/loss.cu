@@ -113,8 +113,8 @@ struct BlockLoss {
 };
 
 /// SSIM of one channel of a pixel from the filtered maps: rendered, truth, their squares, their product. If `partials`
-/// (the pixel's element in planes of n_pixels) is not null, it receives the derivatives by the three maps that depend
-/// on the rendered image, times `scale`.
+/// (the pixel's element in planes of n_pixels) is not null, it receives the derivatives with respect to the three maps
+/// that depend on the rendered image, times `scale`.
 __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
   const float mu1 = maps[0], mu2 = maps[1];
   const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
@@ -122,7 +122,7 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
   const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
   const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
   if (partials != nullptr) {
-    // Variance and covariance depend on the mean too: this is the total derivative by the mean.
+    // Variance and covariance depend on the mean too: this is the total derivative with respect to the mean.
     partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
     partials[n_pixels] = -scale * value * inverse_d;
     partials[2 * n_pixels] = scale * 2 * a * inverse;
@@ -209,8 +209,8 @@ __global__ void __launch_bounds__(kThreads)
   sum_loss(args, sums, n_blocks, scratch, value);
 }
 
-/// Gradient by the rendered image: the partials are filtered again, and the sign of the difference is added. The first
-/// row of blocks computes the value at the same time.
+/// Gradient with respect to the rendered image: the partials are filtered again, and the sign of the difference is
+/// added. The first row of blocks computes the value at the same time.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
   __shared__ alignas(16) HaloPlane maps[3];

@@ -47,8 +47,8 @@ class ImageLoss {
   /// Of the last compute(), for which this waits on a GPU: a training step reads it one step later.
   LossValue value() const;
 
-  /// Gradient of the last loss by the rendered view, valid until the next compute(). Only color [H, W, 3] is set: no
-  /// term depends on depth or alpha.
+  /// Gradient of the last loss with respect to the rendered view, valid until the next compute(). Only color [H, W, 3]
+  /// is set: no term depends on depth or alpha.
   RenderedViewGrad grad() const { return {grad_, {}, {}}; }
 
  private:

@@ -2,9 +2,9 @@
 //
 // The SSIM window is separable. Its taps are 3 floats apart in an interleaved RGB row, so channels need not be split
 // into planes. Pass 1 goes down a band: each row is filtered horizontally into a ring of 11 rows, which are then summed
-// vertically. That gives the SSIM of each pixel and its derivatives by the three window means that depend on the
-// rendered image; the derivatives are filtered horizontally and stored. Pass 2 filters them vertically, which gives the
-// gradient, because the window is symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
+// vertically. That gives the SSIM of each pixel and its derivatives with respect to the three window means that depend
+// on the rendered image; the derivatives are filtered horizontally and stored. Pass 2 filters them vertically, which
+// gives the gradient, because the window is symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
 
 #include "train/loss/loss.h"
 

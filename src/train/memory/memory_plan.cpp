@@ -47,7 +47,7 @@ std::int64_t state_bytes(const TrainState& state) {
 }
 
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios) {
-  // 8: gradient by the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
+  // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
   constexpr double kStep = 8 + 32;
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;

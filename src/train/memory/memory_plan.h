@@ -42,7 +42,7 @@ std::int64_t state_bytes(const TrainState& state);
 /// Memory per Gaussian, bytes.
 struct GaussianMemory {
   double state = 0;
-  double step = 0;   // gradients by projected centres, deferred updates
+  double step = 0;   // gradients with respect to projected centres, deferred updates
   double view = 0;   // the rasterizer's buffers for a view, including pairs
   double round = 0;  // a round of density control: its masks and indices, and a copy of the largest tensor
   /// The rasterizer's buffers are freed for a round if both do not fit.

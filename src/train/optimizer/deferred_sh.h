@@ -5,8 +5,8 @@
 // that the view does not see. So updates are deferred. Once a view sees the Gaussian, the pass that reads its
 // coefficients anyway, to compute the colour, first applies all deferred updates in registers: the same operations in
 // the same order as one update per step, hence bit-identical results, whenever that happens. The update of a Gaussian
-// that was seen is deferred too. It is stored as the gradients by colour and direction, from which the gradients by
-// the coefficients follow as products: 32 bytes instead of 180.
+// that was seen is deferred too. It is stored as the gradients with respect to colour and direction, from which those
+// with respect to the coefficients follow as products: 32 bytes instead of 180.
 //
 // A closed form for the steps between two views would need less arithmetic, which is not the bottleneck, but would
 // round differently: results would depend on when updates are applied.

@@ -21,14 +21,14 @@ constexpr const char *kForwardReference = "naive", *kBackwardReference = "per-pi
 
 std::vector<std::string> measured_candidates(const TrainConfig& config) {
   // Times differ from run to run, and kernels differ in rounding.
-  if (config.deterministic && chooses_forward_kernel(config)) return {kUnmeasuredKernel};
+  if (config.deterministic && chooses_forward_kernel(config)) return {kStandardKernel};
   return forward_candidates(config);
 }
 
 std::vector<std::string> backward_candidates(const TrainConfig& config, torch::Device device) {
   if (config.backward_kernel != kAdaptive) return {config.backward_kernel};
-  if (device.is_cpu() || config.deterministic) return {kUnmeasuredBackwardKernel};
-  return {kUnmeasuredBackwardKernel, kBackwardReference};
+  if (device.is_cpu() || config.deterministic) return {kStandardBackwardKernel};
+  return {kStandardBackwardKernel, kBackwardReference};
 }
 
 KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device device) {

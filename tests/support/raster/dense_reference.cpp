@@ -195,7 +195,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     hazards.add("order", (gap > 0) & (gap < kDecisionBand * z.detach().slice(0, 1)), rows.slice(0, 1));
   }
 
-  // Projection. means2d is a separate tensor, so that autograd gives a gradient by it.
+  // Projection. means2d is a separate tensor, so that autograd gives a gradient with respect to it.
   const torch::Tensor projected =
       torch::stack({view.fx * x / z + double{view.cx}, view.fy * y / z + double{view.cy}}, 1);
   out.means2d = torch::zeros({leaves.size(), 2}, torch::kFloat64).index_copy(0, rows, projected);

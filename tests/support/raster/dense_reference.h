@@ -10,7 +10,8 @@
 //   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J is evaluated at the centre, with x/z and y/z clamped
 //                   to the image extended on each side by 0.3 times half its width or height (J only, not the centre)
 //   alpha           min(0.99, opacity exp(-sigma)), sigma = d^T conic d / 2, d = p - mean2d; no gradient at the cap
-//   tiles           a Gaussian is seen if the ellipse alpha >= 1/255 meets the rectangle between the centres of a
+//   tiles           a Gaussian is seen if the ellipse within which alpha >= 1/255 meets the rectangle between the
+//   centres of a
 //                   tile's corner pixels, including those outside the image; with Culling::kSquare, if its square
 //                   meets a tile
 //   skip, stop      alpha < 1/255 is skipped; the Gaussian that would bring the transmittance below 1e-4 ends the pixel
@@ -51,7 +52,8 @@ struct DenseView {
   std::vector<std::string> hazards;
 };
 
-/// Gradients of the loss by the stored parameters and by the projected centres, [N, 2] in 1/px; double, without graph.
+/// Gradients of the loss with respect to the stored parameters and the projected centres, [N, 2] in 1/px; double,
+/// without graph.
 struct DenseGradients {
   GaussianTensors parameters;
   torch::Tensor means2d;

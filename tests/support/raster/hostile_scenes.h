@@ -124,7 +124,7 @@ void expect_finite_or_refused(const TestScene& scene, const RenderSettings& sett
     for (std::size_t i = 0; i < gradients.parameters.all().size(); ++i) {
       EXPECT_TRUE(all_finite(*gradients.parameters.all()[i], GaussianTensors::kNames[i])) << "a gradient";
     }
-    EXPECT_TRUE(all_finite(gradients.means2d, "the gradient by the projected centres"));
+    EXPECT_TRUE(all_finite(gradients.means2d, "the gradient with respect to the projected centres"));
     ++outcome.rendered;
   } catch (const NumericError& error) {
     EXPECT_EQ(std::string(error.what()).rfind("Gaussian ", 0), 0u) << error.what();

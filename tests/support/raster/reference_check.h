@@ -77,9 +77,9 @@ inline torch::Tensor row_norms(const torch::Tensor& tensor) {
                              : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
 }
 
-/// The size of each row's terms: the root of the sum of their squares over the pixels. Random signs of the gradients by
-/// pixels give that on average; this averages several draws. Scales and rotation share the gradient by one matrix, so
-/// the rounding error of a needle's rotation appears in its scales, too.
+/// The size of each row's terms: the root of the sum of their squares over the pixels. Random signs of the gradients
+/// with respect to pixels give that on average; this averages several draws. Scales and rotation share the gradient
+/// with respect to one matrix, so the rounding error of a needle's rotation appears in its scales, too.
 struct TermSizes {
   std::vector<torch::Tensor> parameters;  // [N] each
   torch::Tensor means2d;                  // [N]

@@ -32,7 +32,7 @@ struct PixelRing {
   float2 center[kRing];
   std::int32_t last[kRing];
   float2 state[kRing];  // transmittance, behind
-  float4 color[kRing];  // gradient by red, green, blue; by depth
+  float4 color[kRing];  // gradient with respect to red, green, blue; depth
 };
 
 constexpr int kChunks = 8;  // warps of a block of sum_behind_kernel: chunks of a pixel's buckets summed in parallel

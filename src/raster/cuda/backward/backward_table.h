@@ -9,7 +9,7 @@
 
 namespace b3dgs::cuda {
 
-/// Resources are those for gradients by colour alone, as in training.
+/// Resources are those for gradients with respect to colour alone, as in training.
 #define B3DGS_ROW(kernel, id, name, summary)                                                  \
   void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context); \
   KernelResources backward_##id##_resources(const TileShape& tile);

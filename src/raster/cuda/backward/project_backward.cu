@@ -1,4 +1,4 @@
-// Backward projection: a splat's sums to the gradient by its Gaussian's stored parameters.
+// Backward projection: a splat's sums to the gradient with respect to its Gaussian's stored parameters.
 //   Grid: a thread per Gaussian; Gaussians that the view does not see get zeros.
 //   Shared memory: the block's SH gradients above degree 0, up to 45 floats per Gaussian; the block then writes them to
 //     global memory contiguously.

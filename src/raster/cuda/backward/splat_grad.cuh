@@ -1,4 +1,5 @@
-// Device functions that the backward blend kernels share: gradients by pixels, and adding to a splat's sums in memory.
+// Device functions that the backward blend kernels share: gradients with respect to pixels, and adding to a splat's
+// sums in memory.
 #pragma once
 
 #include "raster/cuda/passes.h"
@@ -25,7 +26,7 @@ __device__ __forceinline__ void atomic_add(SplatGradSum* sum, const SplatGrad& g
   atomic_add(words + 2, make_float4(grad.blue, grad.depth, 0, 0));
 }
 
-/// Gradients of the loss by one pixel's colour and depth.
+/// Gradients of the loss with respect to one pixel's colour and depth.
 struct PixelGrad {
   float3 color;
   float depth;

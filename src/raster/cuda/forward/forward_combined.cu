@@ -1,7 +1,7 @@
 // Forward blend, combined: the paper's fine-grained combined load balancing.
 //
-// Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? Not in the paper: a pixel sees few
-// splats of a crowded list, and with the marks a task fetches only those that touch its quad.
+// Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? This kernel is not in the paper. A pixel
+// sees few splats of a crowded list; with the marks, a task fetches only those that touch its quad.
 //   Warp: a bucket (32 entries of a tile's list). Lane: an entry; it finds the quads that its splat's ellipse touches,
 //     a bit each. A bit transposition across the warp turns this into a word per quad, with a bit per entry.
 //
@@ -14,9 +14,10 @@
 //     2. Evaluate: 128 candidates at a time, one per thread, each at all four pixel centres. A candidate is appended
 //        to the queues of the pixels that it contributes to, in list order. A queue is a ring in shared memory.
 //     3. Blend: each warp blends full groups of 32 splats from its pixel's queue, a lane per splat, with a prefix
-//        product for the transmittances (gaussian_wise.cuh). Up to 31 splats wait for the next round.
+//        product for the transmittances (gaussian_wise.cuh). Up to 31 splats stay queued until more are appended.
 //   Shared memory: candidates, four queues and counts (QuadMemory, about 20 KB); two tickets of the task counter.
-//   Barriers: two per scan, two per evaluation, and one at the end of a task: the next task is known, memory is free.
+//   Barriers: two per scan, two per evaluation, and one at the end of a task, after which the next task is known and
+//     QuadMemory may be overwritten.
 //   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
 #include "raster/cuda/forward/forward_table.h"
@@ -28,7 +29,7 @@ namespace {
 
 constexpr int kPixels = kQuadPixels;           // pixels and warps of a block
 constexpr int kThreads = kPixels * kWarpSize;  // 128
-// Capacity of a pixel's queue: before a round at most 31 splats wait, and a round adds at most one per thread.
+// Capacity of a pixel's queue: at most 31 splats are left before an evaluation, which adds at most one per thread.
 constexpr int kRing = kWarpSize + kThreads;
 static_assert(kRing % kWarpSize == 0, "a group of 32 never wraps around the end of the ring");
 constexpr int kScanBits = 8;                    // entries that a thread scans at once: a quarter of a word
@@ -106,26 +107,26 @@ struct QuadMemory {
   float4 color_depth[kPixels][kRing];  // red, green, blue, depth
   float power[kPixels][kRing];         // log2 of the uncapped alpha
   std::int32_t position[kPixels][kRing];
-  std::uint32_t n_by_warp[kPixels];  // counts exchanged between the warps
+  std::uint32_t n_by_warp[kPixels];  // scan: a count; evaluate: four counts, a byte per pixel
 };
 
-/// Scan: appends the positions of the marked entries among the next kScanned to `candidates`. Bit b of `byte` tells
-/// whether entry position + b touches the quad. One barrier inside; the new candidates may be read after the next one.
-/// Returns the total number of candidates.
-__device__ __forceinline__ int add_candidates(QuadMemory& memory, int n_candidates, unsigned byte,
+/// Scan: appends the positions of the marked entries among the next kScanned to `candidates`. Bit b of `marks` tells
+/// whether entry position + b touches the quad. One barrier inside; the caller needs another one before it reads the
+/// new candidates. Returns the total number of candidates.
+__device__ __forceinline__ int add_candidates(QuadMemory& shared, int n_candidates, unsigned marks,
                                               std::int32_t position) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  const int own = __popc(byte), up_to_own = warp_prefix_sum(own);
-  if (lane_id() == kWarpSize - 1) memory.n_by_warp[warp] = static_cast<std::uint32_t>(up_to_own);
+  const int own = __popc(marks), up_to_own = warp_prefix_sum(own);
+  if (lane_id() == kWarpSize - 1) shared.n_by_warp[warp] = static_cast<std::uint32_t>(up_to_own);
   __syncthreads();  // counts of all warps
   int place = n_candidates + up_to_own - own;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
-    const int found = static_cast<int>(memory.n_by_warp[w]);
-    if (w < warp) place += found;
-    n_candidates += found;
+    const int n_in_warp = static_cast<int>(shared.n_by_warp[w]);
+    if (w < warp) place += n_in_warp;
+    n_candidates += n_in_warp;
   }
-  for (; byte != 0; byte &= byte - 1) memory.candidates[place++] = position + __ffs(byte) - 1;
+  for (; marks != 0; marks &= marks - 1) shared.candidates[place++] = position + __ffs(marks) - 1;
   return n_candidates;
 }
 
@@ -146,7 +147,7 @@ struct QueueEnds {
   int place[kPixels] = {0, 0, 0, 0};
 };
 
-/// Wraps a place below 2 kRing around the end of the ring.
+/// `place` modulo kRing, for a place below 2 kRing.
 __device__ __forceinline__ int wrapped(int place) {
   return place < kRing ? place : place - kRing;
 }
@@ -156,7 +157,7 @@ __device__ __forceinline__ int wrapped(int place) {
 /// finished and nothing was appended. Two barriers inside: after the first, all warps have finished reading their
 /// queues; after the second, the queues are filled.
 __device__ __forceinline__ int queue_contributions(const Quad& quad, int candidate, bool is_done, QueueEnds& ends,
-                                                   QuadMemory& memory) {
+                                                   QuadMemory& shared) {
   const int lane = lane_id(), warp = static_cast<int>(threadIdx.x) / kWarpSize;
   const bool has_candidate = candidate >= 0;
   std::int32_t position = 0;
@@ -164,7 +165,7 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   SplatConic conic{};
   SplatColor color{};
   if (has_candidate) {
-    position = memory.candidates[candidate];
+    position = shared.candidates[candidate];
     const std::int32_t id = __ldg(quad.ids + position);
     place = load_place(quad.splats, id);
     conic = load_conic(quad.splats, id);
@@ -172,35 +173,35 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   }
   const SplatShape<float> shape = make_splat_shape(place, conic);
   float power[kPixels];
-  unsigned found[kPixels];       // lanes whose splat contributes to each pixel
-  std::uint32_t own_counts = 0;  // how many, a byte per pixel
+  unsigned contributing[kPixels];  // lanes whose splat contributes to each pixel
+  std::uint32_t own_counts = 0;    // how many, a byte per pixel
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
     const Reach<float> reach = evaluate_reach(shape, quad.center_x + static_cast<float>(p % kQuadSide),
                                               quad.center_y + static_cast<float>(p / kQuadSide));
     power[p] = reach.power;
-    found[p] = __ballot_sync(kFullWarp, reach.contributes && has_candidate);
-    own_counts |= static_cast<std::uint32_t>(__popc(found[p])) << (8 * p);
+    contributing[p] = __ballot_sync(kFullWarp, reach.contributes && has_candidate);
+    own_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
   }
-  if (lane == 0) memory.n_by_warp[warp] = own_counts;
+  if (lane == 0) shared.n_by_warp[warp] = own_counts;
   if (__syncthreads_and(is_done)) return -1;  // counts are written, and all warps have finished reading their queues
   // Counts of the warps ahead of this one, and of all; four bytes are added as one word.
   std::uint32_t ahead = 0, all = 0;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
-    const std::uint32_t counts = memory.n_by_warp[w];
+    const std::uint32_t counts = shared.n_by_warp[w];
     if (w < warp) ahead += counts;
     all += counts;
   }
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
     // List order is thread order: append behind the warps ahead and the lower lanes.
-    if ((found[p] >> lane & 1) != 0) {
-      const int rank = byte_of(ahead, p) + __popc(found[p] & ((1u << lane) - 1));
+    if ((contributing[p] >> lane & 1) != 0) {
+      const int rank = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
       const int slot = wrapped(ends.place[p] + rank);
-      memory.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
-      memory.power[p][slot] = power[p];
-      memory.position[p][slot] = position;
+      shared.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
+      shared.power[p][slot] = power[p];
+      shared.position[p][slot] = position;
     }
     ends.place[p] = wrapped(ends.place[p] + byte_of(all, p));
   }
@@ -211,22 +212,23 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
 /// Blend: the warp blends `count` <= 32 splats of its queue, from `head` on. Heads are multiples of 32, as is the
 /// ring's capacity, so a group never wraps around.
 template <KeptParts kKept>
-__device__ __forceinline__ void blend_queued(const QuadMemory& memory, int head, int count,
+__device__ __forceinline__ void blend_queued(const QuadMemory& shared, int head, int count,
                                              GaussianWisePixel<kKept>& pixel) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = head + lane_id();
-  pixel.blend({lane_id() < count, memory.power[warp][slot], memory.position[warp][slot]},
-              [&] { return memory.color_depth[warp][slot]; });
+  pixel.blend({lane_id() < count, shared.power[warp][slot], shared.position[warp][slot]},
+              [&] { return shared.color_depth[warp][slot]; });
 }
 
 /// One task: blends quad `task` with the whole block.
 template <int kTilePixels, KeptParts kKept>
-__device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& memory) {
+__device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& shared) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
   const int thread = static_cast<int>(threadIdx.x), warp = thread / kWarpSize;
-  const std::int32_t tile = task / Quads::kCount, own_quad = task % Quads::kCount;
+  const std::int32_t tile = task / Quads::kCount, quad_in_tile = task % Quads::kCount;
   // The quad's upper left pixel within the tile, and the tile's within the image.
-  const std::int32_t quad_x = own_quad % Quads::kColumns * kQuadSide, quad_y = own_quad / Quads::kColumns * kQuadSide;
+  const std::int32_t quad_x = quad_in_tile % Quads::kColumns * kQuadSide,
+                     quad_y = quad_in_tile / Quads::kColumns * kQuadSide;
   const std::int32_t tile_x = tile % blend.grid.columns * kCudaTileWidth;
   const std::int32_t tile_y = tile / blend.grid.columns * Quads::kRows * kQuadSide;
   if (tile_x + quad_x >= blend.grid.image_width || tile_y + quad_y >= blend.grid.image_height) return;
@@ -238,10 +240,10 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
   const std::int32_t n_buckets = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const words =
-      args.quad_words + args.buckets.offsets[tile] * Quads::kCount + static_cast<std::int64_t>(own_quad) * n_buckets;
+  const std::uint32_t* const words = args.quad_words + args.buckets.offsets[tile] * Quads::kCount +
+                                     static_cast<std::int64_t>(quad_in_tile) * n_buckets;
   QueueEnds ends;
-  int head = 0, waiting = 0;  // this warp's queue: first splat, and how many wait
+  int head = 0, n_queued = 0;  // this warp's queue: first splat, and how many
   int n_candidates = 0;
   bool is_done = !at.inside, all_done = false;
   // The word with this thread's byte, loaded one scan ahead.
@@ -249,41 +251,41 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   std::uint32_t next_word = own_bucket < n_buckets ? __ldg(words + own_bucket) : 0;
   for (std::int32_t start = 0; start < n_buckets && !all_done; start += kScanned / kWarpSize) {
     // Scan the next 1024 entries.
-    const unsigned byte = next_word >> (thread % kThreadsPerWord * kScanBits) & 0xffu;
+    const unsigned marks = next_word >> (thread % kThreadsPerWord * kScanBits) & 0xffu;
     const std::int32_t next_bucket = start + kScanned / kWarpSize + own_bucket;
     next_word = next_bucket < n_buckets ? __ldg(words + next_bucket) : 0;
-    n_candidates = add_candidates(memory, n_candidates, byte, start * kWarpSize + thread * kScanBits);
+    n_candidates = add_candidates(shared, n_candidates, marks, start * kWarpSize + thread * kScanBits);
     __syncthreads();  // candidates are complete
 
-    // Evaluate and blend in full rounds of 128 candidates. After the last scan, also the rest.
+    // Evaluate and blend full groups of 128 candidates. After the last scan, also the rest.
     const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;
     int taken = 0;
     for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
       const int own_candidate = taken + thread < n_candidates ? taken + thread : -1;
-      const int n_new = queue_contributions(quad, own_candidate, is_done, ends, memory);
-      all_done = n_new < 0;
-      for (waiting += n_new; waiting >= kWarpSize && !is_done; waiting -= kWarpSize) {
-        blend_queued(memory, head, kWarpSize, pixel);
+      const int n_new = queue_contributions(quad, own_candidate, is_done, ends, shared);
+      all_done = n_new < 0;  // the -1 added below is harmless: is_done is then true in all threads
+      for (n_queued += n_new; n_queued >= kWarpSize && !is_done; n_queued -= kWarpSize) {
+        blend_queued(shared, head, kWarpSize, pixel);
         head = wrapped(head + kWarpSize);
         is_done = pixel.is_finished();
       }
     }
-    // Move the remaining candidates to the front. There are fewer than threads, and all reads of the overwritten places
-    // happened before the last barrier.
+    // Move the remaining candidates to the front. Unless all_done, fewer than kThreads are left, so source and
+    // destination do not overlap. All reads of the overwritten places happened before the last barrier.
     const int n_left = n_candidates > taken ? n_candidates - taken : 0;
-    if (taken > 0 && thread < n_left) memory.candidates[thread] = memory.candidates[taken + thread];
+    if (taken > 0 && thread < n_left) shared.candidates[thread] = shared.candidates[taken + thread];
     n_candidates = n_left;
   }
-  // Blend what still waits. No barrier from here on.
+  // Blend what is still queued. No barrier from here on.
   if (!at.inside) return;
-  if (waiting > 0 && !is_done) blend_queued(memory, head, waiting, pixel);
+  if (n_queued > 0 && !is_done) blend_queued(shared, head, n_queued, pixel);
   pixel.store();
 }
 
 template <int kTilePixels, KeptParts kKept>
 __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
-  __shared__ QuadMemory memory;
+  __shared__ QuadMemory shared;
   __shared__ std::int32_t tickets[2];
   // The first task is the block's own index. Each further one is requested while the task before is blended, so that no
   // block waits for the atomic; two tickets alternate, because one may still be read when the next is written.
@@ -291,9 +293,9 @@ __global__ void __launch_bounds__(kThreads)
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
-    blend_quad<kTilePixels, kKept>(args, task, memory);
+    blend_quad<kTilePixels, kKept>(args, task, shared);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
-    __syncthreads();  // the ticket is written, and QuadMemory is free
+    __syncthreads();  // the ticket is written, and QuadMemory may be overwritten
     task = tickets[turn];
   }
 }

@@ -15,7 +15,8 @@ struct LaneSplat {
   std::int32_t position;  // in the tile's list
 };
 
-/// Which BucketParts a kernel writes. Depth costs an additional warp sum, and training needs no gradient by depth.
+/// Which BucketParts a kernel writes. Depth costs an additional warp sum, and training needs no gradient with respect
+/// to depth.
 enum class KeptParts { kNone, kColor, kColorAndDepth };
 
 template <KeptParts kKept>
