@@ -119,6 +119,10 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
 
 /// Prevents replacing a comparison by accident, or using models of other trainings as part of it.
 void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options) {
+  if (ModelFolder(plan.root()).holds_model()) {
+    input_error(plan.root().string(),
+                ": holds a model of b3dgs train; choose another folder for the comparison with -m");
+  }
   if (options.resume || options.overwrite) return;
   if (holds_comparison(plan.root())) {
     input_error(plan.root().string(),

@@ -369,6 +369,9 @@ bool CommandLine::parse(const std::vector<std::string>& words) {
   } catch (const CLI::CallForAllHelp&) {
     std::cout << help_all();
     return false;
+  } catch (const CLI::ArgumentMismatch& error) {
+    const std::string text = error.what();  // "--name: 1 required ... missing"
+    input_error("missing value: ", text.substr(0, text.find(':')));
   } catch (const CLI::ParseError& error) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');

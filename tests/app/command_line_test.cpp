@@ -147,6 +147,7 @@ TEST(CommandLine, AnUnexpectedArgumentIsAnError) {
 }
 
 TEST(CommandLine, MalformedValuesAreNamed) {
+  EXPECT_EQ(complaint({"--iterations"}), "missing value: --iterations");
   EXPECT_EQ(complaint({"--iterations", "abc"}),
             "invalid value for --iterations (expected a whole number, found \"abc\")");
   EXPECT_EQ(complaint({"--iterations", "3e4"}),

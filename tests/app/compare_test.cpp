@@ -197,6 +197,17 @@ TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
   EXPECT_EQ(run_b3dgs({"compare"}).exit_code, 2);
 }
 
+TEST_F(Compare, RejectsTheFolderOfAModel) {
+  const std::string model = output("model").string();
+  ASSERT_EQ(
+      run_b3dgs({"train", "-s", scene(), "-m", model, "--iterations", "2", "--device", "cpu", "--quiet"}).exit_code, 0);
+  const std::string report = read_bytes(output("model") / "report.html");
+  const Outcome outcome = compare({"--iterations", "5", "--overwrite"}, "model");
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_NE(outcome.err.find("holds a model of b3dgs train"), std::string::npos) << outcome.err;
+  EXPECT_TRUE(read_bytes(output("model") / "report.html") == report);
+}
+
 TEST_F(Compare, DoesNotReplaceAComparisonWithoutOverwrite) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const Outcome again = compare({"--iterations", "5"});
