@@ -38,6 +38,7 @@ double median(std::vector<double> values) {
 double robust_deviation(const std::vector<double>& values) {
   const double center = median(values);
   std::vector<double> distances;
+  distances.reserve(values.size());
   for (const double value : values) distances.push_back(std::fabs(value - center));
   return 1.4826 * median(distances);
 }
@@ -293,9 +294,9 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
 
 /// Switches to the challenger or not; returns the reason.
 std::string KernelSelector::decide_challenge(const std::string& challenger, const Lead& lead) {
-  const std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
-                                             lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
-                                             percent(std::expm1(lead.margin)), ")");
+  std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
+                                       lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
+                                       percent(std::expm1(lead.margin)), ")");
   if (!lead.is_certain()) {
     back_off_ = std::min(2 * back_off_, kMaxBackOff);
     challenger_.clear();

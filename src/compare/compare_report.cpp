@@ -53,7 +53,7 @@ std::string of_one(const Comparison& comparison, bool (*has)(const TrainHistory&
                    std::string (*section)(const TrainHistory&)) {
   std::string first;
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    const std::string body = of_configuration(comparison, i, has, section);
+    std::string body = of_configuration(comparison, i, has, section);
     if (comparison.configurations[i].name == comparison.summary.ours && !body.empty()) return body;
     if (first.empty()) first = body;
   }

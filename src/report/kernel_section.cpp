@@ -21,7 +21,8 @@ std::string candidate_figure(const TrainHistory& history, const std::string& pas
   for (const CandidateTimes& timed : history.candidate_times) {
     if (timed.pass != pass) continue;
     for (const auto& [name, ms] : timed.times_ms) {
-      auto candidate = std::find_if(series.begin(), series.end(), [&](const auto& s) { return s.name == name; });
+      auto candidate =
+          std::find_if(series.begin(), series.end(), [&name = name](const auto& s) { return s.name == name; });
       if (candidate == series.end()) {
         series.push_back({name, {}, static_cast<int>(series.size()), true});
         candidate = series.end() - 1;

@@ -127,7 +127,8 @@ NamedTimes mean_stages(const TrainHistory& history) {
     if (point.stages_ms.empty()) continue;
     ++n;
     for (const auto& [name, ms] : point.stages_ms) {
-      auto stage = std::find_if(sums.begin(), sums.end(), [&](const auto& sum) { return sum.first == name; });
+      auto stage =
+          std::find_if(sums.begin(), sums.end(), [&name = name](const auto& sum) { return sum.first == name; });
       if (stage == sums.end()) {
         sums.emplace_back(name, 0);
         stage = sums.end() - 1;

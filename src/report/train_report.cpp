@@ -1,6 +1,7 @@
 #include "report/train_report.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -14,7 +15,7 @@ namespace {
 /// "1 h 2 min", "12 min 3 s" or "4.21 s"
 std::string time_text(double seconds) {
   if (seconds < 60) return format_seconds(seconds, seconds);
-  const auto total = static_cast<long long>(seconds + 0.5);
+  const long long total = std::llround(seconds);
   return total < 3600 ? print_to_string("%lld min %lld s", total / 60, total % 60)
                       : print_to_string("%lld h %lld min", total / 3600, total / 60 % 60);
 }

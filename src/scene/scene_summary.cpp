@@ -58,6 +58,7 @@ std::string describe_cameras(const ColmapModel& model) {
     ++kinds[concat(camera_model_name(camera.model), " ", camera.width, "x", camera.height)];
   }
   std::vector<std::string> texts;
+  texts.reserve(kinds.size());
   for (const auto& [kind, count] : kinds) texts.push_back(count > 1 ? concat(count, " x ", kind) : kind);
   return concat(model.cameras.size(), ": ", join(texts));
 }

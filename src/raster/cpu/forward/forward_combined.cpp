@@ -30,8 +30,8 @@ void run_forward_combined(const BlendForwardArgs& args, std::int64_t task) {
     const SplatGroup group = gather_group(args, first, i, last);
     for (std::int32_t p = 0; p < n_pixels; ++p) {
       if (scans[p].finished) continue;
-      blend_group(scans[p], group, static_cast<float>(pixels.rect.x_begin + p % width) + 0.5f,
-                  static_cast<float>(pixels.rect.y_begin + p / width) + 0.5f);
+      const std::int32_t x = pixels.rect.x_begin + p % width, y = pixels.rect.y_begin + p / width;
+      blend_group(scans[p], group, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f);
       n_live -= scans[p].finished;
     }
   }
