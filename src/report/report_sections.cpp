@@ -142,6 +142,7 @@ NamedTimes mean_stages(const TrainHistory& history) {
 
 std::string stage_section(const std::vector<LabeledRun>& runs) {
   std::vector<NamedTimes> stages;
+  stages.reserve(runs.size());
   for (const LabeledRun& run : runs) stages.push_back(mean_stages(run.history));
   const std::vector<std::string> names = stage_names(stages);
   if (names.empty()) return html::paragraph("Stages of the training step were not timed.", "soft");
