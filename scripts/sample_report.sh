@@ -21,6 +21,13 @@ small() {
   fi
 }
 
+mark=$work/.made_by_sample_report
+if [[ -e $work/model && ! -f $mark ]]; then
+  echo "sample_report.sh: error: $work/model was not made by this script; name another folder" >&2
+  exit 2
+fi
+mkdir -p "$work"
+touch "$mark"
 scene=$work/orbit
 if [[ ! -d $scene ]]; then
   "$b3dgs" synth orbit "$scene" --points 4000 --views 48 --width 240 --height 180 --quiet
