@@ -4,7 +4,13 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-cuda=$(dirname "$(dirname "$(PATH=$PATH:/usr/local/cuda/bin command -v nvcc)")")
+# Where the headers are, nvcc says: the one on the PATH may be a script that starts the one of the toolkit.
+cuda_include=$(PATH=$PATH:/usr/local/cuda/bin nvcc --dryrun -x cu -c /dev/null -o /dev/null 2>&1 |
+  sed -n 's/^#\$ INCLUDES="-I\([^"]*\)".*/\1/p')
+if [[ ! -f $cuda_include/cuda_runtime_api.h ]]; then
+  echo "check_torch_cuda.sh: nvcc names '$cuda_include' as the folder of its headers, cuda_runtime_api.h is not there" >&2
+  exit 2
+fi
 stand_in=build/torch-cuda-headers
 mkdir -p "$stand_in/c10/cuda/impl"
 echo '#define C10_CUDA_BUILD_SHARED_LIBS' >"$stand_in/c10/cuda/impl/cuda_cmake_macros.h"
@@ -14,5 +20,5 @@ echo '#define C10_CUDA_BUILD_SHARED_LIBS' >"$stand_in/c10/cuda/impl/cuda_cmake_m
   git ls-files 'tests/train/cuda/*.cpp'
 } | sort -u | xargs -P "$(nproc)" -I FILE g++ -std=c++17 -fsyntax-only -Wall -Wextra -Werror -fopenmp \
   -DB3DGS_TORCH_CUDA=1 -DB3DGS_HAS_CUDA=1 "-DB3DGS_VERSION=\"\"" -Isrc -I. -Itests -isystem "$stand_in" \
-  -isystem "$cuda/include" -isystem /usr/include/torch/csrc/api/include -isystem /usr/include/opencv4 FILE
+  -isystem "$cuda_include" -isystem /usr/include/torch/csrc/api/include -isystem /usr/include/opencv4 FILE
 echo "code for a LibTorch with CUDA: type-checked"
