@@ -53,6 +53,11 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
+  if (config.antialiasing) {
+    std::vector<PinholeView> views;
+    for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
+    smoothing_filter.emplace(views, static_cast<float>(config.near_plane), device);
+  }
   hold_images(scene.test, this->hooks.on_loading);  // in the host memory that the training views have left
   if (images.size() == 0) input_error(scene.source_path, ": no training views");
 }
@@ -85,6 +90,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
                                       "); training continues with the current files"));
   }
   impl.state = std::move(read.state);
+  if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   impl.resumed = checkpoint;
   impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
   impl.result.first_iteration = impl.state.iteration;

@@ -138,6 +138,7 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
   edit_all(statistics, false);
   gaussians.means.slice(0, edit.n_kept).copy_(edit.new_means);
   gaussians.log_scales.slice(0, edit.n_kept).copy_(edit.new_log_scales);
+  gaussians.filters = torch::Tensor();
 }
 
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {

@@ -47,13 +47,13 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-template <int kShDegree>
+template <int kShDegree, bool kAntialiasing>
 __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.backward.gaussians.n_gaussians) return;
   GaussianGrad grad{};
   if (args.backward.radii[i] > 0) {
-    grad = gaussian_grad<kShDegree>(args.backward, i);
+    grad = gaussian_grad<kShDegree, kAntialiasing>(args.backward, i);
     if (rest_floats(kShDegree) > 0) {
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
@@ -76,7 +76,9 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-    step_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+    const auto kernel = args.backward.antialiasing ? step_gaussians_kernel<degree.value, true>
+                                                   : step_gaussians_kernel<degree.value, false>;
+    kernel<<<blocks, kThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
