@@ -11,7 +11,7 @@
 #include "app/model.h"
 #include "app/terminal/progress.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "core/print.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"

@@ -5,7 +5,7 @@
 #include "app/commands.h"
 #include "compare/comparison.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "report/train_report.h"
 
 namespace b3dgs {

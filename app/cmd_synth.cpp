@@ -4,7 +4,7 @@
 #include "app/commands.h"
 #include "app/terminal/progress.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "data_synth/synth_writer.h"
 
 namespace b3dgs {

@@ -9,7 +9,7 @@
 #include "app/render/camera_path.h"
 #include "app/render/depth_colors.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "scene/images/image_io.h"
 #include "train/device.h"
 #include "train/evaluate.h"

@@ -1,5 +1,5 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 
 #include <gtest/gtest.h>
 

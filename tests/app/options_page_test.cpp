@@ -3,7 +3,7 @@
 
 #include <sstream>
 
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "support/files.h"
 #include "support/run_program.h"
 

@@ -1,4 +1,4 @@
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
