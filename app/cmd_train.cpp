@@ -13,6 +13,7 @@
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"
+#include "core/options/config_file.h"
 #include "core/print.h"
 #include "model/training_id.h"
 #include "report/train_report.h"

@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/options/nearest_name.h"
 
 namespace b3dgs {
 namespace {

@@ -7,7 +7,7 @@
 #include "compare/compare_verdict.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/options/command_line.h"
+#include "core/options/config_file.h"
 #include "core/print.h"
 #include "report/report_sections.h"
 #include "report/svg/svg_axis.h"
