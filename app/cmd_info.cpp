@@ -133,7 +133,7 @@ void describe_checkpoint(const std::string& path) {
   verify_checkpoint_file(path);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
   std::printf("%s: checkpoint, checksums valid\n", path.c_str());
-  print_line("size", "%.1f MB", static_cast<double>(fs::file_size(path)) / 1e6);
+  print_line("size", "%s", format_bytes(static_cast<std::int64_t>(fs::file_size(path))).c_str());
   for (const char* key : {"iteration", "n_gaussians", "sh_degree", "loss_average"}) {
     if (header.contains(key)) print_line(key, "%s", header[key].dump().c_str());
   }

@@ -168,9 +168,9 @@ void check_scene_of(const fs::path& checkpoint, const TrainConfig& config) {
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
-  return "GPU memory  photographs " + format_gigabytes(forecast.photographs) + ", model " +
-         format_gigabytes(forecast.model) + ", pairs about " + format_gigabytes(forecast.pairs) + " of " +
-         format_gigabytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
+  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " +
+         format_bytes(forecast.model) + ", pairs about " + format_bytes(forecast.pairs) + " of " +
+         format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
 }
 
 void report_quality(const TrainResult& result) {
@@ -190,7 +190,7 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
               format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
   if (result.peak_memory_bytes > 0) {
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
-                format_gigabytes(result.peak_memory_bytes).c_str());
+                format_bytes(result.peak_memory_bytes).c_str());
   }
   report_quality(result);
   if (result.n_removed > 0) {

@@ -80,7 +80,7 @@ class Trainer {
   /// Waits until the device has finished all steps, and reports the remaining stage times.
   void wait();
 
-  /// Where the photographs are stored, on one line: "for training 80 in memory (0.10 GB); for testing none".
+  /// Where the photographs are stored, on one line: "for training 80 in memory (122.9 MB); for testing none".
   std::string describe_images() const;
 
   std::int64_t n_gaussians() const;
