@@ -223,7 +223,7 @@ int run_compare(const std::vector<std::string>& words) {
   print_comparison(comparison);
   std::cout << "written: " << (plan.root() / "report.html").string() << ", compare.json" << std::endl;
   if (is_complete) return 0;
-  std::cout << "stopped by a signal; resume with: b3dgs compare --resume -m " << plan.root().string() << "\n";
+  std::cout << "stopped by a signal; resume with: " << resume_command(plan) << "\n";
   return 128 + stop_signal();
 }
 

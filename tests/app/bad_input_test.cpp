@@ -227,6 +227,30 @@ TEST_F(BadInput, FullDisk) {
   }
 }
 
+TEST_F(BadInput, AFullDiskLeavesNothingOfASyntheticScene) {
+  test::RunOptions full;
+  full.file_size_limit = 2000;  // truth.ply is larger
+  const fs::path made = folder_.path() / "made";
+  const Words words{"synth", "orbit", made.string(), "--views", "2", "--points", "100", "--quiet"};
+  expect_refused(run_b3dgs(words, full), {"cannot write " + (made / "truth.ply").string(), "ulimit -f"});
+  EXPECT_FALSE(fs::exists(made));
+}
+
+TEST_F(BadInput, AFullDiskDuringAComparisonTellsHowToContinue) {
+  test::RunOptions full;
+  full.file_size_limit = 20000;  // a PLY or a checkpoint is larger
+  const fs::path output = folder_.path() / "comparison";
+  const Words words{
+      "compare", scene().string(), "-m",     output.string(), "--configs", "naive,shared-memory", "--iterations",
+      "4",       "--no_eval",      "--quiet"};
+  const Outcome failed = run_b3dgs(words, full);
+  expect_refused(failed,
+                 {"cannot write " + output.string(), "continue with b3dgs compare --resume -m " + output.string()});
+  EXPECT_EQ(failed.err.find("--resume auto"), std::string::npos) << failed.err;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output.string(), "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+}
+
 TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"trian"}), {"trian", "did you mean train?"});
   expect_refused(run_b3dgs({"train"}), {"missing argument: SOURCE_PATH", "-s"});

@@ -134,7 +134,8 @@ TEST_F(Resume, AFullDiskDuringTrainingDoesNotEndIt) {
                                  "--stats_interval", "0", "--quiet"},
                                 full);
   expect_refused(outcome, {"warning: ", "cannot write ", "iteration_4.b3dgs", "error: ", "File too large"});
-  EXPECT_NE(outcome.err.find("last checkpoint: none was written"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("last checkpoint: none was written; start the training again"), std::string::npos)
+      << outcome.err;
 }
 
 }  // namespace
