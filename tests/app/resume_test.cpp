@@ -89,6 +89,23 @@ TEST_F(Resume, AcceptsAFolderAndReportsTheIterations) {
   EXPECT_NE(measured.out.find("iteration 8,"), std::string::npos) << measured.out;
 }
 
+TEST_F(Resume, OfACompleteTrainingInAnotherFolderWritesItsFilesThere) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6"}));
+  const Outcome copied = train({"--resume", a.checkpoint(6), "-m", b.root()});
+  expect_success(copied);
+  EXPECT_NE(copied.out.find("checkpoint  " + b.checkpoint(6).string()), std::string::npos) << copied.out;
+  EXPECT_EQ(read_bytes(b.ply(6)), read_bytes(a.ply(6)));
+  EXPECT_EQ(b.checkpoint_iterations(), std::vector<int>{6});
+
+  const Words kernel{"--kernel", "naive", "--backward_kernel", "per-splat"};  // results do not depend on times
+  for (const ModelFolder& folder : {a, b}) {
+    Words more{"--resume", folder.root(), "--iterations", "9"};
+    more.insert(more.end(), kernel.begin(), kernel.end());
+    expect_success(train(more));
+  }
+  EXPECT_EQ(read_bytes(b.ply(9)), read_bytes(a.ply(9)));
+}
+
 TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
   for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
