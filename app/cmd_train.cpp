@@ -15,6 +15,7 @@
 #include "core/options/command_line.h"
 #include "core/options/config_file.h"
 #include "core/print.h"
+#include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
@@ -159,12 +160,16 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
               "replace it with --overwrite, or choose another folder with -m");
 }
 
-/// Checks that the checkpoint is of this scene at this image size, before photographs are decoded. @throws InputError
-void check_scene_of(const fs::path& checkpoint, const TrainConfig& config) {
+/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and is of this scene
+/// at this image size. @throws InputError
+void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   if (checkpoint.empty()) return;
+  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
+  const CheckpointHeader values = parse_checkpoint_header(header, checkpoint.string());
+  check_resume_options(values.config, values.iteration, config, checkpoint.string());
   SceneOptions options = scene_options(config);
   options.load_images = false;
-  check_scene(read_checkpoint_header(checkpoint), load_scene(options), checkpoint.string());
+  check_scene(header, load_scene(options), checkpoint.string());
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
@@ -218,12 +223,13 @@ int run_train(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(plan.config.device);
   plan.config.device = device_name(device);
   const TrainConfig& config = plan.config;
+  check_options(config);
   set_compute_threads(config.threads);
   const ModelFolder folder(config.model_path);
   const EmptyFolderGuard guard(folder.root());
   const FolderLock lock(folder.root());  // before photographs are read, so that a read-only folder fails early
   const bool is_replaced = guard_model(folder, plan);
-  check_scene_of(plan.checkpoint, config);
+  check_checkpoint(plan.checkpoint, config);
 
   const double reading_start_s = steady_seconds();
   const Scene scene = open_scene(scene_options(config), status);

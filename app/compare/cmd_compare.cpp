@@ -207,7 +207,8 @@ int run_compare(const std::vector<std::string>& words) {
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
-  plan.configurations();  // reports errors before anything is written
+  // Errors are reported before photographs are read and before anything is written.
+  for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
   const EmptyFolderGuard guard(plan.root());
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);

@@ -42,6 +42,10 @@ struct TrainHooks : TrainListeners {
   std::optional<std::int64_t> image_budget;
 };
 
+/// Checks the options without the scene: that they go together, and that the file of --init_ply can be read. A Trainer
+/// does so, too, but the scene has been loaded by then. @throws InputError
+void check_options(const TrainConfig& config);
+
 class Trainer {
  public:
   /// `scene` must outlive the trainer. @throws InputError if config.device cannot be used

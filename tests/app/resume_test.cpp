@@ -114,6 +114,18 @@ TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   expect_refused(train({"--resume", a.root(), "--iterations", "5", "-r", "2"}), {"training view 0", "-r"});
 }
 
+TEST_F(Resume, OptionsAreCheckedBeforePhotographsAreDecoded) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
+  for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
+    fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is intact
+  }
+  expect_refused(train({"--resume", a.root(), "--iterations", "2"}), {"is beyond --iterations 2"});
+  expect_refused(train({"--resume", a.root(), "--sh_degree", "1"}), {"but --sh_degree is 1"});
+  expect_refused(train({"-s", scene(), "-m", b.root(), "--init_ply", temp / "none.ply"}), {"none.ply"});
+  const Outcome compared = run_b3dgs({"compare", scene(), "-m", b.root(), "--init_ply", temp / "none.ply"});
+  expect_refused(compared, {"none.ply"});
+}
+
 TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4", "--sh_degree", "1"}));
   fs::resize_file(a.checkpoint(4), 1000);
