@@ -145,7 +145,7 @@ void describe_checkpoint(const std::string& path) {
 
 void describe_folder(const std::string& path) {
   const fs::path folder = path;
-  if (fs::exists(folder / "config.json") || fs::exists(folder / "point_cloud")) return describe_model(path);
+  if (ModelFolder(folder).has_config() || fs::exists(folder / "point_cloud")) return describe_model(path);
   if (fs::exists(folder / "sparse") || colmap_format(folder)) return describe_scene(path);
   input_error("neither a COLMAP scene nor a model folder: ", path,
               " (expected sparse/ or config.json); run COLMAP first if there are only photographs");

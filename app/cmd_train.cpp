@@ -90,10 +90,15 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
     input_error("--resume auto needs the model folder (-m) or the scene (-s)");
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
-  fs::path checkpoint = newest_checkpoint(ModelFolder(config.model_path), options, status);
-  if (checkpoint.empty())
-    status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
-  return checkpoint;
+  const ModelFolder folder(config.model_path);
+  fs::path checkpoint = newest_checkpoint(folder, options, status);
+  if (!checkpoint.empty()) return checkpoint;
+  if (config.source_path.empty() && !folder.has_config()) {
+    input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
+                "start a training with b3dgs train SOURCE_PATH -m ", config.model_path);
+  }
+  status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
+  return "";
 }
 
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.

@@ -47,7 +47,7 @@ void take_file(ModelOptions& model, RenderOptions& options) {
   if (options.ply.empty() || !model.source_path.empty()) return;
   const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
   const ModelFolder folder(root);
-  if (!fs::exists(root / "config.json")) return;
+  if (!folder.has_config()) return;
   for (const int iteration : folder.ply_iterations()) {
     std::error_code error;
     if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;

@@ -141,6 +141,13 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   EXPECT_EQ(a.ply_iterations(), (std::vector<int>{5}));
 }
 
+TEST_F(Resume, AutoWithNothingToResumeAndNoSceneIsOneLine) {
+  const Outcome outcome = train({"--resume", "auto", "-m", temp / "none"});
+  expect_refused(outcome, {"nothing to resume: ", temp / "none", "b3dgs train SOURCE_PATH"});
+  EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  EXPECT_FALSE(fs::exists(temp / "none"));
+}
+
 TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
   Outcome second;
   test::RunOptions options;
