@@ -1,5 +1,6 @@
 // b3dgs synth: writes a synthetic COLMAP scene.
 #include <iostream>
+#include <utility>
 
 #include "app/commands.h"
 #include "app/terminal/progress.h"
@@ -31,6 +32,13 @@ int run_synth(const std::vector<std::string>& words) {
   SynthCommandOptions options;
   line.apply(config);
   line.apply(options);
+  const std::pair<const char*, const char*> scene_of_option[]{
+      {"sh_degree", "orbit"}, {"skew", "street"}, {"truth", "street"}};
+  for (const auto& [option, scene] : scene_of_option) {
+    if (line.was_given(option) && config.scene != scene) {
+      input_error("--", option, " has no effect on ", config.scene, "; it is an option of ", scene);
+    }
+  }
   if (config.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs synth ", config.scene, " OUTPUT");
   config = with_scene_defaults(config);
 

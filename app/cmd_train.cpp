@@ -67,11 +67,11 @@ void apply_given(const CommandLine& line, const TrainCommandOptions& options, Tr
 }
 
 /// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
-fs::path newest_checkpoint(const ModelFolder& folder, const TrainCommandOptions& options, StatusLine& status) {
+fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
   fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
-  if (checkpoint.empty() && !folder.checkpoint_iterations().empty() && !options.overwrite) {
+  if (checkpoint.empty() && !folder.checkpoint_iterations().empty()) {
     input_error("all checkpoints are damaged: ", folder.root().string(),
-                "; start again in another folder (-m), or in this one with --overwrite");
+                "; start again in another folder (-m), or in this one with --overwrite instead of --resume");
   }
   return checkpoint;
 }
@@ -81,7 +81,7 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   if (options.resume != "auto") {
     if (!fs::is_directory(options.resume)) return options.resume;
     const ModelFolder folder(options.resume);
-    fs::path checkpoint = newest_checkpoint(folder, options, status);
+    fs::path checkpoint = newest_checkpoint(folder, status);
     if (checkpoint.empty())
       input_error("no checkpoint found: ", options.resume, " (expected checkpoints/iteration_N.b3dgs)");
     return checkpoint;
@@ -91,7 +91,7 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   const ModelFolder folder(config.model_path);
-  fs::path checkpoint = newest_checkpoint(folder, options, status);
+  fs::path checkpoint = newest_checkpoint(folder, status);
   if (!checkpoint.empty()) return checkpoint;
   if (config.source_path.empty() && !folder.has_config()) {
     input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
@@ -126,6 +126,10 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
+  if (options.resume == "auto" && options.overwrite) {
+    input_error("--resume auto and --overwrite exclude each other: one continues the model in the output folder, the ",
+                "other replaces it");
+  }
   apply_given(line, options, config);
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
@@ -151,6 +155,10 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
     const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
     if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
     const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);
+    if (plan.options.overwrite && !is_replaced && folder.holds_model()) {
+      input_error("--overwrite has nothing to replace: ", folder.root().string(),
+                  " holds the training that --resume continues; leave out one of them");
+    }
     std::error_code error;
     if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
       input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),
@@ -178,9 +186,9 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
-  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " +
-         format_bytes(forecast.model) + ", pairs about " + format_bytes(forecast.pairs) + " of " +
-         format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
+  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " + format_bytes(forecast.model) +
+         ", pairs about " + format_bytes(forecast.pairs) + " of " + format_bytes(forecast.limit) + "; room for about " +
+         format_count(forecast.largest_count) + " Gaussians";
 }
 
 void report_quality(const TrainResult& result) {

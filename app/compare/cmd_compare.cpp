@@ -72,6 +72,13 @@ std::string listed(const std::vector<std::int64_t>& seeds) {
 
 /// The stored plan for --resume, else a plan from the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
+  if (options.resume && options.overwrite) {
+    input_error("--resume and --overwrite exclude each other: one continues the comparison in the output folder, the ",
+                "other replaces it");
+  }
+  if (line.was_given("seed") && line.was_given("seeds")) {
+    input_error("--seed and --seeds exclude each other; name all seeds with --seeds");
+  }
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   plan.base = default_config();
@@ -92,9 +99,6 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
 
   if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
     input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
-  }
-  if (options.resume && options.overwrite) {
-    input_error("--resume and --overwrite exclude each other");
   }
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
     input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),

@@ -96,6 +96,13 @@ int run_render(const std::vector<std::string>& words) {
   if (!options.ply.empty() && !model_options.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
+  if (line.was_given("frames") && options.path != "interpolated") {
+    input_error("--frames is for --path interpolated; the other paths have one image for each view");
+  }
+  const bool names_ply = !options.ply.empty() || fs::is_regular_file(model_options.model_path);
+  if (line.was_given("iteration") && names_ply) {
+    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
+  }
   take_file(model_options, options);
   const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)
                                                 : load_ply_model(options.ply, model_options, status);

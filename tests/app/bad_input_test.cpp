@@ -269,6 +269,12 @@ TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"info", (folder_.path() / "none").string()}), {"none"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply"}), {"-s"});
   expect_refused(train({"--resume", "auto", "--config", "none.json"}), {"none.json"});
+  // Options that would be ignored.
+  expect_refused(run_b3dgs({"render", "-m", "model", "--frames", "5"}), {"--frames", "--path interpolated"});
+  expect_refused(run_b3dgs({"render", "--ply", "x.ply", "-s", "scene", "--iteration", "5"}), {"--iteration"});
+  expect_refused(run_b3dgs({"synth", "orbit", "new", "--skew", "2"}), {"--skew", "street"});
+  expect_refused(run_b3dgs({"synth", "street", "new", "--sh_degree", "2"}), {"--sh_degree", "orbit"});
+  expect_refused(run_b3dgs({"compare", "scene", "--seed", "1", "--seeds", "2"}), {"--seed and --seeds"});
 }
 
 TEST_F(BadInput, CudaWithoutAGpu) {

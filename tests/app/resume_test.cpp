@@ -69,6 +69,14 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_TRUE(fs::exists(a.checkpoint(3)));
 }
 
+TEST_F(Resume, ContradictsOverwriteInTheFolderOfTheSameTraining) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
+  const std::string ply = read_bytes(a.ply(6));
+  expect_refused(train({"--resume", "auto", "-m", a.root(), "--overwrite"}), {"exclude each other"});
+  expect_refused(train({"--resume", a.checkpoint(3), "--overwrite"}), {"nothing to replace", a.root()});
+  EXPECT_EQ(read_bytes(a.ply(6)), ply);
+}
+
 TEST_F(Resume, AcceptsAFolderAndReportsTheIterations) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
   const Outcome more = train({"--resume", a.root(), "--iterations", "10", "--kernel", "naive"});
@@ -130,7 +138,7 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4", "--sh_degree", "1"}));
   fs::resize_file(a.checkpoint(4), 1000);
   expect_refused(train({"-m", a.root(), "--resume", "auto"}), {"all checkpoints are damaged", "--overwrite"});
-  expect_success(train({"-m", a.root(), "--resume", "auto", "--overwrite", "--iterations", "5"}));
+  expect_success(train({"--config", a.root() / "config.json", "--overwrite", "--iterations", "5"}));
   EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{5}));
 
   // As if killed before the first checkpoint.
