@@ -12,12 +12,14 @@ namespace b3dgs {
 namespace {
 
 struct SynthCommandOptions {
+  bool overwrite = false;
   bool quiet = false;
 };
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions>> visit_fields(Config& c,
                                                                                                 Visitor&& field) {
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing synthetic scene in the output folder");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
 }
 
@@ -40,6 +42,10 @@ int run_synth(const std::vector<std::string>& words) {
     }
   }
   if (config.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs synth ", config.scene, " OUTPUT");
+  if (holds_synth_scene(config.output) && !options.overwrite) {
+    input_error("output folder already holds a synthetic scene: ", config.output,
+                "; replace it with --overwrite, or choose another folder");
+  }
   config = with_scene_defaults(config);
 
   StatusLine status = StatusLine::for_stderr(options.quiet);

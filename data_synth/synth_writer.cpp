@@ -23,15 +23,7 @@ constexpr const char* kParts[] = {"images", "sparse", "truth.ply"};
 
 /// Removes an earlier synthetic scene. @throws InputError if the folder contains anything else
 void prepare_folder(const fs::path& folder) {
-  std::error_code error;
-  const bool exists = fs::exists(folder, error);
-  if (exists && !fs::is_directory(folder, error))
-    input_error("not a directory: ", folder.string(), " (expected an output folder)");
-  if (!exists || fs::is_empty(folder, error)) return;
-  if (!fs::exists(folder / kOptionsFile, error)) {
-    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
-                "); choose a new or empty folder");
-  }
+  if (!holds_synth_scene(folder)) return;
   for (const char* part : kParts) {
     if (!remove_tree(folder / part))
       io_error("cannot remove ", (folder / part).string(), " (", std::strerror(errno), ")");
@@ -96,6 +88,19 @@ void write_files(const fs::path& folder, const SynthConfig& config, const SynthS
 }
 
 }  // namespace
+
+bool holds_synth_scene(const fs::path& folder) {
+  std::error_code error;
+  const bool exists = fs::exists(folder, error);
+  if (exists && !fs::is_directory(folder, error))
+    input_error("not a directory: ", folder.string(), " (expected an output folder)");
+  if (!exists || fs::is_empty(folder, error)) return false;
+  if (!fs::exists(folder / kOptionsFile, error)) {
+    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
+                "); choose a new or empty folder");
+  }
+  return true;
+}
 
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t, std::size_t)>& on_image) {

@@ -236,6 +236,19 @@ TEST_F(BadInput, AFullDiskLeavesNothingOfASyntheticScene) {
   EXPECT_FALSE(fs::exists(made));
 }
 
+TEST_F(BadInput, ASyntheticSceneIsReplacedOnlyIfAsked) {
+  const fs::path made = folder_.path() / "made";
+  Words words{"synth", "orbit", made.string(), "--views", "2", "--points", "100", "--quiet"};
+  EXPECT_EQ(run_b3dgs(words).exit_code, 0);
+  const std::string options = read_bytes(made / "synth.json");
+  words.insert(words.end(), {"--seed", "1"});
+  expect_refused(run_b3dgs(words), {"already holds a synthetic scene", made.string(), "--overwrite"});
+  EXPECT_EQ(read_bytes(made / "synth.json"), options);
+  words.emplace_back("--overwrite");
+  EXPECT_EQ(run_b3dgs(words).exit_code, 0);
+  EXPECT_NE(read_bytes(made / "synth.json"), options);
+}
+
 TEST_F(BadInput, AFullDiskDuringAComparisonTellsHowToContinue) {
   test::RunOptions full;
   full.file_size_limit = 20000;  // a PLY or a checkpoint is larger
