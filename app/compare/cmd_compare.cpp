@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 struct CompareOptions {
   // With all kernels without load balancing, so that the gain of load balancing is known.
-  std::string configs = "naive,shared-memory,adaptive";
+  std::vector<std::string> configs{"naive", "shared-memory", "adaptive"};
   std::vector<std::int64_t> seeds;
   bool noise = false;
   int chunk = 100;
@@ -37,7 +37,7 @@ struct CompareOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
-        "[NAME:]PART+PART..., comma-separated; PART: kernel, original or option=value");
+        "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
   field(Option{"noise"}.common(), c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
   field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations take turns");
@@ -70,6 +70,13 @@ std::string listed(const std::vector<std::int64_t>& seeds) {
   return text;
 }
 
+/// As parse_configurations() reads them.
+std::string joined(const std::vector<std::string>& configs) {
+  std::string text;
+  for (const std::string& entry : configs) text += (text.empty() ? "" : ",") + entry;
+  return text;
+}
+
 /// The stored plan for --resume, else a plan from the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   if (options.resume && options.overwrite) {
@@ -97,7 +104,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
 
-  if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
+  if (options.resume && line.was_given("configs") && joined(options.configs) != plan.configs) {
     input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
   }
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
@@ -108,7 +115,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
                 " it); use another folder (-m)");
   }
-  if (!options.resume) plan.configs = options.configs;
+  if (!options.resume) plan.configs = joined(options.configs);
   if (!options.resume) plan.has_repetition = options.noise;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
 #include <iostream>
 #include <utility>
 
@@ -18,6 +19,18 @@ std::string with_underscores(std::string word) {
   const std::size_t end = std::min(word.find('='), word.size());
   std::replace(word.begin() + 2, word.begin() + static_cast<std::ptrdiff_t>(end), '-', '_');
   return word;
+}
+
+/// "-m" or "--seeds", but not "-1".
+bool is_option(const std::string& word) {
+  return word.size() > 1 && word[0] == '-' &&
+         (word[1] == '-' || std::isalpha(static_cast<unsigned char>(word[1])) != 0);
+}
+
+/// "0,1,2", but not "0,": a list with commas is one word, unless the word ends in one.
+bool is_whole_list(const std::string& word) {
+  const std::size_t comma = word.find(',');
+  return comma != std::string::npos && word.back() != ',';
 }
 
 /// Names in CLI11's notation: "scene,-s,--source_path,--data_dir".
@@ -68,13 +81,23 @@ struct CommandLine::Impl {
     return nullptr;
   }
 
-  /// The words as CLI11 expects them, last first: underscores in names, and "--flag false" joined to "--flag=false".
+  /// The words as CLI11 expects them, last first: underscores in names, "--flag false" joined to "--flag=false", and
+  /// "--" at the end of a list with commas, so that "--seeds 0,1 scene" leaves the scene for the positional argument.
   std::vector<std::string> prepared(const std::vector<std::string>& words) const {
     std::vector<std::string> result;
+    bool is_in_list = false;
     for (std::size_t i = 0; i < words.size(); ++i) {
       std::string word = with_underscores(words[i]);
-      const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2)) : nullptr;
-      if (row != nullptr && row->spec.kind == ValueKind::kFlag && i + 1 < words.size() &&
+      const std::size_t equals = word.find('=');
+      const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2, equals - 2)) : nullptr;
+      if (is_option(word)) is_in_list = row != nullptr && is_list(row->spec);
+      if (is_in_list && is_whole_list(word)) {
+        result.push_back(std::move(word));
+        result.emplace_back("--");
+        is_in_list = false;
+        continue;
+      }
+      if (equals == std::string::npos && row != nullptr && row->spec.kind == ValueKind::kFlag && i + 1 < words.size() &&
           is_truth_value(words[i + 1])) {
         word += "=" + words[++i];
       }

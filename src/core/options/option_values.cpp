@@ -21,21 +21,26 @@ Number to_number(const OptionSpec& spec, const std::string& word) {
   detail::invalid_value(/*place=*/"", spec.name, expected, '"' + word + '"');
 }
 
+/// "a,b" "c d" "e, f" -> a b c d e f; an empty entry stays, to be reported.
+std::vector<std::string> list_entries(const std::vector<std::string>& words) {
+  std::vector<std::string> entries;
+  for (const std::string& word : words) {
+    std::istringstream text(word);
+    for (std::string part; std::getline(text, part, ',');) {
+      std::istringstream blanks(part);
+      const std::size_t n_before = entries.size();
+      for (std::string entry; blanks >> entry;) entries.push_back(entry);
+      if (entries.size() == n_before) entries.emplace_back();
+    }
+  }
+  return entries;
+}
+
 template <class Number>
 nlohmann::json to_numbers(const OptionSpec& spec, const std::vector<std::string>& words) {
   nlohmann::json values = nlohmann::json::array();
-  for (const std::string& word : words) values.push_back(to_number<Number>(spec, word));
+  for (const std::string& entry : list_entries(words)) values.push_back(to_number<Number>(spec, entry));
   return values;
-}
-
-/// "a,b" "c" -> a b c
-std::vector<std::string> split_at_commas(const std::vector<std::string>& words) {
-  std::vector<std::string> parts;
-  for (const std::string& word : words) {
-    std::istringstream text(word);
-    for (std::string part; std::getline(text, part, ',');) parts.push_back(part);
-  }
-  return parts;
 }
 
 }  // namespace
@@ -66,7 +71,7 @@ nlohmann::json option_value(const OptionSpec& spec, const std::vector<std::strin
     case ValueKind::kNumbers:
       return to_numbers<double>(spec, words);
     case ValueKind::kNames:
-      return split_at_commas(words);
+      return list_entries(words);
   }
   return {};
 }

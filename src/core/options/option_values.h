@@ -12,7 +12,8 @@ namespace b3dgs {
 /// "true" or "false".
 bool is_truth_value(const std::string& word);
 
-/// The value of an option that was given with these words. @throws InputError that names the option
+/// The value of an option that was given with these words. Entries of a list are separated by commas, spaces or both.
+/// @throws InputError that names the option
 nlohmann::json option_value(const OptionSpec& spec, const std::vector<std::string>& words);
 
 }  // namespace b3dgs
