@@ -7,7 +7,7 @@
 #include "app/commands.h"
 #include "app/model.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "train/device.h"

@@ -11,7 +11,7 @@
 #include "app/model.h"
 #include "app/terminal/progress.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "core/print.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
@@ -133,7 +133,7 @@ void describe_checkpoint(const std::string& path) {
   verify_checkpoint_file(path);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
   std::printf("%s: checkpoint, checksums valid\n", path.c_str());
-  print_line("size", "%.1f MB", static_cast<double>(fs::file_size(path)) / 1e6);
+  print_line("size", "%s", format_bytes(static_cast<std::int64_t>(fs::file_size(path))).c_str());
   for (const char* key : {"iteration", "n_gaussians", "sh_degree", "loss_average"}) {
     if (header.contains(key)) print_line(key, "%s", header[key].dump().c_str());
   }
@@ -145,7 +145,7 @@ void describe_checkpoint(const std::string& path) {
 
 void describe_folder(const std::string& path) {
   const fs::path folder = path;
-  if (fs::exists(folder / "config.json") || fs::exists(folder / "point_cloud")) return describe_model(path);
+  if (ModelFolder(folder).has_config() || fs::exists(folder / "point_cloud")) return describe_model(path);
   if (fs::exists(folder / "sparse") || colmap_format(folder)) return describe_scene(path);
   input_error("neither a COLMAP scene nor a model folder: ", path,
               " (expected sparse/ or config.json); run COLMAP first if there are only photographs");

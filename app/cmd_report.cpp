@@ -5,7 +5,7 @@
 #include "app/commands.h"
 #include "compare/comparison.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "report/train_report.h"
 
 namespace b3dgs {
@@ -40,7 +40,7 @@ int run_report(const std::vector<std::string>& words) {
     print_comparison(comparison);
     std::cout << "written: " << (folder / "report.html").string() << "\n";
   } else {
-    if (!fs::exists(folder / "config.json")) {
+    if (!ModelFolder(folder).has_config()) {
       input_error("neither a model folder nor a comparison: ", folder.string(),
                   " (expected config.json or compare.json); pass the folder that was given with -m");
     }

@@ -1,22 +1,25 @@
 // b3dgs synth: writes a synthetic COLMAP scene.
 #include <iostream>
+#include <utility>
 
 #include "app/commands.h"
 #include "app/terminal/progress.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "data_synth/synth_writer.h"
 
 namespace b3dgs {
 namespace {
 
 struct SynthCommandOptions {
+  bool overwrite = false;
   bool quiet = false;
 };
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions>> visit_fields(Config& c,
                                                                                                 Visitor&& field) {
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing synthetic scene in the output folder");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
 }
 
@@ -31,7 +34,18 @@ int run_synth(const std::vector<std::string>& words) {
   SynthCommandOptions options;
   line.apply(config);
   line.apply(options);
+  const std::pair<const char*, const char*> scene_of_option[]{
+      {"sh_degree", "orbit"}, {"skew", "street"}, {"truth", "street"}};
+  for (const auto& [option, scene] : scene_of_option) {
+    if (line.was_given(option) && config.scene != scene) {
+      input_error("--", option, " has no effect on ", config.scene, "; it is an option of ", scene);
+    }
+  }
   if (config.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs synth ", config.scene, " OUTPUT");
+  if (holds_synth_scene(config.output) && !options.overwrite) {
+    input_error("output folder already holds a synthetic scene: ", config.output,
+                "; replace it with --overwrite, or choose another folder");
+  }
   config = with_scene_defaults(config);
 
   StatusLine status = StatusLine::for_stderr(options.quiet);

@@ -11,9 +11,11 @@
 #include "app/terminal/progress.h"
 #include "app/train_setup.h"
 #include "core/check.h"
-#include "core/command_line.h"
 #include "core/files/folder_lock.h"
+#include "core/options/command_line.h"
+#include "core/options/config_file.h"
 #include "core/print.h"
+#include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
@@ -65,11 +67,11 @@ void apply_given(const CommandLine& line, const TrainCommandOptions& options, Tr
 }
 
 /// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
-fs::path newest_checkpoint(const ModelFolder& folder, const TrainCommandOptions& options, StatusLine& status) {
+fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
   fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
-  if (checkpoint.empty() && !folder.checkpoint_iterations().empty() && !options.overwrite) {
+  if (checkpoint.empty() && !folder.checkpoint_iterations().empty()) {
     input_error("all checkpoints are damaged: ", folder.root().string(),
-                "; start again in another folder (-m), or in this one with --overwrite");
+                "; start again in another folder (-m), or in this one with --overwrite instead of --resume");
   }
   return checkpoint;
 }
@@ -79,7 +81,7 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   if (options.resume != "auto") {
     if (!fs::is_directory(options.resume)) return options.resume;
     const ModelFolder folder(options.resume);
-    fs::path checkpoint = newest_checkpoint(folder, options, status);
+    fs::path checkpoint = newest_checkpoint(folder, status);
     if (checkpoint.empty())
       input_error("no checkpoint found: ", options.resume, " (expected checkpoints/iteration_N.b3dgs)");
     return checkpoint;
@@ -88,10 +90,15 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
     input_error("--resume auto needs the model folder (-m) or the scene (-s)");
   }
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
-  fs::path checkpoint = newest_checkpoint(ModelFolder(config.model_path), options, status);
-  if (checkpoint.empty())
-    status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
-  return checkpoint;
+  const ModelFolder folder(config.model_path);
+  fs::path checkpoint = newest_checkpoint(folder, status);
+  if (!checkpoint.empty()) return checkpoint;
+  if (config.source_path.empty() && !folder.has_config()) {
+    input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
+                "start a training with b3dgs train SOURCE_PATH -m ", config.model_path);
+  }
+  status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
+  return "";
 }
 
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
@@ -119,6 +126,10 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
+  if (options.resume == "auto" && options.overwrite) {
+    input_error("--resume auto and --overwrite exclude each other: one continues the model in the output folder, the ",
+                "other replaces it");
+  }
   apply_given(line, options, config);
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
@@ -144,6 +155,10 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
     const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
     if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
     const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);
+    if (plan.options.overwrite && !is_replaced && folder.holds_model()) {
+      input_error("--overwrite has nothing to replace: ", folder.root().string(),
+                  " holds the training that --resume continues; leave out one of them");
+    }
     std::error_code error;
     if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
       input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),
@@ -158,18 +173,22 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
               "replace it with --overwrite, or choose another folder with -m");
 }
 
-/// Checks that the checkpoint is of this scene at this image size, before photographs are decoded. @throws InputError
-void check_scene_of(const fs::path& checkpoint, const TrainConfig& config) {
+/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and is of this scene
+/// at this image size. @throws InputError
+void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   if (checkpoint.empty()) return;
+  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
+  const CheckpointHeader values = parse_checkpoint_header(header, checkpoint.string());
+  check_resume_options(values.config, values.iteration, config, checkpoint.string());
   SceneOptions options = scene_options(config);
   options.load_images = false;
-  check_scene(read_checkpoint_header(checkpoint), load_scene(options), checkpoint.string());
+  check_scene(header, load_scene(options), checkpoint.string());
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
-  return "GPU memory  photographs " + format_gigabytes(forecast.photographs) + ", model " +
-         format_gigabytes(forecast.model) + ", pairs about " + format_gigabytes(forecast.pairs) + " of " +
-         format_gigabytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
+  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " + format_bytes(forecast.model) +
+         ", pairs about " + format_bytes(forecast.pairs) + " of " + format_bytes(forecast.limit) + "; room for about " +
+         format_count(forecast.largest_count) + " Gaussians";
 }
 
 void report_quality(const TrainResult& result) {
@@ -189,7 +208,7 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
               format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
   if (result.peak_memory_bytes > 0) {
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
-                format_gigabytes(result.peak_memory_bytes).c_str());
+                format_bytes(result.peak_memory_bytes).c_str());
   }
   report_quality(result);
   if (result.n_removed > 0) {
@@ -217,12 +236,13 @@ int run_train(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(plan.config.device);
   plan.config.device = device_name(device);
   const TrainConfig& config = plan.config;
+  check_options(config);
   set_compute_threads(config.threads);
   const ModelFolder folder(config.model_path);
   const EmptyFolderGuard guard(folder.root());
   const FolderLock lock(folder.root());  // before photographs are read, so that a read-only folder fails early
   const bool is_replaced = guard_model(folder, plan);
-  check_scene_of(plan.checkpoint, config);
+  check_checkpoint(plan.checkpoint, config);
 
   const double reading_start_s = steady_seconds();
   const Scene scene = open_scene(scene_options(config), status);

@@ -13,7 +13,7 @@
 
 #include "app/commands.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/nearest_name.h"
 
 namespace b3dgs {
 namespace {

@@ -19,22 +19,22 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
+constexpr const char* kParts[] = {"images", "sparse", "truth.ply"};
 
 /// Removes an earlier synthetic scene. @throws InputError if the folder contains anything else
 void prepare_folder(const fs::path& folder) {
-  std::error_code error;
-  const bool exists = fs::exists(folder, error);
-  if (exists && !fs::is_directory(folder, error))
-    input_error("not a directory: ", folder.string(), " (expected an output folder)");
-  if (!exists || fs::is_empty(folder, error)) return;
-  if (!fs::exists(folder / kOptionsFile, error)) {
-    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
-                "); choose a new or empty folder");
-  }
-  for (const char* part : {"images", "sparse", "truth.ply"}) {
+  if (!holds_synth_scene(folder)) return;
+  for (const char* part : kParts) {
     if (!remove_tree(folder / part))
       io_error("cannot remove ", (folder / part).string(), " (", std::strerror(errno), ")");
   }
+}
+
+/// Removes what was written of a scene.
+void remove_unfinished(const fs::path& folder) {
+  std::error_code error;  // ignored: another error is being reported
+  for (const char* part : kParts) remove_tree(folder / part);
+  fs::remove(folder / kOptionsFile, error);
 }
 
 std::string image_name(std::size_t index, const SynthConfig& config) {
@@ -75,12 +75,8 @@ ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   return model;
 }
 
-}  // namespace
-
-void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
-                       const std::function<void(std::size_t, std::size_t)>& on_image) {
-  const fs::path folder = config.output;
-  prepare_folder(folder);
+void write_files(const fs::path& folder, const SynthConfig& config, const SynthScene& scene,
+                 const std::function<void(std::size_t, std::size_t)>& on_image) {
   write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
   write_splats(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
@@ -89,6 +85,36 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   }
   const ColmapFormat format = config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;
   write_colmap_model(folder / "sparse" / "0", colmap_model(config, scene), format);
+}
+
+}  // namespace
+
+bool holds_synth_scene(const fs::path& folder) {
+  std::error_code error;
+  const bool exists = fs::exists(folder, error);
+  if (exists && !fs::is_directory(folder, error))
+    input_error("not a directory: ", folder.string(), " (expected an output folder)");
+  if (!exists || fs::is_empty(folder, error)) return false;
+  if (!fs::exists(folder / kOptionsFile, error)) {
+    input_error("folder is not empty: ", folder.string(), " (not a synthetic scene: no ", kOptionsFile,
+                "); choose a new or empty folder");
+  }
+  return true;
+}
+
+void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
+                       const std::function<void(std::size_t, std::size_t)>& on_image) {
+  const fs::path folder = config.output;
+  std::error_code error;
+  const bool is_new = !fs::exists(folder, error);
+  prepare_folder(folder);
+  try {
+    write_files(folder, config, scene, on_image);
+  } catch (...) {
+    remove_unfinished(folder);
+    if (is_new) fs::remove(folder, error);
+    throw;
+  }
 }
 
 }  // namespace b3dgs

@@ -3,15 +3,19 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 
 #include "data_synth/synth_scene.h"
 
 namespace b3dgs {
 
+/// Whether the folder holds a synthetic scene. @throws InputError if it holds anything else
+bool holds_synth_scene(const std::filesystem::path& folder);
+
 /// Renders the images and writes everything to config.output. Replaces an existing synthetic scene.
 /// @throws InputError if the folder contains anything else, which protects real scenes
-/// @throws IoError if something cannot be written
+/// @throws IoError if something cannot be written; nothing of the scene is left then
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t done, std::size_t total)>& on_image = {});
 

@@ -115,7 +115,7 @@ def main():
     if source is None:
         source = args.work / "source"
         subprocess.run([str(args.program), "synth", "orbit", str(source), "--views", "24", "--width", "1600", "--height",
-                        "1067", "--points", "100000", "--image_format", "jpg", "--quiet"], check=True)
+                        "1067", "--points", "100000", "--image_format", "jpg", "--overwrite", "--quiet"], check=True)
     scene = args.work / "linked"
     n_files = make_linked_scene(source, scene, args.views)
 

@@ -100,7 +100,7 @@ time.sleep(3600)' >"$out/holder.log" 2>&1 &
 # run_points NAME POINTS
 run_points() {
   local name=$1 points=$2 status=0 first
-  "$b3dgs" synth street "$out/$name-scene" --points "$points" --views 16 --width 1600 --height 900 --quiet >"$out/$name-synth.log" 2>&1 &&
+  "$b3dgs" synth street "$out/$name-scene" --points "$points" --views 16 --width 1600 --height 900 --overwrite --quiet >"$out/$name-synth.log" 2>&1 &&
     train "$name" "$out/$name" -s "$out/$name-scene" --eval --iterations 500 --checkpoint_iterations 500 --densify_from_iter 200 --overwrite
   status=$?
   first=$(last_of "$out/$name" gpu_peak_bytes)

@@ -6,7 +6,7 @@
 #include "app/bench/bench_devices.h"
 #include "app/commands.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "core/parallel.h"
 #include "raster/forward_kernel.h"
 

@@ -3,7 +3,7 @@
 
 #include "app/bench/bench_devices.h"
 #include "app/commands.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "core/parallel.h"
 
 namespace b3dgs {

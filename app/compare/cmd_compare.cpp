@@ -10,8 +10,9 @@
 #include "app/train_setup.h"
 #include "compare/comparison.h"
 #include "core/check.h"
-#include "core/command_line.h"
 #include "core/files/folder_lock.h"
+#include "core/options/command_line.h"
+#include "core/options/config_file.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/threads.h"
@@ -23,7 +24,7 @@ namespace fs = std::filesystem;
 
 struct CompareOptions {
   // With all kernels without load balancing, so that the gain of load balancing is known.
-  std::string configs = "naive,shared-memory,adaptive";
+  std::vector<std::string> configs{"naive", "shared-memory", "adaptive"};
   std::vector<std::int64_t> seeds;
   bool noise = false;
   int chunk = 100;
@@ -36,7 +37,7 @@ struct CompareOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
-        "[NAME:]PART+PART..., comma-separated; PART: kernel, original or option=value");
+        "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
   field(Option{"noise"}.common(), c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
   field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations take turns");
@@ -69,8 +70,22 @@ std::string listed(const std::vector<std::int64_t>& seeds) {
   return text;
 }
 
+/// As parse_configurations() reads them.
+std::string joined(const std::vector<std::string>& configs) {
+  std::string text;
+  for (const std::string& entry : configs) text += (text.empty() ? "" : ",") + entry;
+  return text;
+}
+
 /// The stored plan for --resume, else a plan from the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
+  if (options.resume && options.overwrite) {
+    input_error("--resume and --overwrite exclude each other: one continues the comparison in the output folder, the ",
+                "other replaces it");
+  }
+  if (line.was_given("seed") && line.was_given("seeds")) {
+    input_error("--seed and --seeds exclude each other; name all seeds with --seeds");
+  }
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   plan.base = default_config();
@@ -89,11 +104,8 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
 
-  if (options.resume && line.was_given("configs") && options.configs != plan.configs) {
+  if (options.resume && line.was_given("configs") && joined(options.configs) != plan.configs) {
     input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
-  }
-  if (options.resume && options.overwrite) {
-    input_error("--resume and --overwrite exclude each other");
   }
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
     input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
@@ -103,7 +115,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
                 " it); use another folder (-m)");
   }
-  if (!options.resume) plan.configs = options.configs;
+  if (!options.resume) plan.configs = joined(options.configs);
   if (!options.resume) plan.has_repetition = options.noise;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
@@ -206,7 +218,8 @@ int run_compare(const std::vector<std::string>& words) {
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
-  plan.configurations();  // reports errors before anything is written
+  // Errors are reported before photographs are read and before anything is written.
+  for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
   const EmptyFolderGuard guard(plan.root());
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
@@ -222,7 +235,7 @@ int run_compare(const std::vector<std::string>& words) {
   print_comparison(comparison);
   std::cout << "written: " << (plan.root() / "report.html").string() << ", compare.json" << std::endl;
   if (is_complete) return 0;
-  std::cout << "stopped by a signal; resume with: b3dgs compare --resume -m " << plan.root().string() << "\n";
+  std::cout << "stopped by a signal; resume with: " << resume_command(plan) << "\n";
   return 128 + stop_signal();
 }
 

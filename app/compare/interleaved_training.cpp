@@ -78,6 +78,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   hooks.image_budget = image_budget;
   hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
   hooks.on_loading = show_loading(status_);
+  hooks.resume_command = resume_command(plan);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
   status_.clear();
   hooks.on_message("photographs " + turn.trainer->describe_images());
@@ -139,6 +140,10 @@ void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
                format_train_progress(progress, turn.eta.iterations_per_second(), all));
 }
 
+std::string resume_command(const ComparisonPlan& plan) {
+  return "b3dgs compare --resume -m " + plan.root().string();
+}
+
 std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations) {
   return (seed_index + 1 + static_cast<std::size_t>(turn)) % n_configurations;
 }
@@ -152,6 +157,8 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   part.train.resize(std::min<std::size_t>(1, part.train.size()));
   part.test.clear();
   const TemporaryFolder folder(plan.root() / ".warm_up");
+  TrainHooks hooks;
+  hooks.resume_command = resume_command(plan);
   const auto train = [&](const Configuration& configuration) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
@@ -159,7 +166,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     config.densify_from_iter = 0;
     config.densification_interval = 2;
     config.kernel_check_interval = 2;  // the kernel choice `paper` has no check before that
-    Trainer(config, part, ModelFolder(folder.path()), {}).run();
+    Trainer(config, part, ModelFolder(folder.path()), hooks).run();
     double loading_ms = 0;
     for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {
       loading_ms += check.warm_up_ms.value_or(0);

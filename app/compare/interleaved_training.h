@@ -49,6 +49,9 @@ class InterleavedTraining {
   std::vector<std::unique_ptr<Turn>> turns_;  // pointers, since the trainers' hooks refer to their Turn
 };
 
+/// The command that resumes a comparison: "b3dgs compare --resume -m OUTPUT".
+std::string resume_command(const ComparisonPlan& plan);
+
 /// Index of the configuration that comes first in a turn. It advances with each turn and each seed, so that no
 /// configuration always trains first.
 std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations);

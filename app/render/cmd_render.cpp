@@ -9,7 +9,7 @@
 #include "app/render/camera_path.h"
 #include "app/render/depth_colors.h"
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
 #include "scene/images/image_io.h"
 #include "train/device.h"
 #include "train/evaluate.h"
@@ -47,7 +47,7 @@ void take_file(ModelOptions& model, RenderOptions& options) {
   if (options.ply.empty() || !model.source_path.empty()) return;
   const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
   const ModelFolder folder(root);
-  if (!fs::exists(root / "config.json")) return;
+  if (!folder.has_config()) return;
   for (const int iteration : folder.ply_iterations()) {
     std::error_code error;
     if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;
@@ -95,6 +95,13 @@ int run_render(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   if (!options.ply.empty() && !model_options.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
+  }
+  if (line.was_given("frames") && options.path != "interpolated") {
+    input_error("--frames is for --path interpolated; the other paths have one image for each view");
+  }
+  const bool names_ply = !options.ply.empty() || fs::is_regular_file(model_options.model_path);
+  if (line.was_given("iteration") && names_ply) {
+    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
   }
   take_file(model_options, options);
   const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)

@@ -7,7 +7,8 @@
 #include <utility>
 
 #include "core/check.h"
-#include "core/command_line.h"
+#include "core/options/command_line.h"
+#include "core/options/nearest_name.h"
 
 namespace b3dgs {
 namespace {

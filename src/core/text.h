@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
 #include <string>
 
 #include "core/print.h"
@@ -21,11 +20,12 @@ inline std::string format_count(std::int64_t n) {
   return text;
 }
 
-/// "1.23 GB"; 1 GB is 10^9 bytes.
-inline std::string format_gigabytes(std::int64_t bytes) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.2f GB", 1e-9 * static_cast<double>(bytes));
-  return text;
+/// "1.23 GB", "45.6 MB" or "7.8 kB", with decimal units: 1 GB is 10^9 bytes.
+inline std::string format_bytes(std::int64_t bytes) {
+  const auto value = static_cast<double>(bytes);
+  if (bytes >= 1000000000) return print_to_string("%.2f GB", 1e-9 * value);
+  if (bytes >= 1000000) return print_to_string("%.1f MB", 1e-6 * value);
+  return print_to_string("%.1f kB", 1e-3 * value);
 }
 
 /// "1:02:03" or "2:03".

@@ -2,10 +2,8 @@
 
 #include <sys/statvfs.h>
 
-#include <algorithm>
-#include <cstdio>
-
 #include "core/check.h"
+#include "core/text.h"
 #include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
@@ -16,12 +14,6 @@ constexpr std::int64_t kFloatBytes = 4;
 /// Floats per Gaussian.
 std::int64_t parameter_floats(int sh_degree) {
   return 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
-}
-
-std::string in_megabytes(std::int64_t bytes) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f MB", 1e-6 * static_cast<double>(bytes));
-  return text;
 }
 
 }  // namespace
@@ -47,8 +39,8 @@ std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_
   const std::int64_t wanted =
       ply_bytes(n_gaussians, sh_degree) + (n_checkpoints + 1) * checkpoint_bytes(n_gaussians, sh_degree);
   if (free_bytes < 0 || free_bytes >= wanted) return "";
-  return detail::concat(folder.string(), ": ", in_megabytes(free_bytes), " free on this disk, expected ",
-                        in_megabytes(wanted), " or more: the size of a PLY and ", n_checkpoints + 1,
+  return detail::concat(folder.string(), ": ", format_bytes(free_bytes), " free on this disk, expected ",
+                        format_bytes(wanted), " or more: the size of a PLY and ", n_checkpoints + 1,
                         " checkpoints of the ", n_gaussians,
                         " Gaussians that training starts with, before densification; free some space, or ",
                         "lower --keep_checkpoints or --max_gaussians");

@@ -118,6 +118,10 @@ void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) co
   write_json(root_ / "config.json", config_to_json(config), 2);
 }
 
+bool ModelFolder::has_config() const {
+  return fs::exists(root_ / "config.json");
+}
+
 TrainConfig ModelFolder::read_config() const {
   const fs::path path = root_ / "config.json";
   std::ifstream file(path);

@@ -46,6 +46,9 @@ class ModelFolder {
   /// Writes input.ply, cameras.json (test cameras first), cfg_args and config.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
 
+  /// Whether there is a config.json: a training was started here.
+  bool has_config() const;
+
   /// The configuration of the training. @throws InputError if config.json is missing or damaged
   TrainConfig read_config() const;
 

@@ -95,7 +95,7 @@ std::string time_and_memory_section(const LabeledRun& run) {
                      time_text(run.info.reading_s) + ") and evaluation, saving and checkpoints (" +
                      time_text(run.info.output_s) + ") are not included.";
   if (const std::int64_t peak = gpu_peak_bytes(run.history); peak > 0) {
-    text += " GPU memory peaked at " + format_gigabytes(peak) + ", not counting the CUDA context.";
+    text += " GPU memory peaked at " + format_bytes(peak) + ", not counting the CUDA context.";
   }
   return html::paragraph(text) + stage_section({run});
 }

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "scene/images/resolution.h"
 #include "scene/view_image.h"
 
@@ -102,9 +103,9 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
   std::int64_t bytes = 0;
   for_each_view(scene, [&](const View& view) { bytes += view.image->n_bytes(); });
   const std::int64_t limit = scene.train.front().image->memory()->limit();
-  const std::string images = rounded(1e-6 * static_cast<double>(bytes), "%.1f MB of images");
+  const std::string images = format_bytes(bytes) + " of images";
   if (limit == std::numeric_limits<std::int64_t>::max()) return images;
-  return images + rounded(1e-6 * static_cast<double>(limit), ", at most %.1f MB in memory (--host_memory_gb)");
+  return images + ", at most " + format_bytes(limit) + " in memory (--host_memory_gb)";
 }
 
 // Choices made for the user, and signs that something is wrong with the scene.

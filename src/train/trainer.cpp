@@ -4,6 +4,7 @@
 
 #include <chrono>
 
+#include "model/formats/splat_formats.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
@@ -48,11 +49,6 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
-  if (device.is_cuda() && config.deterministic &&
-      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
-    input_error("--deterministic: the backward kernel ", config.backward_kernel,
-                " sums in an order that differs from run to run; use --backward_kernel per-splat");
-  }
   if (config.antialiasing) {
     std::vector<PinholeView> views;
     for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
@@ -62,10 +58,20 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
   if (images.size() == 0) input_error(scene.source_path, ": no training views");
 }
 
+void check_options(const TrainConfig& config) {
+  if (choose_device(config.device).is_cuda() && config.deterministic &&
+      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
+    input_error("--deterministic: the backward kernel ", config.backward_kernel,
+                " sums in an order that differs from run to run; use --backward_kernel per-splat");
+  }
+  if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
+}
+
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
   TrainConfig resolved = config;  // some defaults, such as the tile, follow from the device's name
   resolved.device = device_name(choose_device(config.device));
+  check_options(resolved);
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }
 Trainer::~Trainer() = default;
@@ -73,14 +79,7 @@ Trainer::~Trainer() = default;
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {
   Impl& impl = *impl_;
   Checkpoint read = read_checkpoint(checkpoint, impl.scene, impl.device);
-  if (read.config.sh_degree != impl.config.sh_degree) {
-    input_error(checkpoint.string(), ": SH degree ", read.config.sh_degree, ", but --sh_degree is ",
-                impl.config.sh_degree, "; resume with the same degree");
-  }
-  if (read.state.iteration > impl.config.iterations) {
-    input_error(checkpoint.string(), ": iteration ", read.state.iteration, " is beyond --iterations ",
-                impl.config.iterations, "; give a larger --iterations");
-  }
+  check_resume_options(read.config, read.state.iteration, impl.config, checkpoint.string());
   impl.fingerprint = scene_fingerprint(impl.scene);
   const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), impl.fingerprint);
   if (!changed.empty()) {

@@ -42,6 +42,10 @@ struct TrainHooks : TrainListeners {
   std::optional<std::int64_t> image_budget;
 };
 
+/// Checks the options without the scene: that they go together, and that the file of --init_ply can be read. A Trainer
+/// does so, too, but the scene has been loaded by then. @throws InputError
+void check_options(const TrainConfig& config);
+
 class Trainer {
  public:
   /// `scene` must outlive the trainer. @throws InputError if config.device cannot be used
@@ -80,7 +84,7 @@ class Trainer {
   /// Waits until the device has finished all steps, and reports the remaining stage times.
   void wait();
 
-  /// Where the photographs are stored, on one line: "for training 80 in memory (0.10 GB); for testing none".
+  /// Where the photographs are stored, on one line: "for training 80 in memory (122.9 MB); for testing none".
   std::string describe_images() const;
 
   std::int64_t n_gaussians() const;

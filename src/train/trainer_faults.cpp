@@ -78,8 +78,9 @@ std::string Trainer::Impl::save_last_state() {
   if (const std::vector<WrittenFile>& failed = recorder.failed_files(); !failed.empty()) {
     return kNoCheckpoint + failed.back().error + recorder.last_checkpoint();
   }
-  return detail::concat("; iteration ", state.iteration, " is saved, continue with --resume ",
-                        recorder.outputs().checkpoint.string());
+  return detail::concat(
+      "; iteration ", state.iteration, " is saved, continue with ",
+      hooks.resume_command.empty() ? "--resume " + recorder.outputs().checkpoint.string() : hooks.resume_command);
 }
 
 void Trainer::Impl::end_with_checkpoint() {

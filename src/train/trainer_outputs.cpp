@@ -43,13 +43,14 @@ void Trainer::Impl::begin() {
   if (!disk.empty()) recorder.warn(disk);
   // If the session before ended between a step and its density control, what was left of that iteration is done now.
   const bool wants_ply = output_plan(config, state.iteration, false).save && state.iteration > 0;
+  const bool is_complete = state.iteration == config.iterations;
   const bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
-  if (lacks_ply && (state.is_density_pending || state.iteration == config.iterations)) write_ply();
-  if (state.is_density_pending) {
-    control_density();
-    if (state.iteration == config.iterations) write_checkpoint();
-  }
-  if (state.iteration == config.iterations) {
+  if (lacks_ply && (state.is_density_pending || is_complete)) write_ply();
+  // A complete training that is resumed in another folder has its files there, too.
+  const bool lacks_checkpoint = state.is_density_pending || !std::filesystem::exists(folder.checkpoint(state.iteration));
+  if (state.is_density_pending) control_density();
+  if (is_complete && lacks_checkpoint) write_checkpoint();
+  if (is_complete) {
     recorder.say(detail::concat("all ", config.iterations, " iterations are done; raise --iterations to train longer"));
     recorder.use_existing_ply();
   }

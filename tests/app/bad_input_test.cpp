@@ -227,6 +227,43 @@ TEST_F(BadInput, FullDisk) {
   }
 }
 
+TEST_F(BadInput, AFullDiskLeavesNothingOfASyntheticScene) {
+  test::RunOptions full;
+  full.file_size_limit = 2000;  // truth.ply is larger
+  const fs::path made = folder_.path() / "made";
+  const Words words{"synth", "orbit", made.string(), "--views", "2", "--points", "100", "--quiet"};
+  expect_refused(run_b3dgs(words, full), {"cannot write " + (made / "truth.ply").string(), "ulimit -f"});
+  EXPECT_FALSE(fs::exists(made));
+}
+
+TEST_F(BadInput, ASyntheticSceneIsReplacedOnlyIfAsked) {
+  const fs::path made = folder_.path() / "made";
+  Words words{"synth", "orbit", made.string(), "--views", "2", "--points", "100", "--quiet"};
+  EXPECT_EQ(run_b3dgs(words).exit_code, 0);
+  const std::string options = read_bytes(made / "synth.json");
+  words.insert(words.end(), {"--seed", "1"});
+  expect_refused(run_b3dgs(words), {"already holds a synthetic scene", made.string(), "--overwrite"});
+  EXPECT_EQ(read_bytes(made / "synth.json"), options);
+  words.emplace_back("--overwrite");
+  EXPECT_EQ(run_b3dgs(words).exit_code, 0);
+  EXPECT_NE(read_bytes(made / "synth.json"), options);
+}
+
+TEST_F(BadInput, AFullDiskDuringAComparisonTellsHowToContinue) {
+  test::RunOptions full;
+  full.file_size_limit = 20000;  // a PLY or a checkpoint is larger
+  const fs::path output = folder_.path() / "comparison";
+  const Words words{
+      "compare", scene().string(), "-m",     output.string(), "--configs", "naive,shared-memory", "--iterations",
+      "4",       "--no_eval",      "--quiet"};
+  const Outcome failed = run_b3dgs(words, full);
+  expect_refused(failed,
+                 {"cannot write " + output.string(), "continue with b3dgs compare --resume -m " + output.string()});
+  EXPECT_EQ(failed.err.find("--resume auto"), std::string::npos) << failed.err;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output.string(), "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+}
+
 TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"trian"}), {"trian", "did you mean train?"});
   expect_refused(run_b3dgs({"train"}), {"missing argument: SOURCE_PATH", "-s"});
@@ -245,6 +282,12 @@ TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"info", (folder_.path() / "none").string()}), {"none"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply"}), {"-s"});
   expect_refused(train({"--resume", "auto", "--config", "none.json"}), {"none.json"});
+  // Options that would be ignored.
+  expect_refused(run_b3dgs({"render", "-m", "model", "--frames", "5"}), {"--frames", "--path interpolated"});
+  expect_refused(run_b3dgs({"render", "--ply", "x.ply", "-s", "scene", "--iteration", "5"}), {"--iteration"});
+  expect_refused(run_b3dgs({"synth", "orbit", "new", "--skew", "2"}), {"--skew", "street"});
+  expect_refused(run_b3dgs({"synth", "street", "new", "--sh_degree", "2"}), {"--sh_degree", "orbit"});
+  expect_refused(run_b3dgs({"compare", "scene", "--seed", "1", "--seeds", "2"}), {"--seed and --seeds"});
 }
 
 TEST_F(BadInput, CudaWithoutAGpu) {

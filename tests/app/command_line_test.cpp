@@ -1,5 +1,7 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
-#include "core/command_line.h"
+#include "core/options/command_line.h"
+#include "core/options/config_file.h"
+#include "core/options/nearest_name.h"
 
 #include <gtest/gtest.h>
 
@@ -90,6 +92,35 @@ TEST(CommandLine, AcceptsSeveralValuesForAList) {
   const TrainConfig config = parse({"--test_iterations", "10", "20", "30", "--seed", "5"});
   EXPECT_EQ(config.test_iterations, (std::vector<int>{10, 20, 30}));
   EXPECT_EQ(config.seed, 5);
+}
+
+TEST(CommandLine, SeparatesListsByCommasOrSpaces) {
+  const std::vector<int> wanted{10, 20, 30};
+  for (const Words& list : std::vector<Words>{
+           {"10,20,30"}, {"10", "20", "30"}, {"10,", "20,", "30"}, {"10 20 30"}, {"10, 20, 30"}, {"10,20,", "30"}}) {
+    Words words{"--test_iterations"};
+    words.insert(words.end(), list.begin(), list.end());
+    EXPECT_EQ(parse(words).test_iterations, wanted);
+  }
+  EXPECT_EQ(parse({"--test_iterations=10,20,30", "--seed", "5"}).test_iterations, wanted);
+  EXPECT_EQ(complaint({"--test_iterations", "10,,20"}),
+            "invalid value for --test_iterations (expected a whole number, found \"\")");
+}
+
+TEST(CommandLine, AListWithCommasLeavesTheNextWordToThePositionalArgument) {
+  for (const Words& words : std::vector<Words>{{"--test_iterations", "1,2", "scene", "-m", "a,b"},
+                                               {"--test_iterations=1,2", "scene", "-m", "a,b"},
+                                               {"scene", "--test_iterations", "1", "2", "-m", "a,b"},
+                                               {"-m", "a,b", "scene", "--test_iterations", "1,2"}}) {
+    CommandLine line("train", "Trains.");
+    line.add(TrainConfig{}, "Training", {"source_path"});
+    ASSERT_TRUE(line.parse(words));
+    TrainConfig config;
+    line.apply(config);
+    EXPECT_EQ(config.test_iterations, (std::vector<int>{1, 2}));
+    EXPECT_EQ(config.source_path, "scene");
+    EXPECT_EQ(config.model_path, "a,b");
+  }
 }
 
 TEST(CommandLine, AListWithoutValuesIsEmpty) {

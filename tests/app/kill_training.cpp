@@ -177,12 +177,12 @@ void check_end(const ModelFolder& folder, const std::string& expected) {
 int run(const Options& options) {
   fs::create_directories(options.folder);
   const fs::path log = options.folder / "log.txt";
-  const Words scene{"orbit",    (options.folder / "scene").string(),
-                    "--points", "300",
-                    "--views",  "9",
-                    "--width",  "48",
-                    "--height", "36",
-                    "--quiet"};
+  const Words scene{"orbit",       (options.folder / "scene").string(),
+                    "--points",    "300",
+                    "--views",     "9",
+                    "--width",     "48",
+                    "--height",    "36",
+                    "--overwrite", "--quiet"};
   expect_success(wait_for_end(start(log, [&] { return run_synth(scene); })), log);
 
   const ModelFolder whole(options.folder / "whole");

@@ -15,6 +15,15 @@ TEST(Format, Durations) {
   EXPECT_EQ(format_duration(3723), "1:02:03");
 }
 
+TEST(Format, SizesOfMemoryAndFiles) {
+  EXPECT_EQ(format_bytes(0), "0.0 kB");
+  EXPECT_EQ(format_bytes(1234), "1.2 kB");
+  EXPECT_EQ(format_bytes(1000000), "1.0 MB");
+  EXPECT_EQ(format_bytes(23400000), "23.4 MB");
+  EXPECT_EQ(format_bytes(1000000000), "1.00 GB");
+  EXPECT_EQ(format_bytes(139000000000), "139.00 GB");
+}
+
 TEST(Format, Counts) {
   EXPECT_EQ(format_count(0), "0");
   EXPECT_EQ(format_count(999), "999");

@@ -69,6 +69,14 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_TRUE(fs::exists(a.checkpoint(3)));
 }
 
+TEST_F(Resume, ContradictsOverwriteInTheFolderOfTheSameTraining) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
+  const std::string ply = read_bytes(a.ply(6));
+  expect_refused(train({"--resume", "auto", "-m", a.root(), "--overwrite"}), {"exclude each other"});
+  expect_refused(train({"--resume", a.checkpoint(3), "--overwrite"}), {"nothing to replace", a.root()});
+  EXPECT_EQ(read_bytes(a.ply(6)), ply);
+}
+
 TEST_F(Resume, AcceptsAFolderAndReportsTheIterations) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6", "--checkpoint_iterations", "3"}));
   const Outcome more = train({"--resume", a.root(), "--iterations", "10", "--kernel", "naive"});
@@ -89,6 +97,23 @@ TEST_F(Resume, AcceptsAFolderAndReportsTheIterations) {
   EXPECT_NE(measured.out.find("iteration 8,"), std::string::npos) << measured.out;
 }
 
+TEST_F(Resume, OfACompleteTrainingInAnotherFolderWritesItsFilesThere) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "6"}));
+  const Outcome copied = train({"--resume", a.checkpoint(6), "-m", b.root()});
+  expect_success(copied);
+  EXPECT_NE(copied.out.find("checkpoint  " + b.checkpoint(6).string()), std::string::npos) << copied.out;
+  EXPECT_EQ(read_bytes(b.ply(6)), read_bytes(a.ply(6)));
+  EXPECT_EQ(b.checkpoint_iterations(), std::vector<int>{6});
+
+  const Words kernel{"--kernel", "naive", "--backward_kernel", "per-splat"};  // results do not depend on times
+  for (const ModelFolder& folder : {a, b}) {
+    Words more{"--resume", folder.root(), "--iterations", "9"};
+    more.insert(more.end(), kernel.begin(), kernel.end());
+    expect_success(train(more));
+  }
+  EXPECT_EQ(read_bytes(b.ply(9)), read_bytes(a.ply(9)));
+}
+
 TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
   for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
@@ -97,11 +122,23 @@ TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   expect_refused(train({"--resume", a.root(), "--iterations", "5", "-r", "2"}), {"training view 0", "-r"});
 }
 
+TEST_F(Resume, OptionsAreCheckedBeforePhotographsAreDecoded) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "3"}));
+  for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
+    fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is intact
+  }
+  expect_refused(train({"--resume", a.root(), "--iterations", "2"}), {"is beyond --iterations 2"});
+  expect_refused(train({"--resume", a.root(), "--sh_degree", "1"}), {"but --sh_degree is 1"});
+  expect_refused(train({"-s", scene(), "-m", b.root(), "--init_ply", temp / "none.ply"}), {"none.ply"});
+  const Outcome compared = run_b3dgs({"compare", scene(), "-m", b.root(), "--init_ply", temp / "none.ply"});
+  expect_refused(compared, {"none.ply"});
+}
+
 TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4", "--sh_degree", "1"}));
   fs::resize_file(a.checkpoint(4), 1000);
   expect_refused(train({"-m", a.root(), "--resume", "auto"}), {"all checkpoints are damaged", "--overwrite"});
-  expect_success(train({"-m", a.root(), "--resume", "auto", "--overwrite", "--iterations", "5"}));
+  expect_success(train({"--config", a.root() / "config.json", "--overwrite", "--iterations", "5"}));
   EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{5}));
 
   // As if killed before the first checkpoint.
@@ -110,6 +147,13 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-m", a.root(), "--resume", "auto"}));
   EXPECT_EQ(a.read_config().sh_degree, 1);
   EXPECT_EQ(a.ply_iterations(), (std::vector<int>{5}));
+}
+
+TEST_F(Resume, AutoWithNothingToResumeAndNoSceneIsOneLine) {
+  const Outcome outcome = train({"--resume", "auto", "-m", temp / "none"});
+  expect_refused(outcome, {"nothing to resume: ", temp / "none", "b3dgs train SOURCE_PATH"});
+  EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  EXPECT_FALSE(fs::exists(temp / "none"));
 }
 
 TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
@@ -134,7 +178,8 @@ TEST_F(Resume, AFullDiskDuringTrainingDoesNotEndIt) {
                                  "--stats_interval", "0", "--quiet"},
                                 full);
   expect_refused(outcome, {"warning: ", "cannot write ", "iteration_4.b3dgs", "error: ", "File too large"});
-  EXPECT_NE(outcome.err.find("last checkpoint: none was written"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("last checkpoint: none was written; start the training again"), std::string::npos)
+      << outcome.err;
 }
 
 }  // namespace

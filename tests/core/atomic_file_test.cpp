@@ -108,8 +108,9 @@ TEST(AtomicFile, AFailedWriteReportsTheReasonAndKeepsTheOldFile) {
   const std::string content(100000, 'x');
   {
     FileSizeLimit limit(4096);
-    EXPECT_TRUE(
-        fails_with<IoError>({target.string(), "100000 bytes", "File too large"}, [&] { write_file(target, content); }));
+    EXPECT_TRUE(fails_with<IoError>(
+        {target.string(), "100000 bytes", "File too large", "ulimit", "the existing file is unchanged"},
+        [&] { write_file(target, content); }));
   }
   EXPECT_EQ(read_bytes(target), "old");
   EXPECT_EQ(count_files(folder.path()), 1u);

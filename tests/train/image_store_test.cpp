@@ -128,7 +128,7 @@ TEST(ImageStore, TellsWhereThePhotographsAreStored) {
   EXPECT_EQ(describe(places), "none");
   places.on_device = {1200, 6150000000};
   places.on_disk = {1, 5120000};
-  EXPECT_EQ(describe(places), "1200 on the GPU (6.15 GB), 1 read ahead from disk (0.01 GB)");
+  EXPECT_EQ(describe(places), "1200 on the GPU (6.15 GB), 1 read ahead from disk (5.1 MB)");
   places = {};
   places.in_memory = {2, 2004000000};
   EXPECT_EQ(describe(places), "2 in memory (2.00 GB)");

@@ -23,6 +23,18 @@ namespace fs = std::filesystem;
 
 constexpr const char *kTemporaryPrefix = ".b3dgs-", *kTemporarySuffix = ".tmp";
 
+// "(No space left on device); free some disk space"
+std::string with_remedy(const std::string& reason, int error) {
+  const std::string in_parentheses = " (" + reason + ")";
+  if (error == ENOSPC || error == EDQUOT) return in_parentheses + "; free some disk space";
+  if (error == EFBIG) return in_parentheses + "; raise the limit on file sizes (ulimit -f) or use another disk";
+  return in_parentheses;
+}
+
+std::string with_remedy(int error) {
+  return with_remedy(std::strerror(error), error);
+}
+
 // Not derived from the target's name, which may already have the maximum length.
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
@@ -66,7 +78,7 @@ void create_folders(const fs::path& folder, const std::string& target) {
   fs::create_directories(folder, error);
   if (error) {
     const std::string purpose = target == folder.string() ? "" : ", needed for " + target;
-    io_error("cannot create folder: ", folder.string(), " (", error.message(), ")", purpose);
+    io_error("cannot create folder: ", folder.string(), purpose, with_remedy(error.value()));
   }
   for (const fs::path& parent : parents) {
     if (::access(parent.c_str(), R_OK) == 0) sync_folder(parent, target);  // syncing needs read permission
@@ -83,7 +95,7 @@ AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
     // The usual mode of a new file: 0666 without the bits of the umask.
     file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   } while (file_ < 0 && (errno == EEXIST || errno == EINTR));
-  if (file_ < 0) io_error("cannot write ", target_.string(), " (", std::strerror(errno), ")");
+  if (file_ < 0) io_error("cannot write ", target_.string(), with_remedy(errno));
 }
 
 AtomicFile::~AtomicFile() {
@@ -101,8 +113,11 @@ void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& writ
     const ssize_t written = write_some(from, left);
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
-      const char* reason = written < 0 ? std::strerror(errno) : "no byte was written";
-      io_error("cannot write ", target_.string(), " (", bytes, " bytes: ", reason, "); an existing file is unchanged");
+      const int failed = written < 0 ? errno : ENOSPC;
+      std::error_code none;
+      const char* kept = fs::exists(target_, none) ? "; the existing file is unchanged" : "";
+      const std::string reason = std::to_string(bytes) + " bytes: " + std::strerror(failed);
+      io_error("cannot write ", target_.string(), with_remedy(reason, failed), kept);
     }
     from += written;
     left -= static_cast<std::size_t>(written);
@@ -131,9 +146,9 @@ void AtomicFile::commit() {
   }
   if (::close(file_) != 0 && failed == 0 && errno != EINTR) failed = errno;
   file_ = -1;
-  if (failed) io_error("cannot write ", target_.string(), " (", std::strerror(failed), ")");
+  if (failed) io_error("cannot write ", target_.string(), with_remedy(failed));
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
-    io_error("cannot replace ", target_.string(), " (", std::strerror(errno), ")");
+    io_error("cannot replace ", target_.string(), with_remedy(errno));
   }
   const fs::path folder = temporary_.parent_path();
   temporary_.clear();

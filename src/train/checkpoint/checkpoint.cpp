@@ -125,6 +125,18 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
   }
 }
 
+void check_resume_options(const TrainConfig& saved, int iteration, const TrainConfig& wanted,
+                          const std::string& place) {
+  if (saved.sh_degree != wanted.sh_degree) {
+    input_error(place, ": SH degree ", saved.sh_degree, ", but --sh_degree is ", wanted.sh_degree,
+                "; resume with the same degree");
+  }
+  if (iteration > wanted.iterations) {
+    input_error(place, ": iteration ", iteration, " is beyond --iterations ", wanted.iterations,
+                "; give a larger --iterations");
+  }
+}
+
 std::vector<std::string> changed_photographs(const Json& header, const Json& fingerprint) {
   std::vector<std::string> names;
   const Json saved = header.value("scene", Json::object()).value("photographs", Json::array());

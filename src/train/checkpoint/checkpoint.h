@@ -36,6 +36,9 @@ std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const Trai
 /// loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);
 
+/// @throws InputError if a checkpoint with these options, of this iteration, cannot be resumed with `wanted`
+void check_resume_options(const TrainConfig& saved, int iteration, const TrainConfig& wanted, const std::string& place);
+
 /// Names of training views whose photographs have changed since a checkpoint with this header was written, if the
 /// header has that information.
 std::vector<std::string> changed_photographs(const nlohmann::ordered_json& header,

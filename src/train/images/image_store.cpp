@@ -1,12 +1,12 @@
 #include "train/images/image_store.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <cstring>
 #include <map>
 #include <utility>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "model/raster_input.h"
 #include "scene/view_image.h"
 #include "train/images/image_reader.h"
@@ -72,10 +72,7 @@ std::string describe(const ImagePlaces& places) {
   std::string text;
   const auto say = [&](const ImagePlaces::Share& share, const char* where) {
     if (share.count == 0) return;
-    char part[96];
-    std::snprintf(part, sizeof part, "%s%lld %s (%.2f GB)", text.empty() ? "" : ", ",
-                  static_cast<long long>(share.count), where, 1e-9 * static_cast<double>(share.bytes));
-    text += part;
+    text += detail::concat(text.empty() ? "" : ", ", share.count, " ", where, " (", format_bytes(share.bytes), ")");
   };
   say(places.on_device, "on the GPU");
   say(places.in_memory, "in memory");

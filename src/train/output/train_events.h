@@ -30,6 +30,7 @@ struct TrainListeners {
   std::function<void(const std::string&)> on_warning;     // one line: something is wrong, but training continues
   // If set, every step is timed stage by stage, and reported some time after the device has finished it.
   std::function<void(const StageTimes&)> on_stage_times;
+  std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume
 };
 
 /// Files and evaluations of this session.

@@ -148,7 +148,12 @@ void TrainRecorder::finish_files() {
   writer_.wait();
   collect_files();
   if (!failed_.empty()) {
-    throw IoError(failed_.front().error + "; free some space and continue with --resume auto" + last_checkpoint());
+    const std::string& command = source_.listeners.resume_command;
+    const bool has_checkpoint = !outputs_.checkpoint.empty();
+    throw IoError(failed_.front().error + last_checkpoint() + "; " +
+                  (!command.empty() ? "continue with " + command
+                   : has_checkpoint ? "continue with --resume auto"
+                                    : "start the training again"));
   }
 }
 

@@ -1,5 +1,5 @@
-// Command-line parsing and help texts, from the field lists of configs (config.h). Option names are written with
-// underscores; hyphens are accepted as well: --test-iterations is --test_iterations.
+// Command-line parsing, from the field lists of configs (config.h). Option names are written with underscores; hyphens
+// are accepted as well: --test-iterations is --test_iterations.
 #pragma once
 
 #include <algorithm>
@@ -10,58 +10,9 @@
 #include <vector>
 
 #include "core/config.h"
+#include "core/options/option_spec.h"
 
 namespace b3dgs {
-
-/// Type of the value after an option.
-enum class ValueKind { kFlag, kInt, kInt64, kNumber, kText, kInts, kInt64s, kNumbers, kNames };
-
-/// One option, for the parser and the help texts.
-struct OptionSpec {
-  std::string name;
-  char letter = '\0';  // or none
-  std::vector<std::string> aliases;
-  ValueKind kind = ValueKind::kText;
-  std::string help;
-  std::string range;           // "at least 1", or empty
-  bool lists_choices = false;  // `range` lists the possible values
-  nlohmann::json default_value;
-  std::string group;        // heading in the help text
-  bool is_common = false;   // listed by --help, not only by --help-all
-  bool positional = false;  // may be given without its name
-  bool is_ignored = false;  // accepted without effect, and not listed
-};
-
-namespace detail {
-
-template <class Value>
-constexpr ValueKind value_kind() {
-  if constexpr (std::is_same_v<Value, bool>) return ValueKind::kFlag;
-  if constexpr (std::is_same_v<Value, int>) return ValueKind::kInt;
-  if constexpr (std::is_same_v<Value, std::int64_t>) return ValueKind::kInt64;
-  if constexpr (std::is_same_v<Value, double>) return ValueKind::kNumber;
-  if constexpr (std::is_same_v<Value, std::vector<int>>) return ValueKind::kInts;
-  if constexpr (std::is_same_v<Value, std::vector<std::int64_t>>) return ValueKind::kInt64s;
-  if constexpr (std::is_same_v<Value, std::vector<double>>) return ValueKind::kNumbers;
-  if constexpr (std::is_same_v<Value, std::vector<std::string>>) return ValueKind::kNames;
-  return ValueKind::kText;
-}
-
-/// What the constraint allows: the complaint about a value that violates it, which NaN and an empty string always do.
-template <class Constraint>
-std::string range_text(const Constraint& constraint) {
-  if constexpr (std::is_same_v<Constraint, Any>) {
-    return "";
-  } else if constexpr (std::is_same_v<Constraint, OneOf>) {
-    return violation(constraint, std::string());
-  } else if constexpr (std::is_same_v<Constraint, SomeOf>) {
-    return violation(constraint, std::vector<std::string>());
-  } else {
-    return violation(constraint, std::numeric_limits<double>::quiet_NaN());
-  }
-}
-
-}  // namespace detail
 
 /// The command line of one subcommand, "b3dgs NAME".
 class CommandLine {
@@ -120,14 +71,11 @@ class CommandLine {
 
   bool was_given(const std::string& name) const { return given_.contains(name); }
 
-  /// The text of --help: all options if there are at most kMaxShortHelp, else the common ones.
+  /// The texts of --help, --help-all and --help-markdown (help_pages.h). The last is not listed: it is this command's
+  /// section of docs/options.md.
   std::string help() const;
-  /// The text of --help-all: all options, with ranges and aliases.
   std::string help_all() const;
-  /// The text of --help-markdown, which is not listed: this command's section of docs/options.md.
   std::string help_markdown() const;
-
-  static constexpr std::size_t kMaxShortHelp = 20;  // options
 
  private:
   void add(const OptionSpec& spec);
@@ -136,17 +84,5 @@ class CommandLine {
   std::unique_ptr<Impl> impl_;
   nlohmann::ordered_json given_ = nlohmann::ordered_json::object();
 };
-
-/// Reads a --config file: a JSON object with option names as keys; // comments are allowed. @throws InputError
-nlohmann::ordered_json read_json_file(const std::string& path);
-
-/// Sets the fields of `config` that a --config file names. @throws InputError
-template <class Config>
-void apply_config_file(Config& config, const std::string& path) {
-  config_from_json(config, read_json_file(path), path);
-}
-
-/// The known name that a mistyped one most likely stands for; empty if none is similar.
-std::string nearest_name(const std::string& name, const std::vector<std::string>& known);
 
 }  // namespace b3dgs
