@@ -195,8 +195,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.held_at = header.held_at;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
-  state.statistics = make_density_strategy(kDefaultDensityStrategy, checkpoint.config, scene.extent)
-                         ->make_statistics(/*n_gaussians=*/0, torch::kCPU);
+  state.statistics =
+      make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
   const auto is_filters = [](const auto& tensor) { return tensor.first == "gaussians.filters"; };
   if (std::any_of(file.tensors.begin(), file.tensors.end(), is_filters)) {
     state.gaussians.filters = torch::empty({0}, torch::kFloat32);
