@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "config/density_strategies.h"
 #include "core/config.h"
 #include "raster/backward_kernel.h"
 #include "raster/forward_kernel.h"
@@ -60,8 +61,11 @@ struct TrainConfig {
 
   // Loss
   double lambda_dssim = 0.2;
+  double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
+  double scale_reg = 0;    // times their mean scale, world units
 
   // Density control
+  std::string strategy{kDefaultStrategy};
   int densify_from_iter = 500;     // exclusive: first acts at 600
   int densify_until_iter = 15000;  // exclusive: last acts at 14900
   int densification_interval = 100;
@@ -75,6 +79,11 @@ struct TrainConfig {
   int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
   int sh_increase_interval = 1000;
   std::int64_t max_gaussians = 0;  // 0 = no limit
+  double init_opacity = 0.1;
+  double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
+  // Of strategy mcmc:
+  double growth = 0.05;      // of the count, per round
+  double noise_lr = 500000;  // times the learning rate of the means
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -97,7 +106,8 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
   SomeOf candidates{{}, 2};
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
-  OneOf kernels{candidates.values}, backward_kernels;
+  OneOf kernels{candidates.values}, backward_kernels, strategies;
+  for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
   kernels.values.emplace_back(kPaperKernel);
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
@@ -155,9 +165,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
+  field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
+  field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
 
-  field(Option{"densify_from_iter"}.group("Density control"), c.densify_from_iter, AtLeast{0},
-        "start density control after this iteration");
+  field(Option{"strategy"}.group("Density control"), c.strategy, strategies,
+        "how Gaussians are added and removed; see docs/recipes.md");
+  field(Option{"densify_from_iter"}, c.densify_from_iter, AtLeast{0}, "start density control after this iteration");
   field(Option{"densify_until_iter"}, c.densify_until_iter, AtLeast{0}, "stop density control before this iteration");
   field(Option{"densification_interval"}, c.densification_interval, AtLeast{1},
         "iterations between rounds of density control");
@@ -177,6 +190,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
+  field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
+        "opacity of the initial Gaussians; not for Gaussians of --init_ply");
+  field(Option{"init_scale"}, c.init_scale, Above{0},
+        "initial scale, x mean distance to 3 neighbours; not for Gaussians of --init_ply");
+  field(Option{"growth"}, c.growth, AtLeast{0}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");
