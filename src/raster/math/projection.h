@@ -100,6 +100,13 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
 }
 
+/// Gradient with respect to the projected centre, 1/px, from the sums of q times pull.
+template <class Real>
+B3DGS_HD Vec2<Real> centre_gradient(Vec2<Real> q_p) {
+  const Real scale = 1 / Real(kConicScale);
+  return {scale * q_p.x, scale * q_p.y};
+}
+
 /// Gradient with respect to what each comment names.
 template <class Real>
 struct ProjectionGrad {
@@ -132,8 +139,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
                                                const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
                                                const SpreadGrad<Real>& grad_spread, Real grad_depth) {
   ProjectionGrad<Real> grad;
-  const Real scale = 1 / Real(kConicScale);
-  grad.mean2d = {scale * q_p.x, scale * q_p.y};
+  grad.mean2d = centre_gradient(q_p);
   const Vec3<Real> grad_a = grad_spread.x, grad_b = grad_spread.y;
   const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
   for (int row = 0; row < 3; ++row) {
