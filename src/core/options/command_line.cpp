@@ -52,14 +52,14 @@ struct CommandLine::Impl {
   };
   CLI::App app;
   CLI::Option* markdown_flag = nullptr;
-  std::string summary, example;
+  std::string summary, example, notes;
   std::vector<Row> rows;
 
   /// "b3dgs train --help-all"
   std::string command(const std::string& words) const { return "b3dgs " + app.get_name() + " " + words; }
 
   CommandHelp help() const {
-    CommandHelp command{app.get_name(), summary, example, {}};
+    CommandHelp command{app.get_name(), summary, example, notes, {}};
     for (const Row& row : rows) {
       if (!row.spec.is_ignored) command.options.push_back(&row.spec);
     }
@@ -149,6 +149,10 @@ void CommandLine::set_help(const std::string& name, const std::string& help) {
     return;
   }
   B3DGS_CHECK(false, "no option --", name);
+}
+
+void CommandLine::set_notes(const std::string& notes) {
+  impl_->notes = notes;
 }
 
 bool CommandLine::parse(const std::vector<std::string>& words) {
