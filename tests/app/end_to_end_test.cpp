@@ -246,6 +246,8 @@ TEST(Program, PrintsVersionAndHelp) {
     EXPECT_EQ(of_command.exit_code, 0);
     EXPECT_NE(of_command.out.find("Usage: b3dgs " + command), std::string::npos);
   }
+  EXPECT_EQ(run_b3dgs({"help", "report"}).out, run_b3dgs({"report", "--help"}).out);
+  EXPECT_EQ(run_b3dgs({"help", "bench", "step"}).out, run_b3dgs({"bench", "step", "--help"}).out);
   EXPECT_EQ(run_b3dgs({}).exit_code, 2);
 }
 
