@@ -12,7 +12,6 @@
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
@@ -68,13 +67,7 @@ class SplitEvaluator {
   /// Images are saved to MODEL/SPLIT/`key`/.
   SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
                  StatusLine& status)
-      : model_(model),
-        key_(key),
-        gaussians_(to_tensors(model.splats, model.splats.sh_degree, device)),
-        settings_(image_settings(model)),
-        rasterizer_(device),
-        save_images_(save_images),
-        status_(status) {}
+      : model_(model), key_(key), renderer_(model, device), save_images_(save_images), status_(status) {}
 
   Evaluation run(const std::vector<View>& views, const std::string& split) {
     const std::filesystem::path folder = model_.folder.root() / split / key_;
@@ -90,7 +83,8 @@ class SplitEvaluator {
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    Evaluation evaluation = evaluate_views(rasterizer_, gaussians_, views, settings_, on_rendered);
+    Evaluation evaluation =
+        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered);
     status_.clear();
     std::cout << split << " views\n";
     print_table(evaluation);
@@ -101,9 +95,7 @@ class SplitEvaluator {
  private:
   const LoadedModel& model_;
   std::string key_;
-  GaussianTensors gaussians_;
-  RenderSettings settings_;
-  Rasterizer rasterizer_;
+  ModelRenderer renderer_;
   bool save_images_;
   StatusLine& status_;
 };

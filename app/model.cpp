@@ -12,6 +12,7 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "train/device.h"
+#include "train/gaussians/gaussian_model.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -147,6 +148,11 @@ RenderSettings image_settings(const LoadedModel& model) {
   settings.keep_for_backward = false;
   return settings;
 }
+
+ModelRenderer::ModelRenderer(const LoadedModel& model, const torch::Device& device)
+    : gaussians(to_tensors(model.splats, model.splats.sh_degree, device)),
+      settings(image_settings(model)),
+      rasterizer(device) {}
 
 std::string results_variant(const LoadedModel& model, const ModelOptions& options) {
   if (options.source_path.empty() && options.resolution == 0) return "";

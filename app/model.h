@@ -65,6 +65,15 @@ SceneOptions scene_options(const TrainConfig& config);
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);
 
+/// A model on the device that renders it.
+struct ModelRenderer {
+  ModelRenderer(const LoadedModel& model, const torch::Device& device);
+
+  GaussianTensors gaussians;
+  RenderSettings settings;
+  Rasterizer rasterizer;
+};
+
 /// Suffix for ModelFolder::results_key(). Empty if views and image sizes are those of the training, even if the scene
 /// folder has moved; else the scene's name, "r4" for another resolution, or both.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);

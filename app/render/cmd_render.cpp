@@ -13,7 +13,6 @@
 #include "scene/images/image_io.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
@@ -111,14 +110,13 @@ int run_render(const std::vector<std::string>& words) {
   const std::vector<Camera> cameras = choose_cameras(model.scene, options);
   const fs::path folder = output_folder(model, options);
 
-  const GaussianTensors gaussians = to_tensors(model.splats, model.splats.sh_degree, device);
-  const RenderSettings settings = image_settings(model);
+  ModelRenderer renderer(model, device);
   const DepthRange range = visible_depth_range(model.splats, cameras, model.config.near_plane);
-  Rasterizer rasterizer(device);
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(cameras[i]), settings);
+    const RenderedView rendered =
+        renderer.rasterizer.forward(renderer.gaussians, to_pinhole_view(cameras[i]), renderer.settings);
     write_image(folder / "renders" / image_name(i), to_image8(rendered.color));
     if (options.depth) {
       write_image(folder / "depth" / image_name(i), color_depth(rendered.depth, rendered.alpha, range));
