@@ -28,7 +28,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit
   field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
         "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},
-        "write gt/, renders/ and diff/ (4 x absolute difference) to MODEL/SPLIT/ours_N");
+        "write gt/, renders/, diff/ (4 x difference) and views.json to MODEL/SPLIT/ours_N");
 }
 
 Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
@@ -88,7 +88,10 @@ class SplitEvaluator {
     status_.clear();
     std::cout << split << " views\n";
     print_table(evaluation);
-    if (save_images_) std::cout << "images: " << folder.string() << "/{gt,renders,diff}\n";
+    if (save_images_) {
+      write_view_names(folder, views);
+      std::cout << "images: " << folder.string() << "/{gt,renders,diff}; views.json names their views\n";
+    }
     return evaluation;
   }
 

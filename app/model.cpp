@@ -5,9 +5,11 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "app/train_setup.h"
 #include "core/check.h"
+#include "core/files/atomic_file.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
@@ -193,6 +195,12 @@ std::string image_name(std::size_t index) {
   char name[32];
   std::snprintf(name, sizeof name, "%05zu.png", index);
   return name;
+}
+
+void write_view_names(const fs::path& folder, const std::vector<View>& views) {
+  nlohmann::ordered_json names = nlohmann::ordered_json::object();
+  for (std::size_t i = 0; i < views.size(); ++i) names[image_name(i)] = views[i].name;
+  write_file(folder / "views.json", names.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace b3dgs

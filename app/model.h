@@ -84,4 +84,7 @@ std::filesystem::path image_folder(const LoadedModel& model, const std::string& 
 /// "00012.png"
 std::string image_name(std::size_t index);
 
+/// Writes views.json to a folder of such images: an object from image name to the name of the view. @throws IoError
+void write_view_names(const std::filesystem::path& folder, const std::vector<View>& views);
+
 }  // namespace b3dgs

@@ -57,8 +57,12 @@ void take_file(ModelOptions& model, RenderOptions& options) {
   }
 }
 
+const std::vector<View>& views_of(const Scene& scene, const RenderOptions& options) {
+  return options.path == "test" ? scene.test : scene.train;
+}
+
 std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
-  const std::vector<View>& views = options.path == "test" ? scene.test : scene.train;
+  const std::vector<View>& views = views_of(scene, options);
   if (views.empty()) {
     input_error("no views for --path ", options.path,
                 " (the model was trained without --eval); use --path train or interpolated");
@@ -125,6 +129,7 @@ int run_render(const std::vector<std::string>& words) {
     progress("rendering", i + 1, cameras.size());
   }
   status.clear();
+  if (options.path != "interpolated") write_view_names(folder, views_of(model.scene, options));
   std::cout << cameras.size() << (cameras.size() == 1 ? " image" : " images") << " of "
             << format_count(model.splats.size()) << " Gaussians in " << format_duration(steady_seconds() - start_s)
             << ": " << folder.string() << "/renders" << (options.depth ? ", depth" : "")

@@ -89,12 +89,20 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   EXPECT_EQ(read_image(fs::path(model()) / "test/ours_100/gt/00001.png", false).pixels,
             read_image(fs::path(scene()) / "images/00008.png", false).pixels);
 
+  const auto names = nlohmann::json::parse(read_bytes(fs::path(model()) / "test/ours_100/views.json"));
+  EXPECT_EQ(names["00001.png"], "00008.png") << names;
+  EXPECT_EQ(names.size(), 2u);
+  const Outcome again = run_b3dgs({"render", "-m", model(), "--output", model("frames"), "--no_depth", "--no_alpha"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(nlohmann::json::parse(read_bytes(fs::path(model("frames")) / "views.json")), names);
+
   const Outcome rendered = run_b3dgs({"render", "-m", model(), "--path", "interpolated", "--frames", "3"});
   ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
   for (const char* kind : {"renders", "depth", "alpha"}) {
     EXPECT_TRUE(fs::exists(fs::path(model()) / "interpolated" / "ours_100" / kind / "00002.png")) << kind;
   }
   EXPECT_FALSE(fs::exists(fs::path(model()) / "interpolated/ours_100/renders/00003.png"));
+  EXPECT_FALSE(fs::exists(fs::path(model()) / "interpolated/ours_100/views.json"));
 
   const Outcome described = run_b3dgs({"info", ply("model", 100).string()});
   ASSERT_EQ(described.exit_code, 0) << described.err;
