@@ -8,6 +8,7 @@
 #include "app/model.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "model/photographs.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "train/device.h"
@@ -47,6 +48,15 @@ std::string table_row(const std::string& name, int name_columns, const ImageQual
   std::string cell = name;
   cell.resize(static_cast<std::size_t>(name_columns), ' ');
   return cell + row;
+}
+
+/// Warns if photographs are not those that the model was trained on.
+void check_photographs(const LoadedModel& model, const std::vector<View>& views, StatusLine& status) {
+  const std::vector<std::string> changed = changed_views(model.folder.photographs(), views);
+  if (changed.empty()) return;
+  status.warn(detail::concat(changed.size(), " of ", views.size(), " photographs have changed since training (",
+                             changed.size() > 1 ? "first: " : "", changed.front(),
+                             "); PSNR and SSIM refer to the current files"));
 }
 
 void print_table(const Evaluation& evaluation) {
@@ -133,11 +143,14 @@ int run_eval(const std::vector<std::string>& words) {
 
   const EvaluationSource source =
       evaluation_source(model.config, default_split == "test" ? model.scene.test : model.scene.train, default_split);
-  const std::string key = model.folder.results_key(model.iteration, results_variant(model, model_options), source);
+  const std::string variant = results_variant(model, model_options);
+  const std::string key = model.folder.results_key(model.iteration, variant, source);
+  const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
   SplitEvaluator evaluator(model, key, device, options.save_images, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
+    if (!is_other_scene) check_photographs(model, views, status);
     const Evaluation evaluation = evaluator.run(views, name);
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;
