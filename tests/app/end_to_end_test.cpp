@@ -107,6 +107,12 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   const Outcome described = run_b3dgs({"info", ply("model", 100).string()});
   ASSERT_EQ(described.exit_code, 0) << described.err;
   EXPECT_NE(described.out.find("SH degree         3"), std::string::npos) << described.out;
+  const Outcome checkpoint = run_b3dgs({"info", checkpoints().at(0).string()});
+  for (const char* part : {"checkpoint, checksums valid", "iteration         100 of 100", "SH degree         ",
+                           "training time     ", "running average", "options that differ"}) {
+    EXPECT_NE(checkpoint.out.find(part), std::string::npos) << part << " in " << checkpoint.out;
+  }
+  EXPECT_EQ(checkpoint.out.find("n_gaussians"), std::string::npos) << checkpoint.out;
   for (const std::string& input :
        {scene(), model(), (fs::path(model()) / "input.ply").string(), checkpoints().at(0).string()}) {
     const Outcome outcome = run_b3dgs({"info", input});
