@@ -80,7 +80,8 @@ using OptionValues = std::map<std::string, std::string>;
 void check_kernel(const std::string& entry, const std::string& name) {
   std::vector<std::string> names{kOriginal};
   std::string list;
-  visit_fields(TrainConfig{}, [&](const Option& option, const auto&, const auto& constraint, const char*) {
+  const TrainConfig config;
+  visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
     if constexpr (std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>) {
       if (option.name == "kernel") names.insert(names.end(), constraint.values.begin(), constraint.values.end());
     }
