@@ -92,8 +92,8 @@ const std::vector<BadScene>& bad_scenes() {
        [](const fs::path& s) { overwrite(s / "sparse/0/images.bin", kFirstCameraId, std::uint32_t{42}); },
        {"images.bin", "42"}},
       {"UnsupportedCameraModel",
-       [](const fs::path& s) { overwrite(s / "sparse/0/cameras.bin", 12, std::int32_t{10}); },
-       {"cameras.bin"}},
+       [](const fs::path& s) { overwrite(s / "sparse/0/cameras.bin", 12, std::int32_t{999}); },
+       {"cameras.bin", "999"}},
       {"NoImageOnDisk",
        [](const fs::path& s) {
          remove_tree(s / "images");
