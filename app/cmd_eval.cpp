@@ -8,11 +8,11 @@
 #include "app/model.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "model/photographs.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
@@ -29,7 +29,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit
   field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
         "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},
-        "write gt/, renders/ and diff/ (4 x absolute difference) to MODEL/SPLIT/ours_N");
+        "write gt/, renders/, diff/ (4 x difference) and views.json to MODEL/SPLIT/ours_N");
 }
 
 Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
@@ -50,6 +50,15 @@ std::string table_row(const std::string& name, int name_columns, const ImageQual
   return cell + row;
 }
 
+/// Warns if photographs are not those that the model was trained on.
+void check_photographs(const LoadedModel& model, const std::vector<View>& views, StatusLine& status) {
+  const std::vector<std::string> changed = changed_views(model.folder.photographs(), views);
+  if (changed.empty()) return;
+  status.warn(detail::concat(changed.size(), " of ", views.size(), " photographs have changed since training (",
+                             changed.size() > 1 ? "first: " : "", changed.front(),
+                             "); PSNR and SSIM refer to the current files"));
+}
+
 void print_table(const Evaluation& evaluation) {
   std::size_t columns = 12;
   for (const ViewQuality& view : evaluation.views) columns = std::max(columns, view.name.size());
@@ -68,13 +77,7 @@ class SplitEvaluator {
   /// Images are saved to MODEL/SPLIT/`key`/.
   SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
                  StatusLine& status)
-      : model_(model),
-        key_(key),
-        gaussians_(to_tensors(model.splats, model.splats.sh_degree, device)),
-        settings_(image_settings(model)),
-        rasterizer_(device),
-        save_images_(save_images),
-        status_(status) {}
+      : model_(model), key_(key), renderer_(model, device), save_images_(save_images), status_(status) {}
 
   Evaluation run(const std::vector<View>& views, const std::string& split) {
     const std::filesystem::path folder = model_.folder.root() / split / key_;
@@ -90,20 +93,22 @@ class SplitEvaluator {
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    Evaluation evaluation = evaluate_views(rasterizer_, gaussians_, views, settings_, on_rendered);
+    Evaluation evaluation =
+        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered);
     status_.clear();
     std::cout << split << " views\n";
     print_table(evaluation);
-    if (save_images_) std::cout << "images: " << folder.string() << "/{gt,renders,diff}\n";
+    if (save_images_) {
+      write_view_names(folder, views);
+      std::cout << "images: " << folder.string() << "/{gt,renders,diff}; views.json names their views\n";
+    }
     return evaluation;
   }
 
  private:
   const LoadedModel& model_;
   std::string key_;
-  GaussianTensors gaussians_;
-  RenderSettings settings_;
-  Rasterizer rasterizer_;
+  ModelRenderer renderer_;
   bool save_images_;
   StatusLine& status_;
 };
@@ -138,11 +143,14 @@ int run_eval(const std::vector<std::string>& words) {
 
   const EvaluationSource source =
       evaluation_source(model.config, default_split == "test" ? model.scene.test : model.scene.train, default_split);
-  const std::string key = model.folder.results_key(model.iteration, results_variant(model, model_options), source);
+  const std::string variant = results_variant(model, model_options);
+  const std::string key = model.folder.results_key(model.iteration, variant, source);
+  const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
   SplitEvaluator evaluator(model, key, device, options.save_images, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
+    if (!is_other_scene) check_photographs(model, views, status);
     const Evaluation evaluation = evaluator.run(views, name);
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;

@@ -10,9 +10,11 @@
 #include "app/commands.h"
 #include "app/model.h"
 #include "app/terminal/progress.h"
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
+#include "model/checkpoint/checkpoint_header.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
@@ -94,12 +96,16 @@ void describe_points(const std::string& path) {
   if (points.size() > 0) print_bounds(points.positions);
 }
 
+/// Without paths and device, which are shown elsewhere or differ from machine to machine.
 void print_options(const TrainConfig& config) {
-  std::printf("options that differ from the defaults:\n");
   const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), effective = config_to_json(config);
+  std::vector<std::string> lines;
   for (const auto& [name, value] : effective.items()) {
-    if (value != defaults.at(name)) std::printf("  %-24s%s\n", name.c_str(), value.dump().c_str());
+    if (value == defaults.at(name) || name == "source_path" || name == "model_path" || name == "device") continue;
+    lines.push_back(print_to_string("  %-24s", name.c_str()) + option_value_text(value));
   }
+  std::printf(lines.empty() ? "options: all defaults\n" : "options that differ from the defaults:\n");
+  for (const std::string& line : lines) std::printf("%s\n", line.c_str());
 }
 
 void describe_model(const std::string& path) {
@@ -134,13 +140,17 @@ void describe_checkpoint(const std::string& path) {
   const nlohmann::ordered_json header = read_checkpoint_header(path);
   std::printf("%s: checkpoint, checksums valid\n", path.c_str());
   print_line("size", "%s", format_bytes(static_cast<std::int64_t>(fs::file_size(path))).c_str());
-  for (const char* key : {"iteration", "n_gaussians", "sh_degree", "loss_average"}) {
-    if (header.contains(key)) print_line(key, "%s", header[key].dump().c_str());
-  }
   if (!header.contains("config")) return;
-  TrainConfig config;
-  config_from_json(config, header["config"], path);
-  print_options(config);
+  const CheckpointHeader training = parse_checkpoint_header(header, path);
+  print_line("scene", "%s", training.config.source_path.c_str());
+  print_line("iteration", "%d of %d", training.iteration, training.config.iterations);
+  print_line("Gaussians", "%s", format_count(training.n_gaussians).c_str());
+  if (training.held_at > 0) print_line("held at", "%s for lack of GPU memory", format_count(training.held_at).c_str());
+  print_line("SH degree", "%d of %d", training.sh_degree, training.config.sh_degree);
+  print_line("loss", "%.4f, running average", training.loss_average);
+  print_line("training time", "%s", format_duration(training.elapsed_s).c_str());
+  if (!training.training_id.empty()) print_line("training ID", "%s", training.training_id.c_str());
+  print_options(training.config);
 }
 
 void describe_folder(const std::string& path) {

@@ -33,7 +33,10 @@ int run_report(const std::vector<std::string>& words) {
   if (options.folder.empty()) input_error("missing argument: FOLDER; usage: b3dgs report FOLDER");
 
   const fs::path folder = options.folder;
-  if (!fs::is_directory(folder)) input_error("folder not found: ", folder.string());
+  if (!fs::exists(folder)) input_error("folder not found: ", folder.string());
+  if (!fs::is_directory(folder)) {
+    input_error("not a directory: ", folder.string(), " (expected the output folder of b3dgs train or b3dgs compare)");
+  }
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);

@@ -15,7 +15,6 @@
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"
-#include "core/options/config_file.h"
 #include "core/print.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <iostream>
 #include <string>
+#include <vector>
 
 #include "app/commands.h"
 #include "core/version.h"
@@ -45,8 +46,9 @@ void let_waiting_threads_sleep() {
   if (std::getenv("GOMP_SPINCOUNT") == nullptr) setenv("OMP_WAIT_POLICY", "passive", /*overwrite=*/0);
 }
 
-ExitCode run_engine(char** argv) {
+ExitCode run_engine(char* const* argv) {
   std::error_code error;
+  let_waiting_threads_sleep();
   const fs::path engine = fs::read_symlink("/proc/self/exe", error).parent_path() / "b3dgs-engine";
   execv(engine.c_str(), argv);
   return fail(
@@ -64,8 +66,15 @@ int main(int argc, char** argv) {
     return kBadInput;
   }
   const std::string word = argv[1];
+  if (word == "help" && argc > 2) {  // b3dgs help train -> b3dgs train --help
+    std::vector<char*> words(argv + 2, argv + argc);
+    words.insert(words.begin(), argv[0]);
+    char option[] = "--help";
+    words.push_back(option);
+    words.push_back(nullptr);
+    return run_engine(words.data());
+  }
   if (word == "--help" || word == "-h" || word == "help") return answer(general_help());
   if (word == "--version") return answer(std::string("b3dgs ") + version() + "\n");
-  let_waiting_threads_sleep();
   return run_engine(argv);
 }

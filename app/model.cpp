@@ -5,13 +5,16 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "app/train_setup.h"
 #include "core/check.h"
+#include "core/files/atomic_file.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "train/device.h"
+#include "train/gaussians/gaussian_model.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -149,6 +152,11 @@ RenderSettings image_settings(const LoadedModel& model) {
   return settings;
 }
 
+ModelRenderer::ModelRenderer(const LoadedModel& model, const torch::Device& device)
+    : gaussians(to_tensors(model.splats, model.splats.sh_degree, device)),
+      settings(image_settings(model)),
+      rasterizer(device) {}
+
 std::string results_variant(const LoadedModel& model, const ModelOptions& options) {
   if (options.source_path.empty() && options.resolution == 0) return "";
   const TrainConfig trained = model.folder.read_config();
@@ -188,6 +196,12 @@ std::string image_name(std::size_t index) {
   char name[32];
   std::snprintf(name, sizeof name, "%05zu.png", index);
   return name;
+}
+
+void write_view_names(const fs::path& folder, const std::vector<View>& views) {
+  nlohmann::ordered_json names = nlohmann::ordered_json::object();
+  for (std::size_t i = 0; i < views.size(); ++i) names[image_name(i)] = views[i].name;
+  write_file(folder / "views.json", names.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace b3dgs

@@ -65,6 +65,15 @@ SceneOptions scene_options(const TrainConfig& config);
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);
 
+/// A model on the device that renders it.
+struct ModelRenderer {
+  ModelRenderer(const LoadedModel& model, const torch::Device& device);
+
+  GaussianTensors gaussians;
+  RenderSettings settings;
+  Rasterizer rasterizer;
+};
+
 /// Suffix for ModelFolder::results_key(). Empty if views and image sizes are those of the training, even if the scene
 /// folder has moved; else the scene's name, "r4" for another resolution, or both.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
@@ -74,5 +83,8 @@ std::filesystem::path image_folder(const LoadedModel& model, const std::string& 
 
 /// "00012.png"
 std::string image_name(std::size_t index);
+
+/// Writes views.json to a folder of such images: an object from image name to the name of the view. @throws IoError
+void write_view_names(const std::filesystem::path& folder, const std::vector<View>& views);
 
 }  // namespace b3dgs

@@ -1,13 +1,27 @@
 // b3dgs bench: times the blending kernels and the passes of one view.
+#include <algorithm>
 #include <cstdio>
+#include <filesystem>
 
 #include "app/bench/bench_devices.h"
 #include "app/commands.h"
+#include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/options/nearest_name.h"
 #include "core/parallel.h"
 
 namespace b3dgs {
 namespace {
+
+/// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
+void check_scene(const std::string& scene) {
+  static const std::vector<std::string> kNames{"street", "balanced", "kernels", "step", "sweep"};
+  if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
+  const std::string nearest = nearest_name(scene, kNames);
+  input_error("neither a scene nor a subcommand of bench: ", scene,
+              nearest.empty() ? " (expected a COLMAP or model folder, street, balanced, step or sweep)"
+                              : "; did you mean " + nearest + "?");
+}
 
 int run_bench_kernels(const std::vector<std::string>& words) {
   BenchConfig config;
@@ -19,6 +33,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   line.apply(config);
+  check_scene(config.scene);
   resolve_auto(config);
   set_thread_count(config.threads);
 

@@ -13,7 +13,6 @@
 #include "scene/images/image_io.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {
@@ -58,8 +57,12 @@ void take_file(ModelOptions& model, RenderOptions& options) {
   }
 }
 
+const std::vector<View>& views_of(const Scene& scene, const RenderOptions& options) {
+  return options.path == "test" ? scene.test : scene.train;
+}
+
 std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
-  const std::vector<View>& views = options.path == "test" ? scene.test : scene.train;
+  const std::vector<View>& views = views_of(scene, options);
   if (views.empty()) {
     input_error("no views for --path ", options.path,
                 " (the model was trained without --eval); use --path train or interpolated");
@@ -111,14 +114,13 @@ int run_render(const std::vector<std::string>& words) {
   const std::vector<Camera> cameras = choose_cameras(model.scene, options);
   const fs::path folder = output_folder(model, options);
 
-  const GaussianTensors gaussians = to_tensors(model.splats, model.splats.sh_degree, device);
-  const RenderSettings settings = image_settings(model);
+  ModelRenderer renderer(model, device);
   const DepthRange range = visible_depth_range(model.splats, cameras, model.config.near_plane);
-  Rasterizer rasterizer(device);
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(cameras[i]), settings);
+    const RenderedView rendered =
+        renderer.rasterizer.forward(renderer.gaussians, to_pinhole_view(cameras[i]), renderer.settings);
     write_image(folder / "renders" / image_name(i), to_image8(rendered.color));
     if (options.depth) {
       write_image(folder / "depth" / image_name(i), color_depth(rendered.depth, rendered.alpha, range));
@@ -127,6 +129,7 @@ int run_render(const std::vector<std::string>& words) {
     progress("rendering", i + 1, cameras.size());
   }
   status.clear();
+  if (options.path != "interpolated") write_view_names(folder, views_of(model.scene, options));
   std::cout << cameras.size() << (cameras.size() == 1 ? " image" : " images") << " of "
             << format_count(model.splats.size()) << " Gaussians in " << format_duration(steady_seconds() - start_s)
             << ": " << folder.string() << "/renders" << (options.depth ? ", depth" : "")

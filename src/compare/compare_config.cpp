@@ -76,6 +76,23 @@ bool is_list(const std::string& name) {
 
 using OptionValues = std::map<std::string, std::string>;
 
+/// @throws InputError unless --kernel accepts the name
+void check_kernel(const std::string& entry, const std::string& name) {
+  std::vector<std::string> names{kOriginal};
+  std::string list;
+  const TrainConfig config;
+  visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
+    if constexpr (std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>) {
+      if (option.name == "kernel") names.insert(names.end(), constraint.values.begin(), constraint.values.end());
+    }
+  });
+  if (std::find(names.begin(), names.end(), name) != names.end()) return;
+  for (const std::string& own : names) list += own + ", ";
+  const std::string nearest = nearest_name(name, names);
+  input_error("--configs ", entry, ": unknown configuration \"", name, "\" (expected ", list, "or option=value)",
+              nearest.empty() ? "" : "; did you mean " + nearest + "?");
+}
+
 /// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate
 /// configurations.
 void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
@@ -86,6 +103,7 @@ void add_part(const std::string& entry, const std::string& part, OptionValues& v
   }
   const std::size_t equals = part.find('=');
   if (equals == std::string::npos) {
+    check_kernel(entry, part);
     values["kernel"] = part;
     return;
   }
@@ -124,11 +142,15 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
   std::vector<std::string> words;
   for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
   check_name(entry, name, parts);
-  CommandLine line("compare --configs " + name, "");
-  line.add(TrainConfig{}, "Training");
-  line.parse(words);
   Configuration configuration{name, base};
-  line.apply(configuration.config);
+  try {
+    CommandLine line("compare --configs " + name, "");
+    line.add(TrainConfig{}, "Training");
+    line.parse(words);
+    line.apply(configuration.config);
+  } catch (const InputError& error) {
+    input_error("--configs ", entry, ": ", error.what());
+  }
   return configuration;
 }
 

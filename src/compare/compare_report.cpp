@@ -350,7 +350,8 @@ std::string comparison_report(const Comparison& comparison) {
       html::folded_section("Kernels: which were used, and why", kernels(comparison)) +
       // The load depends on the scene, hardly on the kernel: one configuration represents all.
       html::folded_section("Load: Gaussians per tile and per pixel", of_one(comparison, has_loads, load_section)) +
-      html::folded_section("Published results", paper_section(comparison.summary));
+      html::folded_section("Published results", paper_section(comparison.summary)) +
+      html::folded_section("Words", words_section());
   return html::page("Comparison on " + scene_name(comparison.plan.base.source_path), verdict(comparison.summary), body);
 }
 

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/options/config_file.h"
 #include "core/print.h"
 
 namespace b3dgs {

@@ -11,6 +11,7 @@
 #include "core/json_text.h"
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/photographs.h"
 
 namespace b3dgs {
 namespace {
@@ -114,6 +115,7 @@ void ModelFolder::write_training_id(const std::string& id) const {
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
   write_point_ply(root_ / "input.ply", scene.points);
   write_json(cameras(), cameras_to_json(scene), -1);
+  write_json(photographs(), photograph_fingerprints(scene), -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json(root_ / "config.json", config_to_json(config), 2);
 }

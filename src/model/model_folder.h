@@ -30,6 +30,7 @@ class ModelFolder {
   std::filesystem::path ply(int iteration) const;         // point_cloud/iteration_N/point_cloud.ply
   std::filesystem::path checkpoint(int iteration) const;  // checkpoints/iteration_N.b3dgs
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
+  std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
   /// Iterations with a PLY, or with a checkpoint file (valid or not), ascending.
@@ -43,7 +44,7 @@ class ModelFolder {
   std::string training_id() const;
   void write_training_id(const std::string& id) const;
 
-  /// Writes input.ply, cameras.json (test cameras first), cfg_args and config.json. @throws IoError
+  /// Writes input.ply, cameras.json (test cameras first), photographs.json, cfg_args and config.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
 
   /// Whether there is a config.json: a training was started here.

@@ -147,8 +147,8 @@ std::string stage_section(const std::vector<LabeledRun>& runs) {
   const std::vector<std::string> names = stage_names(stages);
   if (names.empty()) return html::paragraph("Stages of the training step were not timed.", "soft");
   StackedBars chart{"Mean time of a step by stage", "ms", {}, {}};
-  html::Row head{"stage, ms per step"};
-  for (const LabeledRun& run : runs) head.push_back(run.name);
+  html::Row head{"stage of a step"};
+  for (const LabeledRun& run : runs) head.push_back(runs.size() == 1 ? "mean time, ms" : run.name + ", ms");
   for (const std::string& name : names) chart.part_names.push_back(stage_text(name));
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (stages[i].empty()) continue;

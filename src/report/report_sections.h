@@ -49,6 +49,9 @@ std::string kernel_section(const TrainHistory& history);
 /// How the work is distributed over tiles and pixels.
 std::string load_section(const TrainHistory& history);
 
+/// What the terms in the other sections mean.
+std::string words_section();
+
 /// Photographs beside the renders of all runs.
 std::string preview_section(const std::vector<LabeledRun>& runs);
 

@@ -126,7 +126,8 @@ std::filesystem::path write_train_report(const ModelFolder& folder) {
   }
   body += html::section("Scene, options and machine", settings_section(settings(folder, config), info.machine)) +
           html::folded_section("Load: Gaussians per tile and per pixel", load_section(history)) +
-          html::folded_section("Kernels: which were used, and why", kernel_section(history));
+          html::folded_section("Kernels: which were used, and why", kernel_section(history)) +
+          html::folded_section("Words", words_section());
   const std::filesystem::path path = folder.root() / "report.html";
   write_file(path, html::page("Training of " + scene_name(config.source_path), headline(config, history, info), body));
   return path;

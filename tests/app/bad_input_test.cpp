@@ -92,8 +92,8 @@ const std::vector<BadScene>& bad_scenes() {
        [](const fs::path& s) { overwrite(s / "sparse/0/images.bin", kFirstCameraId, std::uint32_t{42}); },
        {"images.bin", "42"}},
       {"UnsupportedCameraModel",
-       [](const fs::path& s) { overwrite(s / "sparse/0/cameras.bin", 12, std::int32_t{10}); },
-       {"cameras.bin"}},
+       [](const fs::path& s) { overwrite(s / "sparse/0/cameras.bin", 12, std::int32_t{999}); },
+       {"cameras.bin", "999"}},
       {"NoImageOnDisk",
        [](const fs::path& s) {
          remove_tree(s / "images");
@@ -279,6 +279,9 @@ TEST_F(BadInput, CommandLines) {
   const Outcome report = run_b3dgs({"report", scene().string()});
   expect_refused(report, {"neither a model folder nor a comparison"});
   EXPECT_EQ(report.out, "");
+  expect_refused(run_b3dgs({"report", (scene() / "images/view0.jpg").string()}), {"not a directory", "view0.jpg"});
+  expect_refused(run_b3dgs({"bench", "stepp"}), {"stepp", "did you mean step?"});
+  expect_refused(run_b3dgs({"bench", "nowhere"}), {"nowhere", "expected a COLMAP or model folder"});
   expect_refused(run_b3dgs({"info", (folder_.path() / "none").string()}), {"none"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply"}), {"-s"});
   expect_refused(train({"--resume", "auto", "--config", "none.json"}), {"none.json"});

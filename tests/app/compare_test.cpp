@@ -188,7 +188,8 @@ TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
     EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
     EXPECT_FALSE(fs::exists(output()));
   };
-  rejected({"--configs", "naive,fastest"}, "invalid value for --kernel (expected one of");
+  rejected({"--configs", "naive,fastest"},
+           "--configs fastest: unknown configuration \"fastest\" (expected original, naive, ");
   rejected({"--configs", "naive,naive"}, "occurs twice");
   rejected({"--configs", "naive"}, "at least two configurations");
   rejected({"--seeds", "1", "1"}, "occurs twice");

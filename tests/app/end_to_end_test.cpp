@@ -89,16 +89,30 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   EXPECT_EQ(read_image(fs::path(model()) / "test/ours_100/gt/00001.png", false).pixels,
             read_image(fs::path(scene()) / "images/00008.png", false).pixels);
 
+  const auto names = nlohmann::json::parse(read_bytes(fs::path(model()) / "test/ours_100/views.json"));
+  EXPECT_EQ(names["00001.png"], "00008.png") << names;
+  EXPECT_EQ(names.size(), 2u);
+  const Outcome again = run_b3dgs({"render", "-m", model(), "--output", model("frames"), "--no_depth", "--no_alpha"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(nlohmann::json::parse(read_bytes(fs::path(model("frames")) / "views.json")), names);
+
   const Outcome rendered = run_b3dgs({"render", "-m", model(), "--path", "interpolated", "--frames", "3"});
   ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
   for (const char* kind : {"renders", "depth", "alpha"}) {
     EXPECT_TRUE(fs::exists(fs::path(model()) / "interpolated" / "ours_100" / kind / "00002.png")) << kind;
   }
   EXPECT_FALSE(fs::exists(fs::path(model()) / "interpolated/ours_100/renders/00003.png"));
+  EXPECT_FALSE(fs::exists(fs::path(model()) / "interpolated/ours_100/views.json"));
 
   const Outcome described = run_b3dgs({"info", ply("model", 100).string()});
   ASSERT_EQ(described.exit_code, 0) << described.err;
   EXPECT_NE(described.out.find("SH degree         3"), std::string::npos) << described.out;
+  const Outcome checkpoint = run_b3dgs({"info", checkpoints().at(0).string()});
+  for (const char* part : {"checkpoint, checksums valid", "iteration         100 of 100", "SH degree         ",
+                           "training time     ", "running average", "options that differ"}) {
+    EXPECT_NE(checkpoint.out.find(part), std::string::npos) << part << " in " << checkpoint.out;
+  }
+  EXPECT_EQ(checkpoint.out.find("n_gaussians"), std::string::npos) << checkpoint.out;
   for (const std::string& input :
        {scene(), model(), (fs::path(model()) / "input.ply").string(), checkpoints().at(0).string()}) {
     const Outcome outcome = run_b3dgs({"info", input});
@@ -246,6 +260,8 @@ TEST(Program, PrintsVersionAndHelp) {
     EXPECT_EQ(of_command.exit_code, 0);
     EXPECT_NE(of_command.out.find("Usage: b3dgs " + command), std::string::npos);
   }
+  EXPECT_EQ(run_b3dgs({"help", "report"}).out, run_b3dgs({"report", "--help"}).out);
+  EXPECT_EQ(run_b3dgs({"help", "bench", "step"}).out, run_b3dgs({"bench", "step", "--help"}).out);
   EXPECT_EQ(run_b3dgs({}).exit_code, 2);
 }
 

@@ -66,6 +66,29 @@ TEST_F(TrainedModel, ImagesKeepNothingForABackwardPass) {
   EXPECT_EQ(run_b3dgs({"render", path("model"), "--device", "cpu", "--quiet"}).exit_code, 0);
 }
 
+TEST_F(TrainedModel, EvaluationWarnsOfPhotographsThatHaveChanged) {
+  const auto evaluate = [&](std::vector<std::string> more) {
+    std::vector<std::string> words{"eval", path("model"), "--device", "cpu", "--quiet"};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = run_b3dgs(words);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.err;
+  };
+  EXPECT_EQ(evaluate({}), "");
+  const fs::path test_view = folder_ / "scene/images/00008.png";
+  Image8 image = read_image(test_view, false);
+  image.pixels[0] ^= 1;
+  write_image(test_view, image);
+  const std::string warning = "warning: 1 of 2 photographs have changed since training (00008.png); ";
+  EXPECT_EQ(evaluate({}).rfind(warning, 0), 0u) << evaluate({});
+  EXPECT_EQ(evaluate({"-r", "2"}).rfind(warning, 0), 0u);
+  EXPECT_EQ(evaluate({"--split", "train"}), "") << "the training views are unchanged";
+  make_scene("other", "2");
+  EXPECT_EQ(evaluate({"-s", path("other")}).find("have changed"), std::string::npos) << "other views, not changed ones";
+  fs::remove(folder_ / "model/photographs.json");
+  EXPECT_EQ(evaluate({}), "") << "a model of an early version";
+}
+
 TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
   const LoadedModel with_scene = load_model(options_, status_);
   const Outcome before = run_b3dgs({"render", path("model"), "-s", path("scene"), "--output", path("before")});

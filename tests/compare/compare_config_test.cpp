@@ -69,14 +69,16 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   const auto expect_rejected = [](const std::string& text, const std::string& reason) {
     EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
   };
-  expect_rejected("naive,naiv", "invalid value for --kernel (expected one of naive");
+  expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected original, naive");
+  expect_rejected("naive,naiv", "or option=value); did you mean naive?");
   expect_rejected("naive", "needs at least two configurations");
   expect_rejected("naive,naive", "occurs twice");
   expect_rejected("naive,", "empty part");
   expect_rejected("naive,combined+", "empty part");
   expect_rejected("naive,combined+culing=square", "did you mean culling?");
   expect_rejected("naive,combined+tile_width=8", "did you mean tile?");
-  expect_rejected("naive,combined+culling=round", "invalid value for --culling (expected one of");
+  expect_rejected("naive,combined+culling=round",
+                  "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");
   expect_rejected("naive,combined+max_steps=3", "must be the same for all");
   expect_rejected("naive,init_ply=/tmp/x.ply", "cannot be a folder name");

@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
+#include "scene/unsupported_camera.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {
@@ -110,12 +111,12 @@ TEST(Distortion, TakesFocalLengthsAndPrincipalPointInColmapsOrder) {
 }
 
 TEST(Distortion, NamesUnsupportedModels) {
-  EXPECT_TRUE(fails_with<InputError>({"camera 1", "FOV", "image_undistorter"}, [] {
-    lens(CameraModel::kFov, {10, 11, 5, 5, 0.9});
-  }));
-  EXPECT_TRUE(fails_with<InputError>({"camera 1", "THIN_PRISM_FISHEYE"}, [] {
-    lens(CameraModel::kThinPrismFisheye, {10, 11, 5, 5, 0, 0, 0, 0, 0, 0, 0, 0});
-  }));
+  EXPECT_TRUE(fails_with<InputError>({"cameras.txt", "INVENTED", "expected a name such as"},
+                                     [] { camera_model_from_name("INVENTED", "cameras.txt"); }));
+  const auto camera = test::unsupported_camera(1, 100, 100);
+  if (!camera) GTEST_SKIP() << "every model that can be read is supported";
+  EXPECT_TRUE(fails_with<InputError>({"camera 1", camera_model_name(camera->model), "image_undistorter"},
+                                     [&] { lens_of(*camera, "camera 1"); }));
 }
 
 TEST(Distortion, RejectsFocalLengthsThatAreNotPositive) {

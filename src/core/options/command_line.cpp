@@ -59,7 +59,7 @@ struct CommandLine::Impl {
   std::string command(const std::string& words) const { return "b3dgs " + app.get_name() + " " + words; }
 
   CommandHelp help() const {
-    CommandHelp command{app.get_name(), summary, example, {}};
+    CommandHelp command{app.get_name(), summary, example, notes, {}};
     for (const Row& row : rows) {
       if (!row.spec.is_ignored) command.options.push_back(&row.spec);
     }
@@ -200,7 +200,7 @@ std::string CommandLine::help() const {
 }
 
 std::string CommandLine::help_all() const {
-  return full_help_text(impl_->help()) + (impl_->notes.empty() ? "" : "\n" + impl_->notes);
+  return full_help_text(impl_->help());
 }
 
 std::string CommandLine::help_markdown() const {

@@ -58,9 +58,6 @@ class CommandLine {
   /// Adds a text to the end of --help-all.
   void set_notes(const std::string& notes);
 
-  /// Adds a text to the end of --help-all.
-  void set_notes(const std::string& notes);
-
   /// Parses the words after the command's name. False if they ask for help, which is then printed to standard output.
   /// @throws InputError for an unknown option (suggesting the nearest known one) and for a missing or malformed value
   bool parse(const std::vector<std::string>& words);

@@ -168,8 +168,8 @@ std::string help_text(const CommandHelp& command) {
 }
 
 std::string full_help_text(const CommandHelp& command) {
-  return list_options(
-      command, [](const OptionSpec&) { return true; }, HelpDetail::kAll);
+  const auto is_wanted = [](const OptionSpec&) { return true; };
+  return list_options(command, is_wanted, HelpDetail::kAll) + (command.notes.empty() ? "" : "\n" + command.notes);
 }
 
 std::string markdown_help(const CommandHelp& command) {

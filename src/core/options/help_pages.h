@@ -13,6 +13,7 @@ struct CommandHelp {
   std::string name;     // "train"
   std::string summary;  // the first lines
   std::string example;  // a complete command, or empty
+  std::string notes;    // the end of --help-all, or empty
   std::vector<const OptionSpec*> options;
 };
 

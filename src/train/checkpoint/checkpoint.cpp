@@ -1,14 +1,12 @@
 #include "train/checkpoint/checkpoint.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <system_error>
 
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
+#include "model/photographs.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
@@ -17,19 +15,6 @@ namespace b3dgs {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-/// {"bytes", "crc32"} of a photograph, or null if it cannot be read.
-Json photograph_fingerprint(const std::string& path) {
-  constexpr std::size_t kRead = std::size_t{64} << 10;
-  std::ifstream file(path, std::ios::binary);
-  std::error_code error;
-  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
-  if (path.empty() || !file || error) return nullptr;
-  std::string start(kRead, '\0');
-  file.read(start.data(), static_cast<std::streamsize>(start.size()));
-  const auto n = static_cast<std::size_t>(file.gcount());
-  return {{"bytes", bytes}, {"crc32", ::crc32_z(0, reinterpret_cast<const Bytef*>(start.data()), n)}};
-}
 
 /// Equal up to rounding: the order of a sum may change from version to version.
 bool is_same_extent(const Json& before, const Json& after) {
