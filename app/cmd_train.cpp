@@ -10,6 +10,8 @@
 #include "app/record_run.h"
 #include "app/terminal/progress.h"
 #include "app/train_setup.h"
+#include "config/option_layers.h"
+#include "config/preset_help.h"
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/files/folder_lock.h"
@@ -50,18 +52,13 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
 /// What to train, from where, and where to.
 struct TrainPlan {
   TrainConfig config;
+  OptionLayers layers;  // where config's values are from, if training starts from the beginning
   TrainCommandOptions options;
   fs::path checkpoint;  // to resume, or empty
 };
 
 std::string default_model_path(const std::string& source_path) {
   return (fs::path("output") / scene_name(source_path)).string();
-}
-
-/// Applies the config file, then the command line.
-void apply_given(const CommandLine& line, const TrainCommandOptions& options, TrainConfig& config) {
-  if (!options.config.empty()) apply_config_file(config, options.config);
-  line.apply(config);
 }
 
 /// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
@@ -119,16 +116,18 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
-  apply_given(line, options, config);
+  const GivenOptions given = given_options(line, options.config);
+  plan.layers = resolve_options(given);
+  config = plan.layers.config;
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
     config = config_of_checkpoint(plan.checkpoint);
-    apply_given(line, options, config);
+    apply_at_resume(config, given);
     if (!named_folder.empty()) config.model_path = named_folder;
   } else if (options.resume == "auto" && config.source_path.empty()) {
     config = config_of_folder(config.model_path);
-    apply_given(line, options, config);
+    apply_at_resume(config, given);
   }
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
@@ -208,6 +207,7 @@ int run_train(const std::vector<std::string>& words) {
   TrainCommandOptions options;
   line.add(options, "Run");
   line.add(TrainConfig{}, "Training", {"source_path"});
+  line.set_notes(presets_help());
   if (!line.parse(words)) return 0;
   line.apply(options);
 
@@ -229,6 +229,9 @@ int run_train(const std::vector<std::string>& words) {
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
+  }
+  if (!options.quiet && plan.checkpoint.empty()) {
+    for (const std::string& text : describe_options(plan.layers)) std::cout << text << std::endl;
   }
 
   TrainProgressView progress(status, config);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "app/commands.h"
+#include "config/preset_help.h"
 #include "core/check.h"
 #include "core/command_line.h"
 
@@ -76,6 +77,7 @@ int print_options_page() {
     if (line.rfind("### ", 0) == 0) heading = line;
     std::cout << line << "\n";
   }
+  std::cout << presets_markdown();
   return 0;
 }
 

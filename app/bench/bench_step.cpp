@@ -13,6 +13,7 @@
 #include "app/model.h"
 #include "app/terminal/progress.h"
 #include "app/train_setup.h"
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/files/atomic_file.h"
@@ -123,14 +124,18 @@ Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, con
 }
 
 TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options) {
+  GivenOptions given = given_options(line, /*config_file=*/"");
+  given.erase("iterations");  // ignored, so it scales no preset's schedule
   TrainConfig config;
-  if (!options.checkpoint.empty()) {
+  if (options.checkpoint.empty()) {
+    config = resolve_options(given).config;
+  } else {
     const Json header = read_checkpoint_header(options.checkpoint);
     if (!header.contains("config")) input_error(options.checkpoint, ": not a checkpoint (it has no config)");
     config_from_json(config, header["config"], options.checkpoint);
     config.device = TrainConfig{}.device;  // chosen again on this machine
+    apply_at_resume(config, given);
   }
-  line.apply(config);
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();
   config.device = device_name(choose_device(config.device));

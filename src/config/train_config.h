@@ -19,6 +19,9 @@ inline constexpr const char* kPaperKernel = "paper";
 /// The standard kernels, used in place of these where nothing is timed: in evaluation and in deterministic training.
 inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-splat";
 
+/// The values of --preset; presets.cpp has their options. The first one changes nothing.
+inline constexpr const char* kPresetNames[] = {"original", "fast", "quality"};
+
 struct TrainConfig {
   // Input and output
   std::string source_path;
@@ -41,6 +44,8 @@ struct TrainConfig {
   double near_plane = 0.2;  // world units
 
   // Schedule
+  std::string preset = kPresetNames[0];
+  double steps_scaler = 1;  // in a config in use (OptionLayers), always 1: it has been applied
   int iterations = 30000;
   std::int64_t seed = 0;
   std::vector<int> test_iterations{7000, 30000};
@@ -137,16 +142,21 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
   field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
 
-  field(Option{"iterations", '\0', {"max_steps"}}.common().group("Schedule"), c.iterations, AtLeast{1},
-        "training iterations");
+  OneOf presets;
+  for (const char* name : kPresetNames) presets.values.emplace_back(name);
+  field(Option{"preset"}.common().group("Schedule"), c.preset, presets,
+        "named set of option values, which other given options override: see docs/recipes.md");
+  field(Option{"steps_scaler"}, c.steps_scaler, Above{0},
+        "multiply all options counted in iterations by X, --iterations included");
+  field(Option{"iterations", '\0', {"max_steps"}}.common().in_steps(), c.iterations, AtLeast{1}, "training iterations");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
-  field(Option{"test_iterations", '\0', {"eval_steps"}}.common(), c.test_iterations, AtLeast{1},
-        "evaluate the test views after these iterations, and at the end");
-  field(Option{"save_iterations", '\0', {"save_steps"}}.common(), c.save_iterations, AtLeast{1},
-        "write a PLY after these iterations, and at the end");
-  field(Option{"checkpoint_iterations"}, c.checkpoint_iterations, AtLeast{1},
+  field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations,
+        AtLeast{1}, "evaluate the test views after these iterations, and at the end");
+  field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations,
+        AtLeast{1}, "write a PLY after these iterations, and at the end");
+  field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, AtLeast{1},
         "write a checkpoint after these iterations, and at the end");
-  field(Option{"checkpoint_interval"}, c.checkpoint_interval, AtLeast{0},
+  field(Option{"checkpoint_interval"}.in_steps(Steps::kOutput), c.checkpoint_interval, AtLeast{0},
         "write a checkpoint every N iterations (0 = never)");
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");
@@ -156,7 +166,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "initial learning rate of the means, x scene extent");
   field(Option{"position_lr_final"}, c.position_lr_final, AtLeast{0},
         "final learning rate of the means, x scene extent");
-  field(Option{"position_lr_max_steps"}, c.position_lr_max_steps, AtLeast{1},
+  field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
         "iterations over which the learning rate of the means decays");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
@@ -170,11 +180,13 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"strategy"}.group("Density control"), c.strategy, strategies,
         "how Gaussians are added and removed; see docs/recipes.md");
-  field(Option{"densify_from_iter"}, c.densify_from_iter, AtLeast{0}, "start density control after this iteration");
-  field(Option{"densify_until_iter"}, c.densify_until_iter, AtLeast{0}, "stop density control before this iteration");
-  field(Option{"densification_interval"}, c.densification_interval, AtLeast{1},
+  field(Option{"densify_from_iter"}.in_steps(), c.densify_from_iter, AtLeast{0},
+        "start density control after this iteration");
+  field(Option{"densify_until_iter"}.in_steps(), c.densify_until_iter, AtLeast{0},
+        "stop density control before this iteration");
+  field(Option{"densification_interval"}.in_steps(), c.densification_interval, AtLeast{1},
         "iterations between rounds of density control");
-  field(Option{"densify_grad_threshold"}.common(), c.densify_grad_threshold, AtLeast{0},
+  field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
         "clone or split Gaussians whose mean screen-space gradient exceeds X");
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
         "split Gaussians larger than X x scene extent, clone smaller ones");
@@ -184,9 +196,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "remove Gaussians > X x scene extent after opacity_reset_interval steps (0 = none)");
   field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
         "remove Gaussians of radius > X px after opacity_reset_interval steps (0 = none)");
-  field(Option{"opacity_reset_interval"}, c.opacity_reset_interval, AtLeast{1},
+  field(Option{"opacity_reset_interval"}.in_steps(), c.opacity_reset_interval, AtLeast{1},
         "iterations between opacity resets, until density control ends");
-  field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}, c.sh_increase_interval, AtLeast{1},
+  field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}.in_steps(), c.sh_increase_interval, AtLeast{1},
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
@@ -203,7 +215,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "of adaptive; paper: switch at most once; tracking: keep re-checking");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "kernels that adaptive chooses from; training starts with the first");
-  field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
+  field(Option{"kernel_check_interval"}.in_steps(Steps::kOutput), c.kernel_check_interval, AtLeast{1},
         "re-time kernels every N iterations; less often if it cost over 0.5 % of training");
   field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
         "views per timing check; fewer if the result is clear");
@@ -216,9 +228,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "same result every run; turns off kernel auto-selection, slower on a GPU");
   field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
 
-  field(Option{"stats_interval"}.group("Schedule"), c.stats_interval, AtLeast{0},
+  field(Option{"stats_interval"}.in_steps(Steps::kOutput).group("Schedule"), c.stats_interval, AtLeast{0},
         "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
-  field(Option{"kernel_times_interval"}.group("Kernels"), c.kernel_times_interval, AtLeast{0},
+  field(Option{"kernel_times_interval"}.in_steps(Steps::kOutput).group("Kernels"), c.kernel_times_interval, AtLeast{0},
         "log all candidates' times every N iterations (0 = never)");
 }
 

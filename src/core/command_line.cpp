@@ -236,7 +236,7 @@ struct CommandLine::Impl {
   };
   CLI::App app;
   CLI::Option* markdown_flag = nullptr;
-  std::string summary, example;
+  std::string summary, example, notes;
   std::vector<Row> rows;
 
   /// "b3dgs train --help-all"
@@ -359,6 +359,10 @@ void CommandLine::set_help(const std::string& name, const std::string& help) {
   B3DGS_CHECK(false, "no option --", name);
 }
 
+void CommandLine::set_notes(const std::string& notes) {
+  impl_->notes = notes;
+}
+
 bool CommandLine::parse(const std::vector<std::string>& words) {
   CLI::App& app = impl_->app;
   try {
@@ -409,7 +413,8 @@ std::string CommandLine::help() const {
 }
 
 std::string CommandLine::help_all() const {
-  return impl_->help([](const OptionSpec&) { return true; }, HelpDetail::kAll);
+  return impl_->help([](const OptionSpec&) { return true; }, HelpDetail::kAll) +
+         (impl_->notes.empty() ? "" : "\n" + impl_->notes);
 }
 
 std::string CommandLine::help_markdown() const {

@@ -104,6 +104,9 @@ class CommandLine {
   /// Replaces the help text of an option, where a command treats it differently from the others.
   void set_help(const std::string& name, const std::string& help);
 
+  /// Adds a text to the end of --help-all.
+  void set_notes(const std::string& notes);
+
   /// Parses the words after the command's name. False if they ask for help, which is then printed to standard output.
   /// @throws InputError for an unknown option (suggesting the nearest known one) and for a missing or malformed value
   bool parse(const std::vector<std::string>& words);
@@ -119,6 +122,8 @@ class CommandLine {
   }
 
   bool was_given(const std::string& name) const { return given_.contains(name); }
+  /// All values that were given, by the option's primary name. Not yet checked against the options' ranges.
+  const nlohmann::ordered_json& given() const { return given_; }
 
   /// The text of --help: all options if there are at most kMaxShortHelp, else the common ones.
   std::string help() const;

@@ -24,6 +24,10 @@
 
 namespace b3dgs {
 
+/// Options counted in iterations: those that shape the training, and those that say when something is measured, logged
+/// or saved.
+enum class Steps { kNone, kSchedule, kOutput };
+
 /// Names of a field: JSON keys, and with two hyphens, command-line options. '-' and '_' are equivalent in both.
 struct Option {
   std::string_view name;                            // "source_path"
@@ -31,6 +35,7 @@ struct Option {
   std::initializer_list<const char*> aliases = {};  // what other trainers call this option
   bool is_common = false;
   const char* group_name = "";
+  Steps steps = Steps::kNone;
 
   /// Lists the option in `b3dgs COMMAND --help`, not only in --help-all.
   constexpr Option common() const {
@@ -42,6 +47,13 @@ struct Option {
   constexpr Option group(const char* heading) const {
     Option option = *this;
     option.group_name = heading;
+    return option;
+  }
+
+  /// The option is counted in iterations.
+  constexpr Option in_steps(Steps kind = Steps::kSchedule) const {
+    Option option = *this;
+    option.steps = kind;
     return option;
   }
 

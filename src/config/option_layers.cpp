@@ -1,0 +1,166 @@
+#include "config/option_layers.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <utility>
+
+#include "core/check.h"
+#include "core/print.h"
+
+namespace b3dgs {
+namespace {
+
+/// The values of the row with this name; none if there is no such row.
+GivenOptions values_of(const std::vector<OptionRow>& rows, const std::string& name) {
+  const auto row = std::find_if(rows.begin(), rows.end(), [&](const OptionRow& own) { return own.name == name; });
+  return row == rows.end() ? GivenOptions::object() : parse_values(row->values);
+}
+
+/// Rounded to the nearest whole number, but a positive number of iterations does not become 0.
+template <class Integer>
+Integer scaled(Integer steps, double factor) {
+  const double most = static_cast<double>(std::numeric_limits<Integer>::max());
+  const double product = std::round(static_cast<double>(steps) * factor);
+  if (steps <= 0) return steps;
+  return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
+}
+
+/// Multiplies the options counted in iterations for which is_wanted(option) holds.
+template <class Wanted>
+void scale_steps(TrainConfig& config, double factor, Wanted&& is_wanted) {
+  if (factor == 1) return;
+  visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
+    if (option.steps == Steps::kNone || !is_wanted(option)) return;
+    using Value = std::decay_t<decltype(value)>;
+    if constexpr (std::is_integral_v<Value> && !std::is_same_v<Value, bool>) {
+      value = scaled(value, factor);
+    } else if constexpr (std::is_same_v<Value, std::vector<int>>) {
+      for (int& entry : value) entry = scaled(entry, factor);
+    }
+  });
+}
+
+/// Adds "label       a 1, b 2", broken at commas into lines of at most 100 columns.
+void add_lines(std::vector<std::string>& lines, const std::string& label, const std::vector<std::string>& parts) {
+  constexpr std::size_t kLabelColumns = 12, kColumns = 100;
+  if (parts.empty()) return;
+  std::string line = label + std::string(kLabelColumns - label.size(), ' ');
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const std::string part = parts[i] + (i + 1 < parts.size() ? "," : "");
+    if (line.size() > kLabelColumns && line.size() + 1 + part.size() > kColumns) {
+      lines.push_back(line);
+      line = std::string(kLabelColumns, ' ');
+    }
+    line += (line.size() > kLabelColumns ? " " : "") + part;
+  }
+  lines.push_back(line);
+}
+
+}  // namespace
+
+GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
+  GivenOptions given = GivenOptions::object();
+  const nlohmann::ordered_json file =
+      config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  TrainConfig checked;
+  if (!config_file.empty()) config_from_json(checked, file, config_file);
+  visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {
+    const std::string name(option.name);
+    for (const auto& item : file.items()) {
+      if (option.has_name(item.key())) given[name] = value;
+    }
+    if (line.given().contains(name)) given[name] = line.given().at(name);
+  });
+  return given;
+}
+
+GivenOptions parse_values(const std::vector<OptionValue>& values) {
+  std::vector<std::string> words;
+  words.reserve(values.size());
+  for (const OptionValue& own : values) words.push_back(detail::concat("--", own.name, "=", own.value));
+  CommandLine line("values", "");
+  line.add(TrainConfig{}, "Training");
+  line.parse(words);
+  return line.given();
+}
+
+OptionLayers resolve_options(const GivenOptions& given) {
+  OptionLayers layers;
+  layers.given = given;
+  TrainConfig named;  // its preset, its strategy
+  config_from_json(named, given, /*place=*/"");
+  layers.preset = values_of(presets(), named.preset);
+  nlohmann::ordered_json names = layers.preset;
+  names.update(given);
+  layers.strategy = values_of(strategy_defaults(), names.value("strategy", "default"));
+
+  nlohmann::ordered_json values = layers.strategy;
+  values.update(layers.preset);
+  values.update(given);
+  config_from_json(layers.config, values, /*place=*/"");
+  TrainConfig& config = layers.config;
+  if (layers.preset.contains("iterations") && given.contains("iterations")) {
+    layers.schedule_scale = config.iterations / layers.preset.at("iterations").get<double>();
+    scale_steps(config, layers.schedule_scale, [&](const Option& option) {
+      return option.steps == Steps::kSchedule && !given.contains(std::string(option.name));
+    });
+  }
+  layers.steps_scaler = std::exchange(config.steps_scaler, 1);
+  scale_steps(config, layers.steps_scaler, [](const Option&) { return true; });
+  return layers;
+}
+
+void apply_at_resume(TrainConfig& config, const GivenOptions& given) {
+  const std::string preset = config.preset;
+  config_from_json(config, given, /*place=*/"");
+  if (config.preset != preset) {
+    input_error("--preset ", config.preset, ": the training to resume was started with --preset ", preset,
+                "; leave the option out, or start again with --overwrite");
+  }
+  scale_steps(config, std::exchange(config.steps_scaler, 1),
+              [&](const Option& option) { return given.contains(std::string(option.name)); });
+}
+
+std::string option_value_text(const nlohmann::ordered_json& value) {
+  if (value.is_boolean()) return value.get<bool>() ? "on" : "off";
+  if (value.is_string()) return value.get<std::string>().empty() ? "none" : value.get<std::string>();
+  if (value.is_number_float()) return print_to_string("%g", value.get<double>());
+  if (!value.is_array()) return value.dump();
+  std::string text;
+  for (const auto& entry : value) text += (text.empty() ? "" : " ") + option_value_text(entry);
+  return text.empty() ? "none" : text;
+}
+
+std::vector<std::string> describe_options(const OptionLayers& layers) {
+  const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), config = config_to_json(layers.config);
+  std::vector<std::string> named{"preset " + layers.config.preset}, strategy, preset, given, others;
+  named.push_back("strategy " + config.value("strategy", "default"));
+  if (layers.schedule_scale != 1) {
+    named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
+  }
+  if (layers.steps_scaler != 1) {
+    named.push_back(print_to_string("all numbers of iterations x %.4g", layers.steps_scaler));
+  }
+  for (const auto& [name, value] : config.items()) {
+    // Paths are printed elsewhere, and preset and strategy above.
+    if (name == "source_path" || name == "model_path" || name == "preset" || name == "strategy") continue;
+    if (value == defaults.at(name)) continue;
+    std::vector<std::string>& parts = layers.given.contains(name)      ? given
+                                      : layers.preset.contains(name)   ? preset
+                                      : layers.strategy.contains(name) ? strategy
+                                                                       : others;
+    parts.push_back(name + " " + option_value_text(value));
+  }
+  std::vector<std::string> lines;
+  add_lines(lines, "options", named);
+  add_lines(lines, "  strategy", strategy);
+  add_lines(lines, "  preset", preset);
+  add_lines(lines, "  scaled", others);
+  add_lines(lines, "  given", given);
+  return lines;
+}
+
+}  // namespace b3dgs

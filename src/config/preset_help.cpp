@@ -1,0 +1,82 @@
+#include "config/preset_help.h"
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+#include "config/option_layers.h"
+#include "config/presets.h"
+
+namespace b3dgs {
+namespace {
+
+/// "  fast        a usable model in seconds: iterations 7000, ...", broken at blanks.
+std::string help_entry(const OptionRow& row) {
+  constexpr std::size_t kNameColumns = 12, kColumns = 110;
+  std::string text = std::string("  ") + row.name;
+  text += std::string(kNameColumns - std::min(kNameColumns - 1, text.size()), ' ') + row.summary;
+  std::string line = text, done;
+  const auto add = [&](const std::string& words) {
+    if (line.size() + words.size() > kColumns) {
+      done += line + "\n";
+      line = std::string(kNameColumns - 1, ' ');
+    }
+    line += words;
+  };
+  for (std::size_t i = 0; i < row.values.size(); ++i) {
+    line += i == 0 ? ":" : ",";
+    add(std::string(" ") + row.values[i].name + " " + row.values[i].value);
+  }
+  return done + line + "\n";
+}
+
+const char* value_in(const OptionRow& row, const std::string& name) {
+  const auto own =
+      std::find_if(row.values.begin(), row.values.end(), [&](const OptionValue& value) { return value.name == name; });
+  return own == row.values.end() ? "" : own->value;
+}
+
+/// A row for each option that a column names, in the order of the field list.
+std::string table(const std::vector<OptionRow>& columns) {
+  std::string head = "| Option | Default |", rule = "|---|---|", rows;
+  for (const OptionRow& column : columns) {
+    head += std::string(" `") + column.name + "` |";
+    rule += "---|";
+  }
+  const TrainConfig defaults;
+  visit_fields(defaults, [&](const Option& option, const auto& value, const auto&, const char*) {
+    const std::string name(option.name);
+    std::string cells;
+    bool is_named = false;
+    for (const OptionRow& column : columns) {
+      const char* const own = value_in(column, name);
+      is_named = is_named || *own != '\0';
+      cells += std::string(" ") + own + (*own == '\0' ? "|" : " |");
+    }
+    if (is_named) rows += "| `--" + name + "` | " + option_value_text(value) + " |" + cells + "\n";
+  });
+  return rows.empty() ? "None has values of its own.\n" : head + "\n" + rule + "\n" + rows;
+}
+
+}  // namespace
+
+std::string presets_help() {
+  std::string text = "Values of --preset:\n";
+  for (const OptionRow& row : presets()) text += help_entry(row);
+  std::string strategies;
+  for (const OptionRow& row : strategy_defaults()) {
+    if (!row.values.empty()) strategies += help_entry(row);
+  }
+  return text + (strategies.empty() ? "" : "\nValues of --strategy:\n" + strategies);
+}
+
+std::string presets_markdown() {
+  std::string text =
+      "## Presets and strategies\n\nA later one of these decides: the default, the value of the strategy in use, that "
+      "of `--preset`,\n`--config FILE`, the command line. See [recipes.md](recipes.md).\n\n### Values of "
+      "`--preset`\n\n";
+  for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
+  return text + "\n" + table(presets()) + "\n### Values of `--strategy`\n\n" + table(strategy_defaults());
+}
+
+}  // namespace b3dgs

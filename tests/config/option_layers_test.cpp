@@ -1,0 +1,224 @@
+// Presets, strategy defaults, and which value is used where several name an option.
+#include "config/option_layers.h"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "config/preset_help.h"
+#include "config/presets.h"
+#include "core/files/atomic_file.h"
+#include "support/expect_error.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+using Words = std::vector<std::string>;
+
+GivenOptions given(const Words& words, const std::string& config_file = "") {
+  CommandLine line("train", "Trains.");
+  line.add(TrainConfig{}, "Training");
+  EXPECT_TRUE(line.parse(words));
+  return given_options(line, config_file);
+}
+
+TrainConfig resolved(const Words& words) {
+  return resolve_options(given(words)).config;
+}
+
+const OptionRow& row_named(const std::vector<OptionRow>& rows, const std::string& name) {
+  for (const OptionRow& row : rows) {
+    if (row.name == name) return row;
+  }
+  throw InputError("no row " + name);
+}
+
+/// A step count scaled as documented, in another way than the code does it.
+int nearest_step(double steps) {
+  const int below = static_cast<int>(steps);
+  return std::max(1, steps - below >= 0.5 ? below + 1 : below);
+}
+
+TEST(Presets, HaveARowForEveryName) {
+  ASSERT_EQ(presets().size(), std::size(kPresetNames));
+  for (std::size_t i = 0; i < presets().size(); ++i) EXPECT_STREQ(presets()[i].name, kPresetNames[i]);
+  EXPECT_TRUE(presets()[0].values.empty()) << "original changes nothing";
+}
+
+TEST(Presets, EveryRowNamesOptionsOnceWithValuesInRange) {
+  const std::set<std::string> not_allowed{"source_path", "model_path", "images", "device",
+                                          "seed",        "preset",     "eval",   "steps_scaler"};
+  for (const std::vector<OptionRow>* rows : {&presets(), &strategy_defaults()}) {
+    for (const OptionRow& row : *rows) {
+      const GivenOptions values = parse_values(row.values);  // rejects unknown names and malformed values
+      EXPECT_EQ(values.size(), row.values.size()) << row.name << " names an option twice, or by an alias";
+      TrainConfig config;
+      EXPECT_NO_THROW(config_from_json(config, values, row.name)) << row.name;
+      for (const auto& [name, value] : values.items())
+        EXPECT_EQ(not_allowed.count(name), 0u) << row.name << " " << name;
+      const bool is_strategy = rows == &strategy_defaults();
+      EXPECT_FALSE(is_strategy && (values.contains("iterations") || values.contains("strategy"))) << row.name;
+    }
+  }
+}
+
+TEST(Presets, EveryPresetButOriginalHasIterationsAndEndsItsScheduleWithin) {
+  for (std::size_t i = 1; i < presets().size(); ++i) {
+    const std::string name = presets()[i].name;
+    EXPECT_TRUE(parse_values(presets()[i].values).contains("iterations")) << name << ": a schedule to scale";
+    const TrainConfig config = resolved({"--preset", name});
+    EXPECT_LE(config.densify_until_iter, config.iterations) << name;
+    EXPECT_LT(config.densify_from_iter, config.densify_until_iter) << name;
+    EXPECT_EQ(config.position_lr_max_steps, config.iterations) << name;
+  }
+}
+
+TEST(Presets, HelpAndPageShowEveryValue) {
+  const std::string help = presets_help(), page = presets_markdown();
+  for (const OptionRow& row : presets()) {
+    EXPECT_NE(page.find(std::string("- `") + row.name + "`: "), std::string::npos) << page;
+    for (const OptionValue& own : row.values) {
+      EXPECT_NE(help.find(std::string(" ") + own.name + " " + own.value), std::string::npos) << help;
+      EXPECT_NE(page.find(std::string("| `--") + own.name + "` |"), std::string::npos) << page;
+    }
+  }
+}
+
+TEST(OptionLayers, OriginalIsTrainConfig) {
+  EXPECT_TRUE(config_differences(TrainConfig{}, resolved({})).empty());
+  EXPECT_TRUE(config_differences(TrainConfig{}, resolved({"--preset", "original"})).empty());
+}
+
+TEST(OptionLayers, GivenOptionsOverrideThePreset) {
+  const GivenOptions fast = parse_values(row_named(presets(), "fast").values);
+  const TrainConfig config = resolved({"--preset", "fast"});
+  for (const auto& [name, value] : fast.items()) EXPECT_EQ(config_to_json(config).at(name), value) << name;
+  const TrainConfig other = resolved({"--preset", "fast", "--densify_until_iter", "1234"});
+  EXPECT_EQ(other.densify_until_iter, 1234);
+  EXPECT_EQ(other.iterations, config.iterations);
+  // A value that equals TrainConfig's is given all the same.
+  EXPECT_EQ(resolved({"--preset", "fast", "--sh_increase_interval", "1000"}).sh_increase_interval, 1000);
+}
+
+TEST(OptionLayers, TheCommandLineOverridesTheConfigFileWhichOverridesThePreset) {
+  const test::TempDir folder;
+  const std::string file = (folder.path() / "options.json").string();
+  write_file(file, R"({"max-steps": 1000, "preset": "fast", "opacity_lr": 0.5})");
+  const TrainConfig config = resolve_options(given({"--opacity_lr", "0.25"}, file)).config;
+  EXPECT_EQ(config.preset, "fast");
+  EXPECT_EQ(config.iterations, 1000);
+  EXPECT_EQ(config.opacity_lr, 0.25);
+}
+
+TEST(OptionLayers, ErrorsNameTheOption) {
+  EXPECT_TRUE(test::fails_with<InputError>({"--preset (expected one of original, fast, quality"}, [&] {
+    resolved({"--preset", "best"});
+  }));
+  EXPECT_TRUE(test::fails_with<InputError>({"--iterations (expected at least 1"}, [&] {
+    resolved({"--preset", "fast", "--iterations", "0"});
+  }));
+  EXPECT_TRUE(test::fails_with<InputError>({"--steps_scaler (expected above 0"}, [&] {
+    resolved({"--steps_scaler", "0"});
+  }));
+  EXPECT_TRUE(test::fails_with<InputError>({"no_such_option"}, [&] { parse_values({{"no_such_option", "1"}}); }));
+}
+
+TEST(Schedule, OptionsCountedInIterationsAreMarked) {
+  const TrainConfig config;
+  visit_fields(config, [](const Option& option, const auto& value, const auto&, const char* help) {
+    using Value = std::decay_t<decltype(value)>;
+    const bool is_whole = std::is_same_v<Value, int> || std::is_same_v<Value, std::vector<int>>;
+    const std::string name(option.name);
+    const auto has = [&](const char* word) { return name.find(word) != std::string::npos; };
+    const bool is_in_steps = is_whole && (has("iter") || has("interval") || has("steps") || has("until"));
+    EXPECT_EQ(option.steps != Steps::kNone, is_in_steps) << name << ": " << help;
+  });
+}
+
+TEST(Schedule, OfOriginalDoesNotFollowIterations) {
+  const TrainConfig config = resolved({"--iterations", "10000"});
+  EXPECT_EQ(config_differences(TrainConfig{}, config), Words{"iterations: 30000 -> 10000"});
+}
+
+TEST(Schedule, OfAPresetFollowsIterations) {
+  for (const char* preset : {"fast", "quality"}) {
+    const TrainConfig base = resolved({"--preset", preset});
+    for (const int iterations : {10000, 333}) {
+      const TrainConfig config =
+          resolved({"--preset", preset, "--iterations", std::to_string(iterations), "--densify_until_iter", "77"});
+      const double scale = static_cast<double>(iterations) / base.iterations;
+      EXPECT_EQ(config.iterations, iterations);
+      EXPECT_EQ(config.densify_until_iter, 77) << "was given";
+      EXPECT_EQ(config.position_lr_max_steps, iterations);
+      EXPECT_EQ(config.sh_increase_interval, nearest_step(base.sh_increase_interval * scale));
+      EXPECT_EQ(config.densify_from_iter, nearest_step(base.densify_from_iter * scale)) << "also TrainConfig's own";
+      EXPECT_EQ(config.test_iterations, base.test_iterations) << "no part of the schedule";
+      EXPECT_EQ(config.stats_interval, base.stats_interval);
+      EXPECT_EQ(config.opacity_lr, base.opacity_lr);
+    }
+  }
+}
+
+TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
+  const TrainConfig half = resolved({"--steps_scaler", "0.5", "--densify_until_iter", "101"});
+  EXPECT_EQ(half.steps_scaler, 1) << "a stored config must not be scaled again";
+  EXPECT_EQ(half.iterations, 15000);
+  EXPECT_EQ(half.densify_until_iter, 51) << "given, and rounded to the nearest";
+  EXPECT_EQ(half.test_iterations, (std::vector<int>{3500, 15000}));
+  EXPECT_EQ(half.stats_interval, 500);
+  EXPECT_EQ(half.checkpoint_interval, 0) << "0 stays 0";
+  EXPECT_EQ(half.max_gaussians, TrainConfig{}.max_gaussians);
+  EXPECT_EQ(half.threads, TrainConfig{}.threads);
+  const TrainConfig tiny = resolved({"--steps_scaler", "1e-9"});
+  EXPECT_EQ(tiny.iterations, 1);
+  EXPECT_EQ(tiny.densify_from_iter, 1);
+  EXPECT_EQ(resolved({"--steps_scaler", "1e9"}).iterations, std::numeric_limits<int>::max());
+  const TrainConfig both = resolved({"--preset", "fast", "--iterations", "10000", "--steps_scaler", "2"});
+  EXPECT_EQ(both.iterations, 20000);
+  EXPECT_EQ(both.position_lr_max_steps, 20000);
+}
+
+TEST(Resume, TheSameCommandLineChangesNothing) {
+  for (const Words& words : {Words{}, Words{"--preset", "fast"}, Words{"--preset", "fast", "--iterations", "10000"},
+                             Words{"--preset", "quality", "--iterations", "9", "--steps_scaler", "0.3", "--eval"},
+                             Words{"--steps_scaler", "0.3", "--iterations", "1000"}}) {
+    const TrainConfig started = resolved(words);
+    TrainConfig config = started;
+    apply_at_resume(config, given(words));
+    EXPECT_TRUE(config_differences(started, config).empty()) << testing::PrintToString(words);
+  }
+}
+
+TEST(Resume, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
+  TrainConfig config = resolved({"--preset", "fast"});
+  const int max_steps = config.position_lr_max_steps;
+  apply_at_resume(config, given({"--iterations", "12000"}));
+  EXPECT_EQ(config.preset, "fast");
+  EXPECT_EQ(config.iterations, 12000);
+  EXPECT_EQ(config.position_lr_max_steps, max_steps);
+  TrainConfig original;
+  EXPECT_TRUE(test::fails_with<InputError>({"was started with --preset original"}, [&] {
+    apply_at_resume(original, given({"--preset", "fast"}));
+  }));
+}
+
+TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
+  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model"}))),
+            Words{"options     preset original, strategy default"});
+  const Words lines = describe_options(
+      resolve_options(given({"--preset", "fast", "--eval", "--iterations", "14000", "--tile", "16x8"})));
+  std::string text;
+  for (const std::string& line : lines) {
+    text += line + "\n";
+    EXPECT_LE(line.size(), 100u) << line;
+  }
+  EXPECT_EQ(text.rfind("options     preset fast, ", 0), 0u) << text;
+  EXPECT_NE(text.find("its schedule x 2 for --iterations\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("\n  preset    "), std::string::npos) << text;
+  EXPECT_NE(text.find("position_lr_max_steps 14000"), std::string::npos) << text;
+  EXPECT_NE(text.find("\n  given     eval on, iterations 14000, tile 16x8\n"), std::string::npos) << text;
+}
+
+}  // namespace
+}  // namespace b3dgs
