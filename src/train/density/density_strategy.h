@@ -15,7 +15,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
 
 #include "config/train_config.h"
 #include "raster/torch/gaussian_tensors.h"
@@ -72,11 +71,8 @@ class DensityStrategy {
   virtual bool is_recovering(int iteration) const = 0;
 };
 
-/// The strategy used unless another is asked for.
-inline constexpr const char* kDefaultDensityStrategy = "original";
-
-/// The strategy of that name. `extent`: the scene extent, world units. @throws LogicError if there is none
-std::unique_ptr<DensityStrategy> make_density_strategy(const std::string& name, const TrainConfig& config,
-                                                       double extent);
+/// The strategy that config.strategy names. `extent`: the scene extent, world units. @throws LogicError if there is
+/// none
+std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent);
 
 }  // namespace b3dgs

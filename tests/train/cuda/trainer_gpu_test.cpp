@@ -19,8 +19,8 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/original_strategy.h"
 #include "train/density/row_edit.h"
+#include "train/density/strategies/default_strategy.h"
 #include "train/images/image_store.h"
 
 namespace b3dgs {
@@ -465,7 +465,7 @@ TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {
   expect_same_state(expected, found);
 }
 
-TEST(OriginalStrategyOnGpu, DoesWhatTheCpuDoes) {
+TEST(DefaultStrategyOnGpu, DoesWhatTheCpuDoes) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(4);
   constexpr std::int64_t kCount = 4000;
