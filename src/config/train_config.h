@@ -55,6 +55,8 @@ struct TrainConfig {
   int checkpoint_interval = 0;
   double checkpoint_minutes = 10;  // of training
   int keep_checkpoints = 2;
+  int coarse_scale = 1;      // 1: full size throughout
+  int coarse_until = 15000;  // as in DashGaussian: when densification ends
 
   // Learning rates
   double position_lr_init = 0.00016;     // times the scene extent
@@ -164,6 +166,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");
   field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
+  field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},
+        "train on views of 1/N of the size at first, growing until coarse_until (1 = full size)");
+  field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
+        "train on views of full size from this iteration at the latest");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
         "initial learning rate of the means, x scene extent");
@@ -181,7 +187,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
 
-  field(Option{"strategy"}.group("Density control"), c.strategy, strategies,
+  field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
         "how Gaussians are added and removed; see docs/recipes.md");
   field(Option{"densify_from_iter"}.in_steps(), c.densify_from_iter, AtLeast{0},
         "start density control after this iteration");
