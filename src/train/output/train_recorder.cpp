@@ -153,7 +153,7 @@ void TrainRecorder::finish_files() {
     throw IoError(failed_.front().error + last_checkpoint() + "; " +
                   (!command.empty() ? "continue with " + command
                    : has_checkpoint ? "continue with --resume auto"
-                                    : "start the training again"));
+                                    : "start the training again with --overwrite"));
   }
 }
 
