@@ -215,7 +215,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "opacity of the initial Gaussians; not for Gaussians of --init_ply");
   field(Option{"init_scale"}, c.init_scale, Above{0},
         "initial scale, x mean distance to 3 neighbours; not for Gaussians of --init_ply");
-  field(Option{"growth"}, c.growth, AtLeast{0}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"growth"}, c.growth, InRange{0, 1}, "mcmc: growth of the number of Gaussians per round");
   field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,

@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/mcmc_strategy.h"
 
 namespace b3dgs {
 namespace {
@@ -16,6 +17,7 @@ struct StrategyRow {
 
 constexpr std::array kStrategies{
     StrategyRow{kDefaultStrategy, make_default_strategy},
+    StrategyRow{"mcmc", make_mcmc_strategy},
 };
 
 constexpr bool has_a_row_for_each_name() {

@@ -47,7 +47,7 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, bool kRegularized>
 __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.backward.gaussians.n_gaussians) return;
@@ -58,6 +58,11 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
       update[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
+    }
+    if (kRegularized) {
+      const GaussianArrays& g = args.backward.gaussians;
+      add_regularization(args.regularization, g.logit_opacities[i], load3(g.log_scales, i), grad.logit_opacity,
+                         grad.log_scales);
     }
   }
   const Vec3f sh0 = grad.sh0();
@@ -76,9 +81,14 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-    const auto kernel = args.backward.antialiasing ? step_gaussians_kernel<degree.value, true>
-                                                   : step_gaussians_kernel<degree.value, false>;
-    kernel<<<blocks, kThreads, 0, context.stream>>>(args);
+    const auto launch = [&](auto kernel) { kernel<<<blocks, kThreads, 0, context.stream>>>(args); };
+    if (args.regularization.is_zero()) {
+      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false>
+                                        : step_gaussians_kernel<degree.value, false, false>);
+    } else {
+      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true>
+                                        : step_gaussians_kernel<degree.value, false, true>);
+    }
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
