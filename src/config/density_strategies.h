@@ -7,8 +7,9 @@
 
 namespace b3dgs {
 
-inline constexpr std::string_view kDefaultStrategy = "default";  // density control of the original 3DGS
+inline constexpr std::string_view kDefaultStrategy = "default";    // density control of the original 3DGS
+inline constexpr std::string_view kBalancedStrategy = "balanced";  // parents by error, within a budget
 
-inline constexpr std::array kDensityStrategies{kDefaultStrategy};
+inline constexpr std::array kDensityStrategies{kDefaultStrategy, kBalancedStrategy};
 
 }  // namespace b3dgs

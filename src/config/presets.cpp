@@ -21,7 +21,7 @@ const std::vector<OptionRow>& presets() {
 const std::vector<OptionRow>& strategy_defaults() {
   static const std::vector<OptionRow> kStrategyDefaults{
       {"mcmc", "", {}},
-      {"balanced", "", {}},
+      {"balanced", "", {{"max_gaussians", "200000"}}},
   };
   return kStrategyDefaults;
 }
