@@ -20,8 +20,16 @@ const std::vector<OptionRow>& presets() {
 
 const std::vector<OptionRow>& strategy_defaults() {
   static const std::vector<OptionRow> kStrategyDefaults{
-      {"mcmc", "", {}},
-      {"balanced", "", {{"max_gaussians", "200000"}}},
+      {"mcmc",
+       "",
+       {{"opacity_lr", "0.05"},
+        {"opacity_reg", "0.01"},
+        {"scale_reg", "0.01"},
+        {"densify_until_iter", "25000"},
+        {"max_gaussians", "1000000"},
+        {"init_opacity", "0.5"},
+        {"init_scale", "0.1"}}},
+      {"balanced", "", {{"opacity_reg", "0.01"}, {"scale_reg", "0.01"}, {"max_gaussians", "200000"}}},
   };
   return kStrategyDefaults;
 }

@@ -236,8 +236,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "balanced: no removals by --prune_weight from this iteration on");
   field(Option{"opacity_decay"}, c.opacity_decay, InRange{0.01, 1},
         "balanced: multiply opacities by X in each round (1 = no change)");
-  field(Option{"growth"}, c.growth, AtLeast{0}, "mcmc: growth of the number of Gaussians per round");
-  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
+  field(Option{"growth"}, c.growth, InRange{0, 1}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");

@@ -77,7 +77,8 @@ void Trainer::Impl::learn(const TrainView& view) {
   unread_loss = {state.iteration, view.name};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer);
+      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
+                   {config.opacity_reg, config.scale_reg});
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "train/density/strategies/balanced_strategy.h"
 #include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/mcmc_strategy.h"
 
 namespace b3dgs {
 namespace {
@@ -17,7 +18,8 @@ struct StrategyRow {
 
 constexpr std::array kStrategies{
     StrategyRow{kDefaultStrategy, make_default_strategy},
-    StrategyRow{kBalancedStrategy, make_balanced_strategy},
+    StrategyRow{"mcmc", make_mcmc_strategy},
+    StrategyRow{"balanced", make_balanced_strategy},
 };
 
 constexpr bool has_a_row_for_each_name() {
