@@ -29,7 +29,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"max_gaussians", "1000000"},
         {"init_opacity", "0.5"},
         {"init_scale", "0.1"}}},
-      {"balanced", "", {}},
+      {"balanced", "", {{"opacity_reg", "0.01"}, {"scale_reg", "0.01"}, {"max_gaussians", "200000"}}},
   };
   return kStrategyDefaults;
 }

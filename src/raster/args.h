@@ -206,7 +206,7 @@ struct ScoreSums {
 /// of a Gaussian in a pixel is alpha times the transmittance in front of it, as in blending.
 struct ScoreArrays {
   float* error_sum = nullptr;   // in and out: plus the sum over pixels of weight times error
-  float* weight_sum = nullptr;  // in and out: plus the sum of weights, px
+  float* weight_sum = nullptr;  // in and out: plus the sum of weights, px; null: not wanted
   float* max_weight = nullptr;  // in and out: the larger of it and the largest weight in a pixel
   float* n_views = nullptr;     // in and out: plus 1
 };

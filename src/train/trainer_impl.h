@@ -22,6 +22,7 @@
 #include "train/device.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/images/image_store.h"
+#include "train/loss/error_image.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
 #include "train/memory/memory_source.h"
@@ -134,6 +135,7 @@ struct Trainer::Impl {
   std::optional<SmoothingFilter> smoothing_filter;  // with --antialiasing
   GaussianStepper stepper;
   ImageLoss loss;
+  ErrorImage error_image;
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;

@@ -106,6 +106,9 @@ TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
   EXPECT_TRUE(is_equal(scores, scores_of(scene, settings_of(scene), error)));
   EXPECT_TRUE(fails_with<LogicError>({"error is", "expected [H, W]"},
                                      [&] { rasterizer.score(error.t().contiguous(), make_scores(n)); }));
+  const GaussianScores without{torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::Tensor()};
+  rasterizer.score(error, without);
+  EXPECT_TRUE(torch::equal(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
   EXPECT_TRUE(
       fails_with<LogicError>({"error_sum is", "expected [N]"}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
 }

@@ -28,7 +28,9 @@ B3DGS_HD std::uint32_t score_units(float value) {
 B3DGS_HD void add_scores(const ScoreSums& sums, const ScoreArrays& out, std::int64_t gaussian) {
   constexpr double kUnit = 1.0 / (1 << kScoreBits);
   out.error_sum[gaussian] += static_cast<float>(static_cast<double>(sums.error) * kUnit);
-  out.weight_sum[gaussian] += static_cast<float>(static_cast<double>(sums.weight) * kUnit);
+  if (out.weight_sum != nullptr) {
+    out.weight_sum[gaussian] += static_cast<float>(static_cast<double>(sums.weight) * kUnit);
+  }
   if (sums.max_weight > out.max_weight[gaussian]) out.max_weight[gaussian] = sums.max_weight;
   out.n_views[gaussian] += 1;
 }

@@ -279,11 +279,12 @@ void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores)
   check.bind("N", impl_->n_gaussians);
   check.dims("error", error, {"H", "W"});
   check.dims("error_sum", scores.error_sum, {"N"});
-  check.dims("weight_sum", scores.weight_sum, {"N"});
+  if (scores.weight_sum.defined()) check.dims("weight_sum", scores.weight_sum, {"N"});
   check.dims("max_weight", scores.max_weight, {"N"});
   check.dims("n_views", scores.n_views, {"N"});
-  impl_->score(error.data_ptr<float>(), {scores.error_sum.data_ptr<float>(), scores.weight_sum.data_ptr<float>(),
-                                         scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
+  impl_->score(error.data_ptr<float>(),
+               {scores.error_sum.data_ptr<float>(), const_cast<float*>(data_or_null(scores.weight_sum)),
+                scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
 }
 
 ViewLoad Rasterizer::count_load() const {

@@ -34,7 +34,8 @@ struct ViewStatistics {
 
 /// What Rasterizer::score() adds to (ScoreArrays).
 struct GaussianScores {
-  torch::Tensor error_sum, weight_sum, max_weight, n_views;  // [N] each
+  torch::Tensor error_sum, max_weight, n_views;  // [N] each
+  torch::Tensor weight_sum;                      // [N]; undefined: not wanted
 };
 
 struct ViewSize {

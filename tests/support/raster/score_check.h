@@ -11,8 +11,8 @@ inline GaussianScores dense_scores(const DenseView& view, const torch::Tensor& e
   const torch::Tensor nothing = torch::zeros({n}, torch::kFloat64);
   const torch::Tensor largest = view.weights.numel() > 0 ? view.weights.amax(0) : torch::zeros_like(view.rows);
   return {nothing.index_copy(0, view.rows, torch::mv(view.weights.t(), error.to(torch::kFloat64).flatten())),
-          nothing.index_copy(0, view.rows, view.weights.sum(0)),
-          nothing.index_copy(0, view.rows, largest.to(torch::kFloat64)), torch::Tensor()};
+          nothing.index_copy(0, view.rows, largest.to(torch::kFloat64)), torch::Tensor(),
+          nothing.index_copy(0, view.rows, view.weights.sum(0))};
 }
 
 /// Checks score() of a view with an error that is 0 at pixels near a decision.
