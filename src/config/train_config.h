@@ -88,9 +88,21 @@ struct TrainConfig {
   std::int64_t max_gaussians = 0;  // 0 = no limit
   double init_opacity = 0.1;
   double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
-  // Of strategy mcmc:
-  double growth = 0.05;      // of the count, per round
+  // Of strategies mcmc and balanced:
   double noise_lr = 500000;  // times the learning rate of the means
+  // Of strategy mcmc:
+  double growth = 0.05;  // of the count, per round
+  // Of strategy balanced:
+  int score_views = 10;                // before each round
+  double score_power = 1;              // of the mean difference of a pixel's channels
+  double abs_grad_threshold = 0.0003;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
+  std::string parents = "draw";
+  std::string split = "cover";
+  double budget_power = 0.5;
+  double prune_weight = 0.01;
+  int prune_interval = 3000;
+  int prune_until_iter = 28000;  // exclusive
+  double opacity_decay = 1;      // per round
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -212,8 +224,26 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "opacity of the initial Gaussians; not for Gaussians of --init_ply");
   field(Option{"init_scale"}, c.init_scale, Above{0},
         "initial scale, x mean distance to 3 neighbours; not for Gaussians of --init_ply");
-  field(Option{"growth"}, c.growth, AtLeast{0}, "mcmc: growth of the number of Gaussians per round");
-  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
+  field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
+  field(Option{"score_power"}, c.score_power, Above{0}, "balanced: a pixel's error is |difference|^X");
+  field(Option{"abs_grad_threshold"}, c.abs_grad_threshold, AtLeast{0},
+        "balanced: split only Gaussians whose mean absolute gradient reaches X");
+  field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
+        "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
+  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples"}},
+        "balanced: parts cover the parent, keep its covariance, or are samples as in 3DGS");
+  field(Option{"budget_power"}, c.budget_power, Above{0},
+        "balanced: the count grows to max_gaussians as (share of the time)^X");
+  field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
+        "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
+  field(Option{"prune_interval"}.in_steps(), c.prune_interval, AtLeast{1},
+        "balanced: iterations between removals by --prune_weight");
+  field(Option{"prune_until_iter"}.in_steps(), c.prune_until_iter, AtLeast{0},
+        "balanced: no removals by --prune_weight from this iteration on");
+  field(Option{"opacity_decay"}, c.opacity_decay, InRange{0.01, 1},
+        "balanced: multiply opacities by X in each round (1 = no change)");
+  field(Option{"growth"}, c.growth, InRange{0, 1}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");

@@ -22,6 +22,7 @@
 #include "train/device.h"
 #include "train/images/image_store.h"
 #include "train/images/view_reducer.h"
+#include "train/loss/error_image.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
 #include "train/memory/memory_source.h"
@@ -132,6 +133,7 @@ struct Trainer::Impl {
   Rasterizer rasterizer;
   GaussianStepper stepper;
   ImageLoss loss;
+  ErrorImage error_image;
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;

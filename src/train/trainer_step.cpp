@@ -54,9 +54,11 @@ void Trainer::Impl::read_loss() {
 }
 
 void Trainer::Impl::learn(const TrainView& view) {
+  const DensityPlan plan = density->plan(state.iteration);
   RenderedView rendered;
   try {
-    const RenderSettings settings = step_settings();
+    RenderSettings settings = step_settings();
+    settings.absolute_gradient = plan.absolute_gradients;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
                              [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
@@ -75,15 +77,19 @@ void Trainer::Impl::learn(const TrainView& view) {
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
   timer.end();
   unread_loss = {state.iteration, view.name};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer);
-  if (density->plan(state.iteration).after_step) {
+      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
+                   {config.opacity_reg, config.scale_reg});
+  if (plan.after_step) {
     timer.begin(Stage::kDensify);
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height}, state.gaussians,
-                        state.statistics);
+    const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, rendered.color, view.truth,
+                         view.valid, error, &rasterizer},
+                        state.gaussians, state.statistics);
     timer.end();
   }
 }
