@@ -148,7 +148,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
-  field(Option{"host_memory_gb"}.common(), c.host_memory_gb, AtLeast{-1},
+  field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
         "photographs kept in host memory, GB; rest read from disk (-1 = 80 % of available)");
 
   field(Option{"sh_degree"}.common().group("Model and image"), c.sh_degree, InRange{0, 3},
@@ -179,7 +179,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "write a checkpoint every X minutes of training (0 = never)");
   field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
   field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},
-        "train on views of 1/N of the size at first, growing until coarse_until (1 = full size)");
+        "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
 

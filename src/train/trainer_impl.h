@@ -22,6 +22,7 @@
 #include "train/device.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/images/image_store.h"
+#include "train/images/view_reducer.h"
 #include "train/loss/error_image.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
@@ -55,6 +56,8 @@ struct Trainer::Impl {
   /// One step; repeated without the Gaussians that cannot be rendered. Starts with a kernel check if one is due.
   void step();
   void take_step();
+  /// The view of this iteration: at a part of its size with --coarse_scale.
+  TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view);
   RenderSettings step_settings();
@@ -139,6 +142,7 @@ struct Trainer::Impl {
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;
+  ViewReducer reducer;
   StageTimer timer;
   TimeAccount time;
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments

@@ -8,6 +8,7 @@
 
 #include <cmath>
 
+#include "config/coarse_schedule.h"
 #include "core/random.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
@@ -75,7 +76,11 @@ void Trainer::Impl::learn(const TrainView& view) {
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
-  view_ratios.add(rasterizer.view_size(), state.gaussians.size());
+  ViewSize view_size = rasterizer.view_size();
+  // Memory is planned for views of full size: there a splat touches at most as many times more tiles.
+  const std::int64_t scale = coarse_scale_at(config, state.iteration);
+  view_size.n_pairs *= scale * scale;
+  view_ratios.add(view_size, state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
@@ -120,6 +125,14 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
+TrainView Trainer::Impl::take_view(int iteration) {
+  const std::vector<std::int32_t> next =
+      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
+  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
+  return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);
+}
+
 void Trainer::Impl::take_step() {
   // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
   // the number of Gaussians, and the next step reallocates.
@@ -127,9 +140,7 @@ void Trainer::Impl::take_step() {
   const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   timer.begin(Stage::kUpload);
-  const std::vector<std::int32_t> next =
-      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
-  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  const TrainView view = take_view(iteration);
   timer.end();
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
