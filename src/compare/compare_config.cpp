@@ -12,9 +12,9 @@
 namespace b3dgs {
 namespace {
 
-/// Options that must be the same for all configurations, or their times would not be comparable.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",     "resolution", "eval",
-                                   "seed",        "device",     "iterations", "threads",    "white_background"};
+/// Options that must be the same for all configurations, or their times and images would not be comparable.
+constexpr const char* kShared[] = {"source_path", "model_path", "images",  "resolution",      "eval",
+                                   "seed",        "device",     "threads", "white_background"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";
@@ -112,7 +112,7 @@ void check_name(const std::string& entry, const std::string& name, const std::st
   }
 }
 
-Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
+Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given) {
   // Only a colon before the first + or = separates a name; later ones belong to values.
   const std::size_t colon = entry.find(':');
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
@@ -126,17 +126,27 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
   CommandLine line("compare --configs " + name, "");
   line.add(TrainConfig{}, "Training");
   line.parse(words);
-  Configuration configuration{name, base};
-  line.apply(configuration.config);
+  GivenOptions all = given;
+  all.update(line.given());
+  Configuration configuration{name, resolve_options(all).config};
+  nlohmann::ordered_json shared = nlohmann::ordered_json::object();
+  const nlohmann::ordered_json base_values = config_to_json(base);
+  for (const char* const option : kShared) shared[option] = base_values.at(option);
+  config_from_json(configuration.config, shared, /*place=*/"");
   return configuration;
 }
 
 }  // namespace
 
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base) {
+  return parse_configurations(text, base, config_to_json(base));
+}
+
+std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
+                                                const GivenOptions& given) {
   std::vector<Configuration> configurations;
   for (const std::string& entry : split(text, ',')) {
-    const Configuration next = parse_entry(entry, base);
+    const Configuration next = parse_entry(entry, base, given);
     for (const Configuration& other : configurations) {
       if (other.name == next.name) {
         // The name is either the whole entry ("naive") or the part before a colon.

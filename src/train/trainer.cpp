@@ -45,6 +45,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
              this->hooks.image_budget ? *this->hooks.image_budget
                                       : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
              this->hooks.on_loading),
+      reducer(device),
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {

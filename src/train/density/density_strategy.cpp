@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "core/check.h"
+#include "train/density/strategies/balanced_strategy.h"
 #include "train/density/strategies/default_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
 
@@ -18,6 +19,7 @@ struct StrategyRow {
 constexpr std::array kStrategies{
     StrategyRow{kDefaultStrategy, make_default_strategy},
     StrategyRow{"mcmc", make_mcmc_strategy},
+    StrategyRow{"balanced", make_balanced_strategy},
 };
 
 constexpr bool has_a_row_for_each_name() {
@@ -33,6 +35,10 @@ static_assert(has_a_row_for_each_name(), "the table of names in src/config has t
 
 DensityStatistics DensityStrategy::make_statistics(std::int64_t n_gaussians, torch::Device device) const {
   return make_density_statistics(n_gaussians, device);
+}
+
+void DensityStrategy::end_round(int, DensityStatistics& statistics) const {
+  for (torch::Tensor* column : statistics.all()) column->zero_();
 }
 
 std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent) {
