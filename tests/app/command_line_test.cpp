@@ -162,6 +162,8 @@ TEST(CommandLine, FlagsCanBeTurnedOnAndOff) {
 
 TEST(CommandLine, TheLastOfTwoWins) {
   EXPECT_EQ(parse({"--iterations", "10", "--iterations", "20"}).iterations, 20);
+  EXPECT_EQ(parse({"--test_iterations", "1", "2", "--seed", "3", "--test_iterations=4,5"}).test_iterations,
+            (std::vector<int>{4, 5}));
 }
 
 TEST(CommandLine, AnUnknownOptionIsAnErrorThatSuggestsTheNearest) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <iostream>
+#include <set>
 #include <utility>
 
 #include "core/options/help_pages.h"
@@ -83,27 +84,34 @@ struct CommandLine::Impl {
 
   /// The words as CLI11 expects them, last first: underscores in names, "--flag false" joined to "--flag=false", and
   /// "--" at the end of a list with commas, so that "--seeds 0,1 scene" leaves the scene for the positional argument.
+  /// Of a list that is given twice, only the last one is left, since the last value of any option counts.
   std::vector<std::string> prepared(const std::vector<std::string>& words) const {
-    std::vector<std::string> result;
-    bool is_in_list = false;
+    struct Part {
+      const Row* list;  // the list option that the part begins with, or null
+      std::vector<std::string> words;
+    };
+    std::vector<Part> parts{{nullptr, {}}};
     for (std::size_t i = 0; i < words.size(); ++i) {
       std::string word = with_underscores(words[i]);
       const std::size_t equals = word.find('=');
       const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2, equals - 2)) : nullptr;
-      if (is_option(word)) is_in_list = row != nullptr && is_list(row->spec);
-      if (is_in_list && is_whole_list(word)) {
-        result.push_back(std::move(word));
-        result.emplace_back("--");
-        is_in_list = false;
-        continue;
-      }
+      if (is_option(word)) parts.push_back({row != nullptr && is_list(row->spec) ? row : nullptr, {}});
       if (equals == std::string::npos && row != nullptr && row->spec.kind == ValueKind::kFlag && i + 1 < words.size() &&
           is_truth_value(words[i + 1])) {
         word += "=" + words[++i];
       }
-      result.push_back(std::move(word));
+      const bool ends_list = parts.back().list != nullptr && is_whole_list(word);
+      parts.back().words.push_back(std::move(word));
+      if (!ends_list) continue;
+      parts.back().words.emplace_back("--");
+      parts.push_back({nullptr, {}});
     }
-    std::reverse(result.begin(), result.end());
+    std::vector<std::string> result;
+    std::set<const Row*> given;
+    for (auto part = parts.rbegin(); part != parts.rend(); ++part) {
+      if (part->list != nullptr && !given.insert(part->list).second) continue;
+      result.insert(result.end(), part->words.rbegin(), part->words.rend());
+    }
     return result;
   }
 
