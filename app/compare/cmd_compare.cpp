@@ -9,10 +9,10 @@
 #include "app/terminal/progress.h"
 #include "app/train_setup.h"
 #include "compare/comparison.h"
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"
-#include "core/options/config_file.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/threads.h"
@@ -37,7 +37,7 @@ struct CompareOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
-        "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value");
+        "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value (preset=fast)");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
   field(Option{"noise"}.common(), c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
   field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations take turns");
@@ -88,21 +88,25 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   }
   const std::string root = output_folder(line);
   ComparisonPlan plan;
-  plan.base = default_config();
   if (options.resume) plan = read_plan(root);
   const std::int64_t planned_seed = plan.base.seed;
-  if (!options.config.empty()) apply_config_file(plan.base, options.config);
-  line.apply(plan.base);
-  // By default, a comparison times all candidate kernels over the whole training.
-  if (!options.resume && !line.was_given("kernel_times_interval") && plan.base.kernel_times_interval == 0) {
-    plan.base.kernel_times_interval = plan.base.stats_interval;
+  GivenOptions& given = plan.given;
+  given.update(given_options(line, options.config));
+  if (!options.resume) {
+    given.emplace("eval", default_config().eval);
+    // By default, a comparison times all candidate kernels over the whole training.
+    if (!line.was_given("kernel_times_interval") && given.value("kernel_times_interval", 0) == 0) {
+      given["kernel_times_interval"] = given.value("stats_interval", TrainConfig{}.stats_interval);
+    }
   }
+  plan.base = resolve_options(given).config;
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
     input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
   }
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
+  given["init_ply"] = plan.base.init_ply;
 
   if (options.resume && line.was_given("configs") && joined(options.configs) != plan.configs) {
     input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
@@ -161,7 +165,7 @@ bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   for (const Configuration& configuration : plan.configurations()) {
     const ModelFolder folder = plan.folder(configuration, seed);
     const std::vector<int> saved = folder.ply_iterations();
-    if (std::find(saved.begin(), saved.end(), plan.base.iterations) == saved.end()) return false;
+    if (std::find(saved.begin(), saved.end(), configuration.config.iterations) == saved.end()) return false;
   }
   return true;
 }
@@ -206,8 +210,8 @@ int run_compare(const std::vector<std::string>& words) {
       "Train a COLMAP scene with several configurations, taking turns, and compare time and quality. "
       "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
       "first of --configs is the baseline; `original` stands for the options that are closest to the "
-      "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles).",
-      "b3dgs compare scenes/garden --configs original,naive,adaptive+culling=square");
+      "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",
+      "b3dgs compare scenes/garden --configs original:preset=original,fast:preset=fast,quality:preset=quality");
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});

@@ -42,7 +42,7 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
                                          StatusLine& status)
     : scene_(scene),
       status_(status),
-      iterations_(plan.base.iterations),
+      iterations_(plan.longest()),
       chunk_(plan.chunk),
       seed_index_(static_cast<std::size_t>(
           std::distance(plan.seeds.begin(), std::find(plan.seeds.begin(), plan.seeds.end(), seed)))),
@@ -89,14 +89,17 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
 
 bool InterleavedTraining::take_turns() {
   int start = iterations_;
-  for (const auto& turn : turns_) start = std::min(start, turn->trainer->iteration());
+  for (const auto& turn : turns_) {
+    if (turn->trainer->iteration() < turn->iterations()) start = std::min(start, turn->trainer->iteration());
+  }
   int n_turns = start / chunk_;  // a resumed comparison keeps the order of turns
   for (int until = start - start % chunk_; until < iterations_; ++n_turns) {
     until = std::min(until + chunk_, iterations_);
     const std::size_t first = first_in_turn(seed_index_, n_turns, turns_.size());
     for (std::size_t i = 0; i < turns_.size(); ++i) {
       Turn& turn = *turns_[(first + i) % turns_.size()];
-      turn.result = turn.trainer->run_until(until);
+      if (turn.result.iteration == turn.iterations()) continue;  // shorter than others, and done
+      turn.result = turn.trainer->run_until(std::min(until, turn.iterations()));
       if (stop_signal() != 0) return false;
     }
   }

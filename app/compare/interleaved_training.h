@@ -33,6 +33,7 @@ class InterleavedTraining {
     std::unique_ptr<Trainer> trainer;
     TrainResult result;
     EtaHistory eta;
+    int iterations() const { return configuration.config.iterations; }
   };
 
   void add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed, const Scene& scene,
@@ -43,7 +44,7 @@ class InterleavedTraining {
 
   const Scene& scene_;
   StatusLine& status_;
-  const int iterations_, chunk_;
+  const int iterations_, chunk_;  // iterations_: of the longest configuration
   const std::size_t seed_index_;
   std::string label_;                         // "seed 0"
   std::vector<std::unique_ptr<Turn>> turns_;  // pointers, since the trainers' hooks refer to their Turn

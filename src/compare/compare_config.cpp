@@ -13,9 +13,9 @@
 namespace b3dgs {
 namespace {
 
-/// Options that must be the same for all configurations, or their times would not be comparable.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",     "resolution", "eval",
-                                   "seed",        "device",     "iterations", "threads",    "white_background"};
+/// Options that must be the same for all configurations, or their times and images would not be comparable.
+constexpr const char* kShared[] = {"source_path", "model_path", "images",  "resolution",      "eval",
+                                   "seed",        "device",     "threads", "white_background"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";
@@ -79,18 +79,21 @@ using OptionValues = std::map<std::string, std::string>;
 /// @throws InputError unless --kernel accepts the name
 void check_kernel(const std::string& entry, const std::string& name) {
   std::vector<std::string> names{kOriginal};
-  std::string list;
+  std::string list, meant;
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
     if constexpr (std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>) {
       if (option.name == "kernel") names.insert(names.end(), constraint.values.begin(), constraint.values.end());
+      const bool is_value =
+          std::find(constraint.values.begin(), constraint.values.end(), name) != constraint.values.end();
+      if (is_value && meant.empty()) meant = detail::concat(option.name, "=", name);  // "preset=fast" for "fast"
     }
   });
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
   for (const std::string& own : names) list += own + ", ";
-  const std::string nearest = nearest_name(name, names);
+  if (meant.empty()) meant = nearest_name(name, names);
   input_error("--configs ", entry, ": unknown configuration \"", name, "\" (expected ", list, "or option=value)",
-              nearest.empty() ? "" : "; did you mean " + nearest + "?");
+              meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
 /// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate
@@ -131,7 +134,7 @@ void check_name(const std::string& entry, const std::string& name, const std::st
   }
 }
 
-Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
+Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given) {
   // Only a colon before the first + or = separates a name; later ones belong to values.
   const std::size_t colon = entry.find(':');
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
@@ -142,24 +145,34 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base) {
   std::vector<std::string> words;
   for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
   check_name(entry, name, parts);
-  Configuration configuration{name, base};
   try {
     CommandLine line("compare --configs " + name, "");
     line.add(TrainConfig{}, "Training");
     line.parse(words);
-    line.apply(configuration.config);
+    GivenOptions all = given;
+    all.update(line.given());
+    Configuration configuration{name, resolve_options(all).config};
+    nlohmann::ordered_json shared = nlohmann::ordered_json::object();
+    const nlohmann::ordered_json base_values = config_to_json(base);
+    for (const char* const option : kShared) shared[option] = base_values.at(option);
+    config_from_json(configuration.config, shared, /*place=*/"");
+    return configuration;
   } catch (const InputError& error) {
     input_error("--configs ", entry, ": ", error.what());
   }
-  return configuration;
 }
 
 }  // namespace
 
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base) {
+  return parse_configurations(text, base, config_to_json(base));
+}
+
+std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
+                                                const GivenOptions& given) {
   std::vector<Configuration> configurations;
   for (const std::string& entry : split(text, ',')) {
-    const Configuration next = parse_entry(entry, base);
+    const Configuration next = parse_entry(entry, base, given);
     for (const Configuration& other : configurations) {
       if (other.name == next.name) {
         // The name is either the whole entry ("naive") or the part before a colon.

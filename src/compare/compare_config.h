@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "config/train_config.h"
+#include "config/option_layers.h"
 
 namespace b3dgs {
 
@@ -20,9 +20,13 @@ struct Configuration {
 ///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square,original,b:original+kernel=paper
 /// Lists are separated by slashes: paper:kernel_candidates=combined/shared-memory.
 ///
-/// `base` has the options that all configurations share. @throws InputError for fewer than two configurations, a name
-/// that occurs twice or cannot be a folder name, an unknown option or value, and options that must be the same for all
-/// (scene, views, seed, iterations, ...)
+/// `given` are options for all configurations; a configuration's own come on top, so `preset=fast` applies below both
+/// (option_layers.h). `base` has the values that must be the same for all: scene, views, seed, device, ...
+/// @throws InputError for fewer than two configurations, a name that occurs twice or cannot be a folder name, an
+/// unknown option or value, and options that must be the same for all
+std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
+                                                const GivenOptions& given);
+/// All values of `base` count as given.
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
 
 /// The first configuration under another name; training it again measures the run-to-run variation.

@@ -80,10 +80,12 @@ std::string sentence(std::string text) {
 std::string what_was_compared(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   const int n_seeds = static_cast<int>(plan.seeds.size()), n_started = comparison.summary.seeds_started();
+  const bool have_one_length = have_equal_lengths(comparison.summary.results);
   return html::paragraph(detail::concat(
-      "Scene ", scene_name(plan.base.source_path), ", ", format_count(comparison.summary.done),
-      " iterations of each configuration, ", n_started < n_seeds ? detail::concat(n_started, " of ") : "", n_seeds,
-      n_seeds == 1 ? " seed" : " seeds",
+      "Scene ", scene_name(plan.base.source_path), ", ",
+      have_one_length ? format_count(comparison.summary.done) + " iterations of each configuration, "
+                      : std::string("each configuration for its own number of iterations, "),
+      n_started < n_seeds ? detail::concat(n_started, " of ") : "", n_seeds, n_seeds == 1 ? " seed" : " seeds",
       ". All configurations trained on the same views in the same order, in turns of ", plan.chunk,
       " iterations, so that changes in the speed of the machine affect all of them alike."));
 }
@@ -314,6 +316,21 @@ std::string quality_section(const Comparison& comparison) {
   return body + curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr);
 }
 
+std::string results(const Comparison& comparison) {
+  std::vector<int> colors;
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) colors.push_back(color_of(i));
+  return results_section(comparison.summary.results, colors);
+}
+
+/// Where configurations train for different numbers of iterations, a note before what compares equal iterations.
+std::string common_iterations_note(const Comparison& comparison) {
+  if (have_equal_lengths(comparison.summary.results)) return "";
+  return html::paragraph("Compared over the first " + format_count(comparison.summary.done) +
+                             " iterations, which all configurations have done, and so not at the end of the longer "
+                             "ones.",
+                         "soft");
+}
+
 std::string settings(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   nlohmann::ordered_json machine = nlohmann::ordered_json::object();
@@ -343,8 +360,10 @@ std::string comparison_report(const Comparison& comparison) {
   const std::vector<LabeledRun> runs = first_runs(comparison);
   const auto has_loads = [](const TrainHistory& history) { return !history.loads.empty(); };
   const std::string body =
-      what_was_compared(comparison) + html::section("Photographs and renders", preview_section(runs)) +
-      html::section("Quality", quality_section(comparison)) + html::section("Training time", time_section(comparison)) +
+      what_was_compared(comparison) + html::section("Results", results(comparison)) +
+      html::section("Photographs and renders", preview_section(runs)) +
+      html::section("Quality", common_iterations_note(comparison) + quality_section(comparison)) +
+      html::section("Training time", common_iterations_note(comparison) + time_section(comparison)) +
       html::section("Scene, options and machine", settings(comparison)) +
       html::folded_section("Time by stage of the training step", stage_section(runs)) +
       html::folded_section("Kernels: which were used, and why", kernels(comparison)) +

@@ -243,6 +243,16 @@ Json times_json(const ComparedConfiguration& own) {
           {"inflection", to_json(own.switch_iteration)}};
 }
 
+Json to_json(const FinalResult& own) {
+  return {{"name", own.name},
+          {"iterations", own.iterations},
+          {"complete_seeds", own.n_complete},
+          {"seconds", to_json(own.seconds)},
+          {"gaussians", to_json(own.count)},
+          {"psnr", to_json(own.psnr)},
+          {"ssim", to_json(own.ssim)}};
+}
+
 }  // namespace
 
 bool QualityDifference::is_equal() const {
@@ -286,6 +296,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   summary.ours = ours.name;
   if (repeated.second != nullptr) summary.repetition = repeated.second->name;
   summary.iterations = iterations;
+  summary.results = final_results(configurations);
   summary.done_by_seed = common_iterations(configurations, iterations);
   for (const int done : summary.done_by_seed) {
     if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
@@ -358,7 +369,8 @@ Json to_json(const ComparisonSummary& summary) {
                             {"by_seed", by_seed},
                             {"quality", quality}});
   }
-  Json balancing = Json::array(), paper_comparisons = Json::array();
+  Json balancing = Json::array(), paper_comparisons = Json::array(), results = Json::array();
+  for (const FinalResult& own : summary.results) results.push_back(to_json(own));
   for (const BalancingGain& gain : summary.balancing) balancing.push_back(to_json(gain, summary.noise()));
   for (const PaperComparison& own : summary.paper_comparisons) {
     paper_comparisons.push_back(times_json(own.compared));
@@ -372,6 +384,7 @@ Json to_json(const ComparisonSummary& summary) {
           {"iterations", summary.iterations},
           {"done", summary.done},
           {"done_by_seed", summary.done_by_seed},
+          {"results", results},
           {"balancing", balancing},
           {"beside_paper", paper_comparisons},
           {"compared", compared}};

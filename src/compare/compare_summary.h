@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "compare/compare_balancing.h"
+#include "compare/compare_results.h"
 #include "report/time_saved.h"
 
 namespace b3dgs {
@@ -57,13 +58,14 @@ struct PaperComparison {
 struct ComparisonSummary {
   std::string baseline, ours;     // names; `ours` is the configuration that the verdict is about
   std::string repetition;         // the second training of the baseline; "" if there is none
-  int iterations = 0;             // requested
+  int iterations = 0;             // requested, of the longest configuration
   int done = 0;                   // completed by all runs of the seeds that have started
   std::vector<int> done_by_seed;  // completed by all configurations; 0: the seed is ignored, not all have started
   std::vector<ComparedConfiguration> compared;
   std::vector<BalancingGain> balancing;      // of the configurations for which it is known
   std::vector<std::string> missing_kernels;  // not trained, so the gain of `ours` is unknown
   std::vector<PaperComparison> paper_comparisons;
+  std::vector<FinalResult> results;  // of all configurations, each at its own end
 
   int seeds_started() const;
   const ComparedConfiguration* find(const std::string& name) const;
@@ -72,7 +74,8 @@ struct ComparisonSummary {
   std::optional<double> noise() const;
 };
 
-/// `configurations`: at least two; the first is the baseline. `iterations`: how many were requested.
+/// `configurations`: at least two; the first is the baseline. `iterations`: how many were requested of the
+/// longest.
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
 
 /// Explains when quality is called equal, in one or two sentences.

@@ -191,6 +191,15 @@ std::string describe_repetition(const ComparisonSummary& summary) {
 }
 
 std::string verdict(const ComparisonSummary& summary) {
+  if (!have_equal_lengths(summary.results)) {
+    // Times over the same iterations say nothing here.
+    const std::string text = describe_results(summary.results);
+    const int n_seeds = static_cast<int>(summary.done_by_seed.size());
+    const bool is_complete = std::all_of(summary.results.begin(), summary.results.end(),
+                                         [&](const FinalResult& own) { return own.n_complete == n_seeds; });
+    if (text.empty()) return "No result yet: no configuration has been trained to its end.";
+    return (is_complete ? "" : "Not finished. So far: ") + text + ".";
+  }
   const ComparedConfiguration* ours = summary.find(summary.ours);
   if (ours == nullptr || !ours->overall) return "No result yet: not every configuration has been trained.";
   std::string text = finding(summary, *ours);

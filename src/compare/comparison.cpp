@@ -4,6 +4,7 @@
 
 #include "adaptive/load_statistics.h"
 #include "compare/compare_report.h"
+#include "compare/compare_results.h"
 #include "compare/compare_verdict.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -27,13 +28,10 @@ void write_json(const fs::path& path, const Json& json) {
 }
 
 Json to_json(const ComparisonPlan& plan) {
-  return {{"configs", plan.configs},
-          {"seeds", plan.seeds},
-          {"noise", plan.has_repetition},
-          {"chunk", plan.chunk},
-          {"reading_s", plan.reading_s},
-          {"loading_ms", plan.loading_ms},
-          {"config", config_to_json(plan.base)}};
+  return {{"configs", plan.configs},      {"seeds", plan.seeds},
+          {"noise", plan.has_repetition}, {"chunk", plan.chunk},
+          {"reading_s", plan.reading_s},  {"loading_ms", plan.loading_ms},
+          {"given", plan.given},          {"config", config_to_json(plan.base)}};
 }
 
 template <class Value>
@@ -139,9 +137,15 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
 }  // namespace
 
 std::vector<Configuration> ComparisonPlan::configurations() const {
-  std::vector<Configuration> all = parse_configurations(configs, base);
+  std::vector<Configuration> all = parse_configurations(configs, base, given);
   if (has_repetition) all.push_back(repeat_baseline(all));
   return all;
+}
+
+int ComparisonPlan::longest() const {
+  int longest = 0;
+  for (const Configuration& own : configurations()) longest = std::max(longest, own.config.iterations);
+  return longest;
 }
 
 ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int64_t seed) const {
@@ -187,6 +191,8 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.has_repetition = own.value("noise", false);  // missing in files of early versions
     plan.loading_ms = own.value("loading_ms", 0.0);
     config_from_json(plan.base, own.at("config"), path.string());
+    // Files of early versions have the options in use only.
+    plan.given = own.contains("given") ? own.at("given") : config_to_json(plan.base);
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }
@@ -210,7 +216,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
       histories.back().by_seed.push_back(comparison.runs.back().back().history);
     }
   }
-  comparison.summary = summarize_comparison(histories, plan.base.iterations);
+  comparison.summary = summarize_comparison(histories, plan.longest());
   return comparison;
 }
 
@@ -221,6 +227,11 @@ void write_comparison(const Comparison& comparison) {
 
 void print_comparison(const Comparison& comparison) {
   const ComparisonSummary& summary = comparison.summary;
+  if (!have_equal_lengths(summary.results)) {
+    print_results(summary.results);
+    std::printf("%s\n", verdict(summary).c_str());
+    return;
+  }
   std::size_t columns = 13;
   for (const Configuration& configuration : comparison.configurations) {
     columns = std::max(columns, configuration.name.size());

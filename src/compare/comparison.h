@@ -15,7 +15,8 @@ namespace b3dgs {
 
 /// What to compare; stored in compare.json, so that the comparison can be resumed.
 struct ComparisonPlan {
-  TrainConfig base;  // model_path is the comparison's folder
+  TrainConfig base;    // model_path is the comparison's folder
+  GivenOptions given;  // options given for all configurations, of which `base` follows
   std::string configs;
   std::vector<std::int64_t> seeds;
   bool has_repetition = false;  // trains the baseline twice (--noise)
@@ -27,6 +28,7 @@ struct ComparisonPlan {
 
   std::filesystem::path root() const { return base.model_path; }
   std::vector<Configuration> configurations() const;
+  int longest() const;  // iterations of the configuration that has most
   ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };
 

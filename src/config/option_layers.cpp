@@ -94,9 +94,8 @@ OptionLayers resolve_options(const GivenOptions& given) {
   TrainConfig named;  // its preset, its strategy
   config_from_json(named, given, /*place=*/"");
   layers.preset = values_of(presets(), named.preset);
-  nlohmann::ordered_json names = layers.preset;
-  names.update(given);
-  layers.strategy = values_of(strategy_defaults(), names.value("strategy", "default"));
+  const GivenOptions& names_strategy = given.contains("strategy") ? given : layers.preset;
+  layers.strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
 
   nlohmann::ordered_json values = layers.strategy;
   values.update(layers.preset);
@@ -138,7 +137,7 @@ std::string option_value_text(const nlohmann::ordered_json& value) {
 std::vector<std::string> describe_options(const OptionLayers& layers) {
   const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), config = config_to_json(layers.config);
   std::vector<std::string> named{"preset " + layers.config.preset}, strategy, preset, given, others;
-  named.push_back("strategy " + config.value("strategy", "default"));
+  named.push_back("strategy " + layers.config.strategy);
   if (layers.schedule_scale != 1) {
     named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
   }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "config/density_strategies.h"
 #include "core/config.h"
 #include "raster/backward_kernel.h"
 #include "raster/forward_kernel.h"
@@ -53,6 +54,8 @@ struct TrainConfig {
   int checkpoint_interval = 0;
   double checkpoint_minutes = 10;  // of training
   int keep_checkpoints = 2;
+  int coarse_scale = 1;      // 1: full size throughout
+  int coarse_until = 15000;  // as in DashGaussian: when densification ends
 
   // Learning rates
   double position_lr_init = 0.00016;     // times the scene extent
@@ -65,8 +68,11 @@ struct TrainConfig {
 
   // Loss
   double lambda_dssim = 0.2;
+  double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
+  double scale_reg = 0;    // times their mean scale, world units
 
   // Density control
+  std::string strategy{kDefaultStrategy};
   int densify_from_iter = 500;     // exclusive: first acts at 600
   int densify_until_iter = 15000;  // exclusive: last acts at 14900
   int densification_interval = 100;
@@ -80,6 +86,23 @@ struct TrainConfig {
   int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
   int sh_increase_interval = 1000;
   std::int64_t max_gaussians = 0;  // 0 = no limit
+  double init_opacity = 0.1;
+  double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
+  // Of strategies mcmc and balanced:
+  double noise_lr = 500000;  // times the learning rate of the means
+  // Of strategy mcmc:
+  double growth = 0.05;  // of the count, per round
+  // Of strategy balanced:
+  int score_views = 10;                // before each round
+  double score_power = 1;              // of the mean difference of a pixel's channels
+  double abs_grad_threshold = 0.0003;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
+  std::string parents = "draw";
+  std::string split = "cover";
+  double budget_power = 0.5;
+  double prune_weight = 0.01;
+  int prune_interval = 3000;
+  int prune_until_iter = 28000;  // exclusive
+  double opacity_decay = 1;      // per round
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -102,7 +125,8 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
   SomeOf candidates{{}, 2};
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
-  OneOf kernels{candidates.values}, backward_kernels;
+  OneOf kernels{candidates.values}, backward_kernels, strategies;
+  for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
   kernels.values.emplace_back(kPaperKernel);
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
@@ -123,7 +147,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
-  field(Option{"host_memory_gb"}.common(), c.host_memory_gb, AtLeast{-1},
+  field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
         "photographs kept in host memory, GB; rest read from disk (-1 = 80 % of available)");
 
   field(Option{"sh_degree"}.common().group("Model and image"), c.sh_degree, InRange{0, 3},
@@ -151,6 +175,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");
   field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
+  field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},
+        "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
+  field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
+        "train on views of full size from this iteration at the latest");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
         "initial learning rate of the means, x scene extent");
@@ -165,8 +193,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
+  field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
+  field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
 
-  field(Option{"densify_from_iter"}.in_steps().group("Density control"), c.densify_from_iter, AtLeast{0},
+  field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
+        "how Gaussians are added and removed; see docs/recipes.md");
+  field(Option{"densify_from_iter"}.in_steps(), c.densify_from_iter, AtLeast{0},
         "start density control after this iteration");
   field(Option{"densify_until_iter"}.in_steps(), c.densify_until_iter, AtLeast{0},
         "stop density control before this iteration");
@@ -188,6 +220,30 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
+  field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
+        "opacity of the initial Gaussians; not for Gaussians of --init_ply");
+  field(Option{"init_scale"}, c.init_scale, Above{0},
+        "initial scale, x mean distance to 3 neighbours; not for Gaussians of --init_ply");
+  field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
+  field(Option{"score_power"}, c.score_power, Above{0}, "balanced: a pixel's error is |difference|^X");
+  field(Option{"abs_grad_threshold"}, c.abs_grad_threshold, AtLeast{0},
+        "balanced: split only Gaussians whose mean absolute gradient reaches X");
+  field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
+        "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
+  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples"}},
+        "balanced: parts cover the parent, keep its covariance, or are samples as in 3DGS");
+  field(Option{"budget_power"}, c.budget_power, Above{0},
+        "balanced: the count grows to max_gaussians as (share of the time)^X");
+  field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
+        "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
+  field(Option{"prune_interval"}.in_steps(), c.prune_interval, AtLeast{1},
+        "balanced: iterations between removals by --prune_weight");
+  field(Option{"prune_until_iter"}.in_steps(), c.prune_until_iter, AtLeast{0},
+        "balanced: no removals by --prune_weight from this iteration on");
+  field(Option{"opacity_decay"}, c.opacity_decay, InRange{0.01, 1},
+        "balanced: multiply opacities by X in each round (1 = no change)");
+  field(Option{"growth"}, c.growth, InRange{0, 1}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");

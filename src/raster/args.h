@@ -67,6 +67,7 @@ struct RenderSettings {
   bool deterministic = false;       // on CUDA: sum gradients in a fixed order; the CPU always does
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
   bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
+  bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
   StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
 };
 
@@ -184,6 +185,45 @@ struct BlendBackwardArgs {
   const std::int32_t* last_ids = nullptr;  // [H, W]
   ImageGradArrays grad{};
   SplatGrad* pair_grads = nullptr;  // [n_pairs] out, by slot; every one is written
+  // [n_pairs] out, by slot: sums of |q times pull| along x and y, the absolute values of the terms of q_x and q_y.
+  // Null: not computed. The CPU's; on CUDA they are a part of SplatGradSum.
+  Vec2f* pair_abs = nullptr;
+};
+
+/// Sums over the pixels of a view, and what they are added to. Fixed point, so that a sum does not depend on the order
+/// of its terms: units of 2^-24 (math/pixel_score.h), which 64 bits hold for 2^40 pixels.
+struct ScoreSums {
+  std::uint64_t error, weight;
+  float max_weight;
+};
+
+/// What the pixels of a view say about the Gaussians that it sees. All [N]; other Gaussians' entries stay. The weight
+/// of a Gaussian in a pixel is alpha times the transmittance in front of it, as in blending.
+struct ScoreArrays {
+  float* error_sum = nullptr;   // in and out: plus the sum over pixels of weight times error
+  float* weight_sum = nullptr;  // in and out: plus the sum of weights, px; null: not wanted
+  float* max_weight = nullptr;  // in and out: the larger of it and the largest weight in a pixel
+  float* n_views = nullptr;     // in and out: plus 1
+};
+
+/// Scoring: sums of weights and of weighted errors. The blend's own arithmetic, entry by entry in list order, so that
+/// the result does not depend on the forward kernel.
+struct ScoreArgs {
+  const Splat* splats = nullptr;   // [M]
+  const Vec2f* extents = nullptr;  // [M]
+  BinnedSplats bins{};
+  TileGrid grid{};
+  const float* error = nullptr;  // [H, W] values outside [0, 1] count as the nearer limit, NaN as 0
+  ScoreSums* sums = nullptr;     // CPU: [n_pairs] out, by slot; every one is written. CUDA: [M] in and out, added to
+};
+
+/// Adds the sums of each splat to the entries of its Gaussian.
+struct AddScoresArgs {
+  const Splat* splats = nullptr;  // [M]
+  std::int64_t n_splats = 0;
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1] CPU only
+  const ScoreSums* sums = nullptr;             // CPU: [n_pairs] by slot. CUDA: [M]
+  ScoreArrays out{};
 };
 
 /// Backward projection: from gradients with respect to splats to those with respect to the stored parameters (CPU).

@@ -40,12 +40,13 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       rasterizer(device),
       stepper(rasterizer),
       loss(device),
-      density(make_density_strategy(kDefaultDensityStrategy, config, scene.extent)),
+      density(make_density_strategy(config, scene.extent)),
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
              this->hooks.image_budget ? *this->hooks.image_budget
                                       : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
              this->hooks.on_loading),
+      reducer(device),
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
@@ -84,6 +85,10 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
                                       "); training continues with the current files"));
   }
   impl.state = std::move(read.state);
+  // Another strategy may record something else: it starts a new round of statistics.
+  if (read.config.strategy != impl.config.strategy) {
+    impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
+  }
   impl.resumed = checkpoint;
   impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
   impl.result.first_iteration = impl.state.iteration;

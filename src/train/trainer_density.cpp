@@ -78,7 +78,7 @@ void Trainer::Impl::plan_and_apply_round() {
   }
   is_consistent = false;
   row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
-  for (torch::Tensor* statistic : state.statistics.all()) statistic->zero_();
+  density->end_round(state.iteration, state.statistics);
   is_consistent = true;
 }
 

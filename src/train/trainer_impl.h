@@ -21,6 +21,8 @@
 #include "train/density/row_edit.h"
 #include "train/device.h"
 #include "train/images/image_store.h"
+#include "train/images/view_reducer.h"
+#include "train/loss/error_image.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
 #include "train/memory/memory_source.h"
@@ -53,6 +55,8 @@ struct Trainer::Impl {
   /// One step; repeated without the Gaussians that cannot be rendered. Starts with a kernel check if one is due.
   void step();
   void take_step();
+  /// The view of this iteration: at a part of its size with --coarse_scale.
+  TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view);
   RenderSettings step_settings();
@@ -129,9 +133,11 @@ struct Trainer::Impl {
   Rasterizer rasterizer;
   GaussianStepper stepper;
   ImageLoss loss;
+  ErrorImage error_image;
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;
+  ViewReducer reducer;
   StageTimer timer;
   TimeAccount time;
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments

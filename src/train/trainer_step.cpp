@@ -8,6 +8,7 @@
 
 #include <cmath>
 
+#include "config/coarse_schedule.h"
 #include "core/random.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
@@ -53,9 +54,11 @@ void Trainer::Impl::read_loss() {
 }
 
 void Trainer::Impl::learn(const TrainView& view) {
+  const DensityPlan plan = density->plan(state.iteration);
   RenderedView rendered;
   try {
-    const RenderSettings settings = step_settings();
+    RenderSettings settings = step_settings();
+    settings.absolute_gradient = plan.absolute_gradients;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
                              [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
@@ -64,21 +67,29 @@ void Trainer::Impl::learn(const TrainView& view) {
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
-  view_ratios.add(rasterizer.view_size(), state.gaussians.size());
+  ViewSize view_size = rasterizer.view_size();
+  // Memory is planned for views of full size: there a splat touches at most as many times more tiles.
+  const std::int64_t scale = coarse_scale_at(config, state.iteration);
+  view_size.n_pairs *= scale * scale;
+  view_ratios.add(view_size, state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
   timer.end();
   unread_loss = {state.iteration, view.name};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer);
-  if (density->plan(state.iteration).after_step) {
+      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
+                   {config.opacity_reg, config.scale_reg});
+  if (plan.after_step) {
     timer.begin(Stage::kDensify);
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height}, state.gaussians,
-                        state.statistics);
+    const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, rendered.color, view.truth,
+                         view.valid, error, &rasterizer},
+                        state.gaussians, state.statistics);
     timer.end();
   }
 }
@@ -105,6 +116,14 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
+TrainView Trainer::Impl::take_view(int iteration) {
+  const std::vector<std::int32_t> next =
+      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
+  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
+  return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);
+}
+
 void Trainer::Impl::take_step() {
   // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
   // the number of Gaussians, and the next step reallocates.
@@ -112,9 +131,7 @@ void Trainer::Impl::take_step() {
   const int iteration = state.iteration + 1;
   if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
   timer.begin(Stage::kUpload);
-  const std::vector<std::int32_t> next =
-      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
-  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  const TrainView view = take_view(iteration);
   timer.end();
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;

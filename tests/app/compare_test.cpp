@@ -107,6 +107,36 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
   EXPECT_EQ(result()["runs"], parts["runs"]);
 }
 
+TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
+  const std::string configs = "long:preset=original+iterations=40,fast:preset=fast+iterations=20";
+  const Words options{"--configs", configs, "--kernel", "shared-memory", "--chunk", "15", "--quiet"};
+  test::RunOptions stop;
+  stop.signal = SIGTERM;
+  stop.signal_when = [&] { return fs::exists(output() / "fast/seed_0/point_cloud/iteration_20/point_cloud.ply"); };
+  const Outcome stopped = compare(options, "out", stop);
+  ASSERT_TRUE(stopped.exit_code == 143 || stopped.exit_code == 0) << stopped.out << stopped.err;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
+  ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_NE(resumed.out.find("at the end of"), std::string::npos) << resumed.out;
+  const json result = this->result();
+  EXPECT_EQ(result["plan"]["given"]["kernel"], "shared-memory");
+  EXPECT_EQ(result["summary"]["iterations"], 40);
+  ASSERT_EQ(result["summary"]["results"].size(), 2u);
+  EXPECT_EQ(result["summary"]["results"][0]["iterations"], 40);
+  EXPECT_EQ(result["summary"]["results"][1]["iterations"], 20);
+  for (const json& own : result["summary"]["results"]) {
+    EXPECT_EQ(own["complete_seeds"], 1);
+    EXPECT_GT(own["psnr"]["mean"].get<double>(), 8);
+  }
+  EXPECT_EQ(result["runs"][0]["curves"]["iteration"].back(), 40);
+  EXPECT_EQ(result["runs"][1]["curves"]["iteration"].back(), 20);
+  EXPECT_EQ(test::xml_fault(page()), "");
+  EXPECT_NE(page().find("Quality over training time"), std::string::npos);
+  const json fast = json::parse(read_bytes(output() / "fast/seed_0/config.json"));
+  EXPECT_EQ(fast["preset"], "fast");
+  EXPECT_EQ(fast["position_lr_max_steps"], 20);
+}
+
 TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   const Outcome outcome =
       compare({"--iterations", "20", "--noise", "--quiet", "--configs", "original,shared-memory,paper"});

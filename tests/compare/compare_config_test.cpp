@@ -44,6 +44,22 @@ TEST(CompareConfig, OriginalSelectsTheOptionsClosestToTheOriginalTrainer) {
   EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
 }
 
+TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
+  const GivenOptions given{{"opacity_lr", 0.5}, {"densify_until_iter", 321}};
+  const TrainConfig base = resolve_options(given).config;
+  const auto entries = parse_configurations(
+      "original:preset=original,fast:preset=fast,short:preset=fast+iterations=70+opacity_lr=0.25", base, given);
+  EXPECT_TRUE(config_differences(base, entries[0].config).empty());
+  const TrainConfig fast = resolve_options({{"preset", "fast"}}).config;
+  EXPECT_EQ(entries[1].config.iterations, fast.iterations);
+  EXPECT_EQ(entries[1].config.position_lr_max_steps, fast.position_lr_max_steps);
+  EXPECT_EQ(entries[1].config.opacity_lr, 0.5) << "given for all";
+  EXPECT_EQ(entries[1].config.densify_until_iter, 321);
+  EXPECT_EQ(entries[2].config.iterations, 70);
+  EXPECT_EQ(entries[2].config.position_lr_max_steps, 70) << "the preset's schedule follows";
+  EXPECT_EQ(entries[2].config.opacity_lr, 0.25);
+}
+
 TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
   const auto entries =
       parse_configurations("naive,adaptive+kernel_policy=tracking,original,again:naive", TrainConfig{});
@@ -71,6 +87,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   };
   expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected original, naive");
   expect_rejected("naive,naiv", "or option=value); did you mean naive?");
+  expect_rejected("naive,fast", "did you mean preset=fast?");
   expect_rejected("naive", "needs at least two configurations");
   expect_rejected("naive,naive", "occurs twice");
   expect_rejected("naive,", "empty part");
@@ -80,7 +97,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,combined+culling=round",
                   "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");
-  expect_rejected("naive,combined+max_steps=3", "must be the same for all");
+  expect_rejected("naive,combined+data_factor=3", "must be the same for all");
   expect_rejected("naive,init_ply=/tmp/x.ply", "cannot be a folder name");
   expect_rejected("naive,../x:combined",
                   "cannot be a folder name; name it with letters, digits, _ - . + = instead: "

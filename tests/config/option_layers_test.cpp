@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
 
 #include "config/preset_help.h"
@@ -59,6 +60,22 @@ TEST(Presets, EveryRowNamesOptionsOnceWithValuesInRange) {
         EXPECT_EQ(not_allowed.count(name), 0u) << row.name << " " << name;
       const bool is_strategy = rows == &strategy_defaults();
       EXPECT_FALSE(is_strategy && (values.contains("iterations") || values.contains("strategy"))) << row.name;
+    }
+  }
+}
+
+TEST(Presets, StrategiesWithDefaultsExist) {
+  for (const OptionRow& row : strategy_defaults()) {
+    const bool exists = std::count(kDensityStrategies.begin(), kDensityStrategies.end(), row.name) == 1;
+    EXPECT_TRUE(exists || row.values.empty()) << row.name;
+    if (!exists || row.values.empty()) continue;
+    const TrainConfig config = resolved({"--strategy", row.name});
+    const GivenOptions values = parse_values(row.values);
+    for (const auto& [name, value] : values.items()) {
+      EXPECT_EQ(config_to_json(config).at(name), value) << row.name << " " << name;
+      const std::string given_value = value.is_string() ? value.get<std::string>() : value.dump();
+      EXPECT_TRUE(
+          config_differences(config, resolved({"--strategy", row.name, "--" + name + "=" + given_value})).empty());
     }
   }
 }

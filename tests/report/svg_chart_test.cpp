@@ -55,6 +55,27 @@ TEST(SvgChart, EveryChartIsWellFormed) {
   EXPECT_EQ(test::xml_fault(draw(HistogramRow{})), "");
 }
 
+TEST(SvgChart, AScatterChartIsWellFormedWithADotForEachValidPoint) {
+  ScatterChart chart{kHostile, kHostile, kHostile, {}};
+  EXPECT_EQ(test::xml_fault(draw(chart)), "");
+  chart.dots.push_back({kHostile, 10, 28, 300, 27, 29, 0, kHostile});
+  EXPECT_EQ(test::xml_fault(draw(chart)), "");
+  EXPECT_EQ(count(draw(chart), "stroke-dasharray"), 0u) << "one dot has no front";
+  chart.dots.push_back({"better", 5, 29, 0, 0, 0, 1, ""});
+  chart.dots.push_back({"slower and better", 10.5, 29.5, 75, 0, 0, 2, ""});
+  chart.dots.push_back({"invalid", std::numeric_limits<double>::quiet_NaN(), 29, 1, 0, 0, 2, ""});
+  const std::string svg = draw(chart);
+  EXPECT_EQ(test::xml_fault(svg), "");
+  EXPECT_EQ(count(svg, "<circle"), 3u);
+  EXPECT_EQ(count(svg, "r=\"18\""), 1u) << "the largest";
+  EXPECT_EQ(count(svg, "r=\"9\""), 1u) << "a quarter of its area";
+  EXPECT_EQ(count(svg, "r=\"4\""), 1u) << "no Gaussians, but visible";
+  const std::size_t front = svg.find("stroke-dasharray");
+  ASSERT_NE(front, std::string::npos);
+  const std::string points = svg.substr(front, svg.find("/>", front) - front);
+  EXPECT_EQ(count(points, ","), 2u) << "the first dot is beaten: " << points;
+}
+
 TEST(SvgChart, FewSeriesAreLabelledAtTheirEndAndManyInALegend) {
   const std::string few = draw(line_chart_of(3, 10)), many = draw(line_chart_of(6, 10));
   EXPECT_EQ(count(few, "class=\"t"), 3u + count(few, "class=\"tick\""));

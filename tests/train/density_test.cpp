@@ -1,6 +1,6 @@
 // Density control on cases small enough to follow by hand.
 
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/default_strategy.h"
 
 #include <gtest/gtest.h>
 
@@ -77,13 +77,13 @@ DensityRound densify(const Model& model, const DensityRule& rule) {
   return densify(model.gaussians, model.statistics, rule, /*seed=*/1, /*iteration=*/600);
 }
 
-TEST(OriginalStrategy, DoesNotChangeAModelWithSmallGradients) {
+TEST(DefaultStrategy, DoesNotChangeAModelWithSmallGradients) {
   const DensityRound round = densify(make_model({{kSmall, 0.5f, 0.9f}, {kLarge, 0.5f, 0.0f}}), kRule);
   EXPECT_EQ(sources(round), (Rows{0, 1}));
   EXPECT_EQ(round.edit.n_kept, 2);
 }
 
-TEST(OriginalStrategy, ClonesSmallOnesExactly) {
+TEST(DefaultStrategy, ClonesSmallOnesExactly) {
   const Model model = make_model({{kSmall, 0.5f, 0.1f}, {kSmall, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f}});
   const DensityRound round = densify(model, kRule);
   EXPECT_EQ(sources(round), (Rows{0, 1, 2, 1}));
@@ -93,7 +93,7 @@ TEST(OriginalStrategy, ClonesSmallOnesExactly) {
   EXPECT_TRUE(torch::equal(round.edit.new_log_scales, model.gaussians.log_scales.slice(0, 1, 2)));
 }
 
-TEST(OriginalStrategy, SplitsLargeOnesInTwoSmallerOnes) {
+TEST(DefaultStrategy, SplitsLargeOnesInTwoSmallerOnes) {
   const Model model = make_model({{kLarge, 0.5f, 1.5f}, {kSmall, 0.5f, 0.1f}, {kLarge, 0.5f, 1.5f}});
   const DensityRound round = densify(model, kRule);
   EXPECT_EQ(sources(round), (Rows{1, 0, 2, 0, 2})) << "parents are removed; all first samples, then all second samples";
@@ -105,14 +105,14 @@ TEST(OriginalStrategy, SplitsLargeOnesInTwoSmallerOnes) {
   EXPECT_FALSE(torch::equal(round.edit.new_means[0], round.edit.new_means[2])) << "two samples, not one twice";
 }
 
-TEST(OriginalStrategy, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
+TEST(DefaultStrategy, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
   Model model = make_model({{kSmall, 0.5f, 1.0f}, {kSmall, 0.5f, 0.999f}, {kSmall, 0.5f, 1.0f}});
   const DensityRule rule = kRule;
   model.gaussians.log_scales[2].fill_(std::log(rule.split_scale));  // exactly the limit: a clone
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 1, 2, 0, 2}));
 }
 
-TEST(OriginalStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
+TEST(DefaultStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
   Model model = make_model({{kSmall, 0.5f, 0.9f, 10}, {kSmall, 0.5f, 1.1f, 10}, {kSmall, 0.5f, 0.0f, 0}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 1}));
   // Never seen: no mean, so neither cloned nor split, even if the threshold is 0.
@@ -121,7 +121,7 @@ TEST(OriginalStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
   EXPECT_EQ(sources(densify(model, any)), (Rows{0, 1, 2, 0, 1}));
 }
 
-TEST(OriginalStrategy, PrunesTransparentOnesOldAndNew) {
+TEST(DefaultStrategy, PrunesTransparentOnesOldAndNew) {
   const DensityRound round = densify(
       make_model({{kSmall, 0.004f, 0.1f}, {kSmall, 0.004f, 1.5f}, {kLarge, 0.004f, 1.5f}, {kSmall, 0.006f, 0.1f}}),
       kRule);
@@ -129,7 +129,7 @@ TEST(OriginalStrategy, PrunesTransparentOnesOldAndNew) {
   EXPECT_EQ(round.n_pruned, 5) << "rows 0 and 1, the clone of 1, and both samples of 2";
 }
 
-TEST(OriginalStrategy, PrunesLargeOnesOnlyWhenAsked) {
+TEST(DefaultStrategy, PrunesLargeOnesOnlyWhenAsked) {
   // 1.6 times the limit: split, its samples are just small enough.
   const Model model = make_model({{kHuge, 0.5f, 0.1f}, {kLarge, 0.5f, 0.1f}, {7.9f, 0.5f, 1.5f}, {8.1f, 0.5f, 1.5f}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 3, 2, 3}));
@@ -138,7 +138,7 @@ TEST(OriginalStrategy, PrunesLargeOnesOnlyWhenAsked) {
   EXPECT_EQ(sources(densify(model, rule)), (Rows{1, 2, 2}));
 }
 
-TEST(OriginalStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
+TEST(DefaultStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
   DensityRule rule = kRule;
   rule.prune_radius = 20;
   const Model model =
@@ -146,7 +146,7 @@ TEST(OriginalStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
   EXPECT_EQ(sources(densify(model, rule)), (Rows{1, 2})) << "the clone has not been seen yet and stays";
 }
 
-TEST(OriginalStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) {
+TEST(DefaultStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) {
   const Model model = make_model(
       {{kSmall, 0.5f, 2.0f}, {kLarge, 0.5f, 5.0f}, {kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kSmall, 0.5f, 0.1f}});
   DensityRule rule = kRule;
@@ -160,7 +160,7 @@ TEST(OriginalStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) 
   EXPECT_EQ(densify(model, rule).edit.sources.size(0), 9);
 }
 
-TEST(OriginalStrategy, SamplesHaveTheShapeOfTheirParent) {
+TEST(DefaultStrategy, SamplesHaveTheShapeOfTheirParent) {
   Model model = make_model(std::vector<Row>(20000, {kLarge, 0.5f, 1.5f}));
   GaussianTensors& g = model.gaussians;
   const std::int64_t n = g.size();
@@ -178,7 +178,7 @@ TEST(OriginalStrategy, SamplesHaveTheShapeOfTheirParent) {
   EXPECT_NEAR(covariance[2][2].item<float>(), 0.01, 0.0005);
 }
 
-TEST(OriginalStrategy, DrawsSamplesByRowFromTheSeedAndTheIteration) {
+TEST(DefaultStrategy, DrawsSamplesByRowFromTheSeedAndTheIteration) {
   const Model model = make_model({{kSmall, 0.5f, 0.1f}, {kLarge, 0.5f, 1.5f}, {kLarge, 0.5f, 1.5f}});
   const DensityRound round = densify(model, kRule);
   ASSERT_EQ(sources(round), (Rows{0, 1, 2, 1, 2}));
@@ -193,7 +193,7 @@ TEST(OriginalStrategy, DrawsSamplesByRowFromTheSeedAndTheIteration) {
   }
 }
 
-TEST(OriginalStrategy, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
+TEST(DefaultStrategy, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
   torch::manual_seed(3);
   Model model = make_model(std::vector<Row>(5000, {kLarge, 0.5f, 1.5f}));
   model.gaussians.quats = torch::randn({5000, 4});
@@ -237,6 +237,30 @@ TEST(RowEdit, CarriesExtraColumnsAlong) {
   const DensityRound round = densify(model, kRule);
   apply_row_edit(round.edit, model.gaussians, model.adam, model.statistics);
   EXPECT_TRUE(torch::equal(model.statistics.extra[0].values, torch::tensor({7.0f, 10.0f, 0.0f, 0.0f, 0.0f})));
+}
+
+TEST(RowEdit, GivesNewRowsTheirOpacities) {
+  Model model = make_model({{kSmall, 0.5f, 0}, {kSmall, 0.25f, 0}, {kLarge, 0.75f, 0}});
+  const torch::Tensor before = model.gaussians.logit_opacities.clone();
+  RowEdit edit;
+  edit.sources = torch::tensor({0, 2, 2, 1}, torch::kInt64);
+  edit.n_kept = 2;
+  edit.new_means = torch::zeros({2, 3});
+  edit.new_log_scales = torch::zeros({2, 3});
+  edit.new_logit_opacities = torch::tensor({3.0f, -4.0f});
+  apply_row_edit(edit, model.gaussians, model.adam, model.statistics);
+  EXPECT_TRUE(torch::equal(model.gaussians.logit_opacities,
+                           torch::stack({before[0], before[2], torch::tensor(3.0f), torch::tensor(-4.0f)})));
+  EXPECT_TRUE(torch::equal(model.adam.m.logit_opacities, torch::tensor({100.0f, 102.0f, 0.0f, 0.0f})));
+
+  edit.sources = torch::tensor({0, 1, 2, 3, 0}, torch::kInt64);
+  edit.n_kept = 4;
+  edit.new_means = edit.new_log_scales = torch::zeros({1, 3});
+  EXPECT_TRUE(test::fails_with<LogicError>(
+      {"1 rows", "2 new opacities"}, [&] { apply_row_edit(edit, model.gaussians, model.adam, model.statistics); }));
+  edit.new_logit_opacities = torch::Tensor();
+  apply_row_edit(edit, model.gaussians, model.adam, model.statistics);
+  EXPECT_EQ(model.gaussians.logit_opacities[4].item<float>(), before[0].item<float>()) << "that of the source";
 }
 
 TEST(RowEdit, CanRemoveEveryRow) {
@@ -304,10 +328,10 @@ TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
   EXPECT_FALSE(is_after_opacity_reset(config, 151)) << "otherwise there would never be a kernel check";
 }
 
-TEST(DensityStrategy, OriginalFollowsItsScheduleAndTheLimit) {
+TEST(DensityStrategy, DefaultFollowsItsScheduleAndTheLimit) {
   TrainConfig config;
   config.densify_grad_threshold = 1;
-  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy("original", config, /*extent=*/10);
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, /*extent=*/10);
   EXPECT_FALSE(strategy->plan(500).densify);
   EXPECT_TRUE(strategy->plan(600).densify);
   EXPECT_TRUE(strategy->plan(3000).lower_opacities);
@@ -325,8 +349,10 @@ TEST(DensityStrategy, OriginalFollowsItsScheduleAndTheLimit) {
 }
 
 TEST(DensityStrategy, OfAnUnknownNameIsAnError) {
-  EXPECT_TRUE(test::fails_with<LogicError>({"unknown density strategy: none"},
-                                           [] { make_density_strategy("none", TrainConfig(), 1); }));
+  TrainConfig config;
+  config.strategy = "none";
+  EXPECT_TRUE(
+      test::fails_with<LogicError>({"unknown density strategy: none"}, [&] { make_density_strategy(config, 1); }));
 }
 
 TEST(DensityRule, PrunesForSizeAfterTheFirstReset) {

@@ -9,7 +9,7 @@
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/default_strategy.h"
 #include "train/loss/loss.h"
 #include "train/memory/memory_plan.h"
 

@@ -9,7 +9,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/default_strategy.h"
 
 namespace b3dgs {
 namespace {

@@ -14,7 +14,7 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/default_strategy.h"
 #include "train/threads.h"
 
 namespace b3dgs {

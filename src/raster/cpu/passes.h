@@ -24,7 +24,21 @@ void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
 
 void count_load(const CountLoadArgs& args);
 
+void score(const ScoreArgs& args);
+
+void add_scores(const AddScoresArgs& args);
+
 void blend_backward(const BlendBackwardArgs& args);
+
+/// Absolute gradients with respect to the projected centres from the pairs' sums (BlendBackwardArgs::pair_abs).
+struct AbsoluteGradientArgs {
+  std::int64_t n_gaussians = 0, n_splats = 0;
+  const Splat* splats = nullptr;               // [M]
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const Vec2f* pair_abs = nullptr;             // [n_pairs] by slot
+  float* out = nullptr;                        // [N, 2] out, 1/px; 0 if not seen
+};
+void absolute_gradients(const AbsoluteGradientArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);
 

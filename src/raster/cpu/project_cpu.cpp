@@ -144,4 +144,22 @@ void project_backward(const ProjectBackwardArgs& args) {
   });
 }
 
+void absolute_gradients(const AbsoluteGradientArgs& args) {
+  parallel_chunks(2 * args.n_gaussians, kGrain,
+                  [&](std::int64_t begin, std::int64_t end) { std::fill(args.out + begin, args.out + end, 0.0f); });
+  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) {
+      Vec2f sum{0, 0};
+      for (std::int64_t slot = args.slot_offsets[m]; slot < args.slot_offsets[m + 1]; ++slot) {
+        sum.x += args.pair_abs[slot].x;
+        sum.y += args.pair_abs[slot].y;
+      }
+      const Vec2f gradient = centre_gradient(sum);
+      float* const row = args.out + 2 * std::int64_t{args.splats[m].gaussian};
+      row[0] = gradient.x;
+      row[1] = gradient.y;
+    }
+  });
+}
+
 }  // namespace b3dgs::cpu

@@ -21,6 +21,7 @@ struct Rasterizer::Impl {
   Buffer<std::int32_t> radii, last_ids;
   Buffer<float> transmittance;
   Buffer<SplatGrad> pair_grads;
+  Buffer<Vec2f> pair_abs;
   BinBuffers bin_buffers;
 
   // State of the last forward pass:
@@ -32,6 +33,7 @@ struct Rasterizer::Impl {
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
+  bool absolute_gradient = false, has_absolute_gradients = false;
 
   BlendForwardArgs blend_args() const {
     return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
@@ -59,6 +61,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.background = settings.background;
   s.rendered = out;
   s.stages = settings.stages;
+  s.absolute_gradient = settings.absolute_gradient;
+  s.has_absolute_gradients = false;
 
   begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
@@ -83,8 +87,10 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
               " Gaussians after a forward() with ", s.n_gaussians, " (-1: none)");
   begin_stage(s.stages, Stage::kBlendBackward);
   SplatGrad* const pair_grads = s.pair_grads.resize(s.bins.n_pairs);
+  Vec2f* const pair_abs = s.absolute_gradient ? s.pair_abs.resize(s.bins.n_pairs) : nullptr;
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
-                  s.last_ids.data(), grad, pair_grads});
+                  s.last_ids.data(), grad, pair_grads, pair_abs});
+  s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads, out});
   end_stage(s.stages);
@@ -99,6 +105,22 @@ void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing)
   const Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
   cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
+}
+
+void Rasterizer::absolute_gradients(float* out) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.has_absolute_gradients,
+              "absolute_gradients() without a forward() with absolute_gradient and its backward()");
+  cpu::absolute_gradients({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_abs.data(), out});
+}
+
+void Rasterizer::score(const float* error, const ScoreArrays& out) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
+  static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
+  auto* const sums = reinterpret_cast<ScoreSums*>(s.pair_grads.resize(s.bins.n_pairs));
+  cpu::score({s.splats.data(), s.extents.data(), s.bins, s.grid, error, sums});
+  cpu::add_scores({s.splats.data(), s.n_splats, s.bins.slot_offsets, sums, out});
 }
 
 const std::int32_t* Rasterizer::radii() const {

@@ -31,6 +31,14 @@ class Rasterizer {
   /// Counts the load of the last forward() into two arrays, [H, W] each (CountLoadArgs).
   void count_load(std::int32_t* processed, std::int32_t* contributing) const;
 
+  /// [N, 2] out: for each Gaussian the sums over pixels of |dL/dx| and |dL/dy| of its projected centre, 1/px; 0 if not
+  /// seen. Of the last backward(), after a forward() with absolute_gradient.
+  void absolute_gradients(float* out) const;
+
+  /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs). Overwrites
+  /// memory of backward(), so that it allocates nothing after one.
+  void score(const float* error, const ScoreArrays& out);
+
   /// [N] radii of the last forward(): 3 standard deviations in px, rounded up; 0 if the Gaussian is not seen.
   const std::int32_t* radii() const;
 

@@ -157,10 +157,14 @@ struct BlendForwardCudaArgs {
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);
 
-/// SplatGrad, padded to three 16-byte words for vector atomics.
+/// Scoring into args.sums, [M] by splat, which must be zero.
+void score(const ScoreArgs& args, const LaunchContext& context);
+void add_scores(const AddScoresArgs& args, const LaunchContext& context);
+
+/// SplatGrad in three 16-byte words for vector atomics. The words have room for the sums of absolute values.
 struct alignas(16) SplatGradSum {
   SplatGrad sum;
-  float unused[2];
+  float abs_x, abs_y;  // sums of |q times pull|; 0 unless BlendBackwardCudaArgs::absolute
 };
 static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 
@@ -173,7 +177,17 @@ struct BlendBackwardCudaArgs {
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-splat kernel supports it.
   SplatGradSum* pair_grads = nullptr;
+  bool absolute = false;  // also sum absolute values
 };
+
+/// Absolute gradients with respect to the projected centres from the splats' sums.
+struct AbsoluteGradientArgs {
+  std::int64_t n_gaussians = 0, n_splats = 0;
+  const Splat* splats = nullptr;              // [M]
+  const SplatGradSum* splat_grads = nullptr;  // [M]
+  float* out = nullptr;                       // [N, 2] out, 1/px; 0 if not seen
+};
+void absolute_gradients(const AbsoluteGradientArgs& args, const LaunchContext& context);
 
 /// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits.
 struct SumSplatGradsArgs {

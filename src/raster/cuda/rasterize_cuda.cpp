@@ -81,6 +81,7 @@ struct Rasterizer::Impl {
   int sh_degree = 0;
   BackwardKernel backward_kernel{};
   bool deterministic = false;
+  bool absolute_gradient = false, has_absolute_gradients = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
@@ -145,8 +146,10 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
   args.bucket_ends = allocate_bucket_ends(context);
   args.splat_grads = zeroed(splat_grads, n_splats);
   if (deterministic) args.pair_grads = zeroed(pair_grads, binned.bins.n_pairs);
+  args.absolute = absolute_gradient;
   kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
   if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
+  has_absolute_gradients = absolute_gradient;
 }
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -199,6 +202,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.parts = {};
   s.backward_kernel = settings.backward_kernel;
   s.deterministic = settings.deterministic;
+  s.absolute_gradient = settings.absolute_gradient;
+  s.has_absolute_gradients = false;
   if (settings.keep_for_backward) {
     s.parts.color = s.part_color.resize(s.n_bucket_pixels(), context);
     if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
@@ -247,6 +252,25 @@ void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing,
   const Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
   cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
+}
+
+void Rasterizer::absolute_gradients(float* out, const LaunchContext& context) const {
+  const Impl& s = *impl_;
+  B3DGS_CHECK(s.has_absolute_gradients,
+              "absolute_gradients() without a forward() with absolute_gradient and its backward()");
+  cuda::absolute_gradients({s.n_gaussians, s.n_splats, s.binned.splats, s.splat_grads.data(), out}, context);
+}
+
+void Rasterizer::score(const float* error, const ScoreArrays& out, const LaunchContext& context) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
+  static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
+  auto* const sums = reinterpret_cast<ScoreSums*>(s.splat_grads.resize(s.n_splats, context));
+  s.has_absolute_gradients = false;
+  const std::size_t bytes = static_cast<std::size_t>(s.n_splats) * sizeof(ScoreSums);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
+  cuda::score({s.binned.splats, s.binned.extents, s.binned.bins, s.grid, error, sums}, context);
+  cuda::add_scores({s.binned.splats, s.n_splats, nullptr, sums, out}, context);
 }
 
 const float* Rasterizer::splat_grads() const {

@@ -38,8 +38,16 @@ class Rasterizer {
   /// Counts the load of the last forward() into two device arrays, [H, W] each (CountLoadArgs).
   void count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const;
 
-  /// [M, 12] floats in device memory: the splats' sums of the last backward blend, of which the first 10 are used
-  /// (SplatGrad).
+  /// [N, 2] out, device memory: for each Gaussian the sums over pixels of |dL/dx| and |dL/dy| of its projected centre,
+  /// 1/px; 0 if not seen. Of the last backward blend, after a forward() with absolute_gradient.
+  void absolute_gradients(float* out, const LaunchContext& context) const;
+
+  /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs); device
+  /// arrays. Overwrites splat_grads(), so that after a forward() with keep_for_backward it allocates nothing.
+  void score(const float* error, const ScoreArrays& out, const LaunchContext& context);
+
+  /// [M, 12] floats in device memory: the splats' sums of the last backward blend, of which the first 10 are
+  /// a SplatGrad.
   const float* splat_grads() const;
 
   /// Device arrays of the last forward():

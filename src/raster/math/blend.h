@@ -164,6 +164,17 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   return accepted;
 }
 
+/// blend_over() for the transmittance alone. Returns the splat's weight in the pixel: 0 where it is not blended.
+template <class Real>
+B3DGS_BLEND_FN Real blend_weight_over(Real& transmittance, Mask<Real> contributes, Real alpha) {
+  const Real zero(0.0f);
+  PixelState<Real> pixel{transmittance, zero, zero, zero, zero};
+  const Mask<Real> accepted = blend_over(pixel, contributes, alpha, zero, zero, zero, zero);
+  const Real weight = select(accepted, transmittance * alpha, zero);
+  transmittance = pixel.transmittance;
+  return weight;
+}
+
 /// Gradient at one pixel that concerns one splat.
 template <class Real>
 struct BlendGrad {
@@ -217,6 +228,13 @@ B3DGS_BLEND_FN void accumulate(Sums& sums, const Reach<Real>& reach, const Blend
   sums.green = multiply_add(grad.weight, grad_green, sums.green);
   sums.blue = multiply_add(grad.weight, grad_blue, sums.blue);
   sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
+}
+
+/// Adds the absolute values of what one pixel contributes to q_x and q_y. `Sums` has the members x and y.
+template <class Sums, class Real>
+B3DGS_BLEND_FN void accumulate_absolute(Sums& sums, const Reach<Real>& reach, const BlendGrad<Real>& grad) {
+  sums.x = sums.x + magnitude(grad.q * reach.pull_x);
+  sums.y = sums.y + magnitude(grad.q * reach.pull_y);
 }
 
 #undef B3DGS_BLEND_FN

@@ -99,6 +99,13 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
 }
 
+/// Gradient with respect to the projected centre, 1/px, from the sums of q times pull.
+template <class Real>
+B3DGS_HD Vec2<Real> centre_gradient(Vec2<Real> q_p) {
+  const Real scale = 1 / Real(kConicScale);
+  return {scale * q_p.x, scale * q_p.y};
+}
+
 /// Gradient with respect to what each comment names.
 template <class Real>
 struct ProjectionGrad {
@@ -117,7 +124,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
                                                Sym2<Real> q_pp, Real grad_depth) {
   ProjectionGrad<Real> grad;
   const Real scale = 1 / Real(kConicScale);
-  grad.mean2d = {scale * q_p.x, scale * q_p.y};
+  grad.mean2d = centre_gradient(q_p);
   // cov.xx = a . a, cov.xy = a . b, cov.yy = b . b with a, b = spread_x, spread_y = M^T axis.
   const Sym2<Real> twice{scale * scale * q_pp.xx, scale * scale * q_pp.xy, scale * scale * q_pp.yy};  // 2 dL/dcov
   const Vec3<Real> grad_a = twice.xx * p.spread_x + twice.xy * p.spread_y;

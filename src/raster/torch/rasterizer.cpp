@@ -60,8 +60,10 @@ struct Rasterizer::Impl {
   std::unique_ptr<cuda::Rasterizer> cuda;  // created on first use, so that the CPU path never initialises CUDA
 #endif
   RenderedView rendered;
-  torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage;
+  torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage, means2d_abs_storage;
   ViewStatistics statistics;
+  std::int64_t n_gaussians = 0;    // of the last forward()
+  bool absolute_gradient = false;  // of its settings
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                        cuda::ColorPass* colors) {
@@ -72,6 +74,8 @@ struct Rasterizer::Impl {
     place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
     const ImageArrays out{rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(),
                           rendered.alpha.data_ptr<float>()};
+    n_gaussians = arrays.n_gaussians;
+    absolute_gradient = settings.absolute_gradient;
     if (device.is_cpu()) {
       B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
       cpu.forward(arrays, view, settings, out);
@@ -97,6 +101,20 @@ struct Rasterizer::Impl {
 #if B3DGS_TORCH_CUDA
     B3DGS_CHECK(cuda != nullptr, "reblend() before any forward()");
     cuda->reblend(kernel, torch_launch_context());
+#endif
+  }
+
+  void absolute_gradients(float* out) const {
+    if (device.is_cpu()) return cpu.absolute_gradients(out);
+#if B3DGS_TORCH_CUDA
+    cuda->absolute_gradients(out, torch_launch_context());
+#endif
+  }
+
+  void score(const float* error, const ScoreArrays& out) {
+    if (device.is_cpu()) return cpu.score(error, out);
+#if B3DGS_TORCH_CUDA
+    cuda->score(error, out, torch_launch_context());
 #endif
   }
 
@@ -136,11 +154,16 @@ struct Rasterizer::Impl {
     return {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)};
   }
 
-  /// Statistics with an allocated means2d_grad, not yet written. `radii` refers to the rasterizer's own array and is
+  /// Statistics with allocated gradients, not yet written. `radii` refers to the rasterizer's own array and is
   /// valid until the next forward().
   const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
     const torch::TensorOptions options = rendered.color.options();
     place_tensor(statistics.means2d_grad, means2d_storage, {n_gaussians, 2}, options, /*spare_part=*/4);
+    statistics.means2d_abs_grad = torch::Tensor();
+    if (absolute_gradient) {
+      torch::Tensor& absolute = statistics.means2d_abs_grad;
+      place_tensor(absolute, means2d_abs_storage, {n_gaussians, 2}, options, /*spare_part=*/4);
+    }
     statistics.radii =
         torch::from_blob(const_cast<std::int32_t*>(radii()), {n_gaussians}, options.dtype(torch::kInt32));
     return statistics;
@@ -175,6 +198,7 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
+  if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   return statistics;
 }
 
@@ -192,6 +216,7 @@ ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const
     rest = impl.cuda->backward_blend(arrays, impl.image_grad(grad), torch_launch_context());
     const ViewStatistics& statistics = impl.make_statistics(arrays.n_gaussians);
     rest.grad.means2d = statistics.means2d_grad.data_ptr<float>();
+    if (impl.absolute_gradient) impl.absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
     return statistics;
   }
 #endif
@@ -238,9 +263,26 @@ void Rasterizer::release_memory() {
 #if B3DGS_TORCH_CUDA
   if (impl_->cuda != nullptr) impl_->cuda->release_memory();
 #endif
-  impl_->color_storage = impl_->depth_storage = impl_->alpha_storage = impl_->means2d_storage = torch::Tensor();
+  impl_->color_storage = impl_->depth_storage = impl_->alpha_storage = impl_->means2d_storage =
+      impl_->means2d_abs_storage = torch::Tensor();
   impl_->rendered = RenderedView{};
   impl_->statistics = ViewStatistics{};
+}
+
+void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores) {
+  B3DGS_CHECK(impl_->rendered.alpha.defined(), "score() before any forward()");
+  TensorCheck check(impl_->device);
+  check.bind("H", impl_->rendered.alpha.size(0));
+  check.bind("W", impl_->rendered.alpha.size(1));
+  check.bind("N", impl_->n_gaussians);
+  check.dims("error", error, {"H", "W"});
+  check.dims("error_sum", scores.error_sum, {"N"});
+  if (scores.weight_sum.defined()) check.dims("weight_sum", scores.weight_sum, {"N"});
+  check.dims("max_weight", scores.max_weight, {"N"});
+  check.dims("n_views", scores.n_views, {"N"});
+  impl_->score(error.data_ptr<float>(),
+               {scores.error_sum.data_ptr<float>(), const_cast<float*>(data_or_null(scores.weight_sum)),
+                scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
 }
 
 ViewLoad Rasterizer::count_load() const {

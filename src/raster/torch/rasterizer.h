@@ -27,6 +27,15 @@ struct RenderedViewGrad {
 struct ViewStatistics {
   torch::Tensor means2d_grad;  // [N, 2] gradient of the loss with respect to the projected centre, 1/px
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
+  // [N, 2] sums over pixels of |dL/dx| and |dL/dy| of the projected centre, 1/px. Undefined unless the settings had
+  // absolute_gradient.
+  torch::Tensor means2d_abs_grad;
+};
+
+/// What Rasterizer::score() adds to (ScoreArrays).
+struct GaussianScores {
+  torch::Tensor error_sum, max_weight, n_views;  // [N] each
+  torch::Tensor weight_sum;                      // [N]; undefined: not wanted
 };
 
 struct ViewSize {
@@ -76,6 +85,12 @@ class Rasterizer {
 
   /// Counts the load of the last forward().
   ViewLoad count_load() const;
+
+  /// Adds to `scores` what the pixels of the last forward() say about its Gaussians: sums of their weights, and of
+  /// weights times `error` [H, W], whose values count within [0, 1]. Exactly the same for any forward kernel and any
+  /// number of threads. Gradients of the last backward() that are still in the rasterizer's memory are lost; nothing is
+  /// allocated after a backward(). Asynchronous on a GPU. @throws LogicError naming a tensor that does not fit
+  void score(const torch::Tensor& error, const GaussianScores& scores);
 
  private:
   friend class FusedStep;  // fused_step.h

@@ -47,6 +47,23 @@ struct LineChart {
 };
 std::string draw(const LineChart& chart);
 
+/// Labelled dots, whose areas stand for a third quantity, and a line through those that no other dot beats in both:
+/// none has a smaller x and a larger y (the Pareto front).
+struct ScatterChart {
+  struct Dot {
+    std::string name;
+    double x = 0, y = 0;
+    double size = 0;               // not negative; the largest dot has a radius of 18 px
+    double y_low = 0, y_high = 0;  // drawn as a vertical line if they differ
+    int color = 0;
+    std::string note;  // shown with the name at the pointer
+  };
+  std::string title, x_label, y_label;  // labels include the unit
+  std::vector<Dot> dots;
+  int height = 320;  // px
+};
+std::string draw(const ScatterChart& chart);
+
 /// One horizontal bar per row, divided into parts. A part has the same colour in all rows.
 struct StackedBars {
   struct Row {

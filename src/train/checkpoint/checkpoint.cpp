@@ -179,8 +179,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.held_at = header.held_at;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
-  state.statistics = make_density_strategy(kDefaultDensityStrategy, checkpoint.config, scene.extent)
-                         ->make_statistics(/*n_gaussians=*/0, torch::kCPU);
+  state.statistics =
+      make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {

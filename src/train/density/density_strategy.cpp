@@ -1,19 +1,35 @@
 #include "train/density/density_strategy.h"
 
+#include <array>
+#include <string_view>
+
 #include "core/check.h"
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/balanced_strategy.h"
+#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/mcmc_strategy.h"
 
 namespace b3dgs {
 namespace {
 
 struct StrategyRow {
-  const char* name;
+  std::string_view name;
   std::unique_ptr<DensityStrategy> (*make)(const TrainConfig& config, double extent);
 };
 
-constexpr StrategyRow kStrategies[] = {
-    {kDefaultDensityStrategy, make_original_strategy},
+constexpr std::array kStrategies{
+    StrategyRow{kDefaultStrategy, make_default_strategy},
+    StrategyRow{"mcmc", make_mcmc_strategy},
+    StrategyRow{"balanced", make_balanced_strategy},
 };
+
+constexpr bool has_a_row_for_each_name() {
+  if (kStrategies.size() != kDensityStrategies.size()) return false;
+  for (std::size_t i = 0; i < kStrategies.size(); ++i) {
+    if (kStrategies[i].name != kDensityStrategies[i]) return false;
+  }
+  return true;
+}
+static_assert(has_a_row_for_each_name(), "the table of names in src/config has the same rows");
 
 }  // namespace
 
@@ -21,12 +37,15 @@ DensityStatistics DensityStrategy::make_statistics(std::int64_t n_gaussians, tor
   return make_density_statistics(n_gaussians, device);
 }
 
-std::unique_ptr<DensityStrategy> make_density_strategy(const std::string& name, const TrainConfig& config,
-                                                       double extent) {
+void DensityStrategy::end_round(int, DensityStatistics& statistics) const {
+  for (torch::Tensor* column : statistics.all()) column->zero_();
+}
+
+std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent) {
   for (const StrategyRow& row : kStrategies) {
-    if (name == row.name) return row.make(config, extent);
+    if (config.strategy == row.name) return row.make(config, extent);
   }
-  throw LogicError("unknown density strategy: " + name);
+  throw LogicError("unknown density strategy: " + config.strategy);
 }
 
 }  // namespace b3dgs

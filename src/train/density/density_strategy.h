@@ -15,7 +15,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
 
 #include "config/train_config.h"
 #include "raster/torch/gaussian_tensors.h"
@@ -30,13 +29,20 @@ struct DensityPlan {
   bool after_step = false;  // after_step() has work to do
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
+  bool absolute_gradients = false;  // after_step() needs ViewStatistics::means2d_abs_grad
+  bool score = false;               // after_step() needs DensityStep::error
 };
 
-/// The optimizer step that was just taken.
+/// The optimizer step that was just taken. Tensors are those of its view, valid until the next step.
 struct DensityStep {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
   std::int32_t width = 0, height = 0;  // px, of the view
+  torch::Tensor rendered{};            // [H, W, 3] colour
+  torch::Tensor truth{};               // [H, W, 3] uint8
+  torch::Tensor valid{};               // [H, W] uint8, 0 = invalid; undefined if all pixels are valid
+  torch::Tensor error{};               // [H, W] in [0, 1] (error_image.h); undefined unless the plan says `score`
+  Rasterizer* rasterizer = nullptr;    // holds the view's splats and lists, from before the step
 };
 
 /// One round of densification and pruning.
@@ -60,9 +66,12 @@ class DensityStrategy {
   virtual void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics& statistics) const = 0;
 
   /// Changes nothing. The edit leaves at most `max_gaussians` rows (0 = no limit), or adds none if there are more
-  /// already. The statistics are set to 0 once the edit is applied.
+  /// already. Once the edit is applied, end_round() follows.
   virtual DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
                                   std::int64_t max_gaussians) const = 0;
+
+  /// After a round's edit: sets the statistics to 0, or those that the next round is to start anew.
+  virtual void end_round(int iteration, DensityStatistics& statistics) const;
 
   /// In place: an opacity reset or a decay.
   virtual void lower_opacities(int iteration, GaussianTensors& gaussians, AdamState& adam) const = 0;
@@ -72,11 +81,8 @@ class DensityStrategy {
   virtual bool is_recovering(int iteration) const = 0;
 };
 
-/// The strategy used unless another is asked for.
-inline constexpr const char* kDefaultDensityStrategy = "original";
-
-/// The strategy of that name. `extent`: the scene extent, world units. @throws LogicError if there is none
-std::unique_ptr<DensityStrategy> make_density_strategy(const std::string& name, const TrainConfig& config,
-                                                       double extent);
+/// The strategy that config.strategy names. `extent`: the scene extent, world units. @throws LogicError if there is
+/// none
+std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent);
 
 }  // namespace b3dgs

@@ -51,6 +51,8 @@ void check_edit(const RowEdit& edit) {
   B3DGS_CHECK(n_new >= 0 && edit.new_means.size(0) == n_new && edit.new_log_scales.size(0) == n_new, "the edit keeps ",
               edit.n_kept, " of ", n_rows, " rows, but has ", edit.new_means.size(0), " new means and ",
               edit.new_log_scales.size(0), " new scales");
+  B3DGS_CHECK(!edit.new_logit_opacities.defined() || edit.new_logit_opacities.size(0) == n_new, "the edit adds ", n_new,
+              " rows, but has ", edit.new_logit_opacities.size(0), " new opacities");
 }
 
 /// Rows moved at a time.
@@ -138,6 +140,9 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
   edit_all(statistics, false);
   gaussians.means.slice(0, edit.n_kept).copy_(edit.new_means);
   gaussians.log_scales.slice(0, edit.n_kept).copy_(edit.new_log_scales);
+  if (edit.new_logit_opacities.defined()) {
+    gaussians.logit_opacities.slice(0, edit.n_kept).copy_(edit.new_logit_opacities);
+  }
 }
 
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {

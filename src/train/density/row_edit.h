@@ -13,10 +13,11 @@ namespace b3dgs {
 
 /// Rows after the edit: first the kept ones, in ascending order, then the new ones.
 struct RowEdit {
-  torch::Tensor sources;         // [M] int64, row before the edit whose parameters each row takes
-  std::int64_t n_kept = 0;       // of the M rows
-  torch::Tensor new_means;       // [M - n_kept, 3] of the new rows, instead of the source's
-  torch::Tensor new_log_scales;  // [M - n_kept, 3] of the new rows, instead of the source's
+  torch::Tensor sources;              // [M] int64, row before the edit whose parameters each row takes
+  std::int64_t n_kept = 0;            // of the M rows
+  torch::Tensor new_means;            // [M - n_kept, 3] of the new rows, instead of the source's
+  torch::Tensor new_log_scales;       // [M - n_kept, 3] of the new rows, instead of the source's
+  torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
 };
 
 /// An uninitialised tensor. @throws OutOfMemoryError
@@ -39,7 +40,8 @@ class RowEditor {
                DensityStatistics& statistics);
 
   /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source, but the edit's
-  /// means and scales; their moments and statistics are 0. Call reserve() with this edit first; this allocates nothing.
+  /// means, scales and opacities; their moments and statistics are 0. Call reserve() with this edit first; this
+  /// allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
  private:

@@ -26,21 +26,22 @@ std::vector<float> to_vector(const torch::Tensor& tensor) {
 
 }  // namespace
 
-SplatCloud splats_from_points(const PointCloud& points, int sh_degree) {
+SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double opacity, double scale) {
   const auto n = static_cast<std::size_t>(points.size());
   const std::vector<float> distances = mean_squared_neighbor_distances(points.positions);
+  const double log_scale = std::log(scale);
   SplatCloud cloud;
   cloud.sh_degree = sh_degree;
   cloud.means = points.positions;
   cloud.quats.assign(4 * n, 0.0f);
-  cloud.logit_opacities.assign(n, logit(kInitialOpacity));
+  cloud.logit_opacities.assign(n, logit(opacity));
   cloud.shN.assign(3 * n * static_cast<std::size_t>(sh_coefficient_count(sh_degree) - 1), 0.0f);
   cloud.log_scales.reserve(3 * n);
   cloud.sh0.reserve(3 * n);
   for (std::size_t i = 0; i < n; ++i) {
     cloud.quats[4 * i] = 1.0f;
     for (int axis = 0; axis < 3; ++axis) {
-      cloud.log_scales.push_back(static_cast<float>(0.5 * std::log(static_cast<double>(distances[i]))));
+      cloud.log_scales.push_back(static_cast<float>(0.5 * std::log(static_cast<double>(distances[i])) + log_scale));
     }
     for (std::size_t channel = 0; channel < 3; ++channel) {
       cloud.sh0.push_back(static_cast<float>((points.colors[3 * i + channel] / 255.0 - 0.5) / kSh0));

@@ -10,9 +10,10 @@ namespace b3dgs {
 inline constexpr double kInitialOpacity = 0.1;
 
 /// One Gaussian per point, as in the original 3DGS: isotropic scale = root mean square distance to the 3 nearest
-/// neighbours, identity rotation, opacity kInitialOpacity, colour as SH degree 0. shN is zero, for degrees up to
+/// neighbours times `scale`, identity rotation, `opacity`, colour as SH degree 0. shN is zero, for degrees up to
 /// `sh_degree`.
-SplatCloud splats_from_points(const PointCloud& points, int sh_degree);
+SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double opacity = kInitialOpacity,
+                              double scale = 1);
 
 /// Float tensors on `device` with SH coefficients up to `sh_degree`: missing ones are zero, higher ones are dropped.
 GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device);

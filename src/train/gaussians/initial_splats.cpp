@@ -24,7 +24,7 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
     input_error(place,
                 " has no 3D points to start from; pass some with --init_ply FILE, or triangulate the scene again");
   }
-  return splats_from_points(points, 0);
+  return splats_from_points(points, 0, config.init_opacity, config.init_scale);
 }
 
 }  // namespace b3dgs

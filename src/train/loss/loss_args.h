@@ -1,6 +1,7 @@
 // Inputs and outputs of the loss, without torch: what the CPU and the CUDA kernels share.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "core/vec.h"
@@ -43,6 +44,29 @@ struct LossScales {
 B3DGS_HD LossScales loss_scales(const LossArgs& args) {
   const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
   return {static_cast<float>(1 - args.weights.dssim) * per_value, -static_cast<float>(args.weights.dssim) * per_value};
+}
+
+/// All arrays are on one device and contiguous.
+struct ErrorImageArgs {
+  std::int64_t n_pixels = 0;
+  const float* rendered = nullptr;      // [H, W, 3]
+  const std::uint8_t* truth = nullptr;  // [H, W, 3]
+  const std::uint8_t* valid = nullptr;  // [H, W] 0 = invalid; null = all are valid
+  float power = 1;                      // above 0
+  float* error = nullptr;               // [H, W] out
+};
+
+/// Mean over the channels of |rendered - truth|, within [0, 1], to the power; 0 if the pixel is invalid.
+B3DGS_HD float pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
+  if (args.valid != nullptr && args.valid[pixel] == 0) return 0;
+  float sum = 0;
+  for (std::int64_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
+    const float difference = args.rendered[i] - static_cast<float>(args.truth[i]) * (1.0f / 255.0f);
+    sum += difference < 0 ? -difference : difference;
+  }
+  const float mean = sum * (1.0f / 3.0f);
+  const float error = mean < 1 ? mean : 1.0f;
+  return args.power == 1 ? error : std::pow(error, args.power);
 }
 
 }  // namespace b3dgs

@@ -1,5 +1,8 @@
 #include "train/optimizer/gaussian_step.h"
 
+#include "core/parallel.h"
+#include "raster/math/array_rows.h"
+
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/fused_step.h"
 #include "raster/torch/torch_launch.h"
@@ -16,6 +19,25 @@ cuda::ShRestArrays rest_arrays(GaussianTensors& gaussians, AdamState& state) {
           state.v.shN.data_ptr<float>()};
 }
 #endif
+
+/// Adds the gradients of the regularisation on the CPU.
+void add_regularization(const RegularizationGrad& grad, const GaussianTensors& gaussians,
+                        const ViewStatistics& statistics, GaussianTensors& grads) {
+  constexpr std::int64_t kGrain = 4096;
+  const auto* const radii = statistics.radii.data_ptr<std::int32_t>();
+  const auto* const logit_opacities = gaussians.logit_opacities.data_ptr<float>();
+  const auto* const log_scales = gaussians.log_scales.data_ptr<float>();
+  auto* const grad_logit_opacities = grads.logit_opacities.data_ptr<float>();
+  auto* const grad_log_scales = grads.log_scales.data_ptr<float>();
+  parallel_chunks(gaussians.size(), kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      if (radii[i] <= 0) continue;
+      Vec3f grad_row = load3(grad_log_scales, i);
+      b3dgs::add_regularization(grad, logit_opacities[i], load3(log_scales, i), grad_logit_opacities[i], grad_row);
+      store3(grad_log_scales, i, grad_row);
+    }
+  });
+}
 
 }  // namespace
 
@@ -47,7 +69,10 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
 }
 
 ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
-                                     GaussianTensors& gaussians, AdamState& state, StageRecorder* stages) {
+                                     GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
+                                     const RegularizationWeights& regularization) {
+  const RegularizationGrad regularization_grad =
+      b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
@@ -56,6 +81,7 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
     args.adam = begin_adam_step(rates, gaussians, state);
     args.updates = impl_->deferred_sh.updates();
     args.n_deferred = impl_->deferred_sh.n_deferred();
+    args.regularization = regularization_grad;
     cuda::step_gaussians(args, torch_launch_context());
     impl_->deferred_sh.defer_step(args.adam.back().size);
     end_stage(stages);
@@ -64,6 +90,7 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
 #endif
   const ViewStatistics statistics = impl_->rasterizer.backward(gaussians, view_grad, impl_->grads);
   begin_stage(stages, Stage::kOptimizer);
+  if (!regularization_grad.is_zero()) add_regularization(regularization_grad, gaussians, statistics, impl_->grads);
   adam_step(rates, impl_->grads, gaussians, state);
   end_stage(stages);
   return statistics;

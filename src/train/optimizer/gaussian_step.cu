@@ -47,8 +47,8 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-template <int kShDegree>
-__global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
+template <int kShDegree, bool kRegularized>
+__device__ __forceinline__ void step_gaussian(const GaussianStepArgs& args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.backward.gaussians.n_gaussians) return;
   GaussianGrad grad{};
@@ -58,6 +58,11 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
       update[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
+    }
+    if (kRegularized) {
+      const GaussianArrays& g = args.backward.gaussians;
+      add_regularization(args.regularization, g.logit_opacities[i], load3(g.log_scales, i), grad.logit_opacity,
+                         grad.log_scales);
     }
   }
   const Vec3f sh0 = grad.sh0();
@@ -69,6 +74,17 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   step_row<3>(args.adam[4], i, {sh0.x, sh0.y, sh0.z});
 }
 
+template <int kShDegree>
+__global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
+  step_gaussian<kShDegree, false>(args);
+}
+
+template <int kShDegree>
+__global__ void __launch_bounds__(kThreads)
+    step_regularized_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
+  step_gaussian<kShDegree, true>(args);
+}
+
 }  // namespace
 
 void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) {
@@ -76,7 +92,11 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-    step_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+    if (args.regularization.is_zero()) {
+      step_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+    } else {
+      step_regularized_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+    }
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

@@ -6,6 +6,7 @@
 #include "raster/stages.h"
 #include "raster/torch/rasterizer.h"
 #include "train/optimizer/adam.h"
+#include "train/optimizer/regularization.h"
 
 namespace b3dgs {
 
@@ -21,10 +22,10 @@ class GaussianStepper {
   /// Rasterizer::forward() for a training step.
   RenderedView forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view, RenderSettings settings);
 
-  /// Gradients of that view, and one step along them. `stages` (may be null) records the optimizer stage, which on a
-  /// GPU includes the projection's backward pass. Asynchronous on a GPU.
+  /// Gradients of that view and of the regularisation, and one step along them. `stages` (may be null) records the
+  /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
   ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
-                      AdamState& state, StageRecorder* stages);
+                      AdamState& state, StageRecorder* stages, const RegularizationWeights& regularization = {});
 
   /// Applies all deferred updates. Asynchronous on a GPU.
   void flush(GaussianTensors& gaussians, AdamState& state);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "train/optimizer/deferred_sh.h"
+#include "train/optimizer/regularization.h"
 
 namespace b3dgs::cuda {
 
@@ -12,6 +13,7 @@ struct GaussianStepArgs {
   AdamGroups adam{};                   // arrays of backward.gaussians, without the last group; gradients are not used
   DeferredUpdate* updates = nullptr;   // [N] written for Gaussians that the view sees
   std::int32_t n_deferred = 0;         // steps deferred before this one
+  RegularizationGrad regularization{};
 };
 
 /// One kernel for both: a Gaussian's gradient stays in registers and is never stored. Arrays are aligned to 16 bytes.

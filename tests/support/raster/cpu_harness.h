@@ -88,6 +88,19 @@ class CpuView {
     return out;
   }
 
+  /// Of the last backward(), [N, 2].
+  torch::Tensor absolute_gradients() const {
+    torch::Tensor out = torch::full({scene_.gaussians.size(), 2}, NAN, torch::kFloat32);
+    rasterizer_.absolute_gradients(out.data_ptr<float>());
+    return out;
+  }
+
+  /// Adds to `scores`, four tensors [N].
+  void score(const torch::Tensor& error, const GaussianScores& scores) {
+    rasterizer_.score(error.data_ptr<float>(), {scores.error_sum.data_ptr<float>(), scores.weight_sum.data_ptr<float>(),
+                                                scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
+  }
+
   /// [N] int64
   torch::Tensor radii() const {
     torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);
@@ -135,6 +148,18 @@ inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor
   };
   return {(wave(h * w * 3, 1.7).view({h, w, 3}) * on.unsqueeze(2)).contiguous(),
           (wave(h * w, 0.9).view({h, w}) * on).contiguous(), (wave(h * w, 2.3).view({h, w}) * on).contiguous()};
+}
+
+/// Zero scores of N Gaussians.
+inline GaussianScores make_scores(std::int64_t n) {
+  return {torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::zeros({n})};
+}
+
+/// An error [H, W] within [0, 1] that differs between pixels; 0 where `off` holds.
+inline torch::Tensor uneven_error(const PinholeView& view, const torch::Tensor& off) {
+  const std::int64_t h = view.height, w = view.width;
+  const torch::Tensor wave = torch::sin(torch::arange(h * w, torch::kFloat64) * 0.7).square().view({h, w});
+  return (wave * torch::logical_not(off)).to(torch::kFloat32).contiguous();
 }
 
 }  // namespace b3dgs::test

@@ -60,6 +60,24 @@ class CudaView {
     return out;
   }
 
+  /// Of the last backward(), [N, 2].
+  torch::Tensor absolute_gradients() const {
+    const std::int64_t n = scene_.gaussians.size();
+    const DeviceArray<float> out(2 * n);
+    rasterizer_.absolute_gradients(out.data(), context_);
+    return to_host(out, {n, 2});
+  }
+
+  /// Adds to `scores`, four tensors [N] in host memory.
+  void score(const torch::Tensor& error, const GaussianScores& scores) {
+    const DeviceArray<float> image = to_device(error),
+                             sums[4]{to_device(scores.error_sum), to_device(scores.weight_sum),
+                                     to_device(scores.max_weight), to_device(scores.n_views)};
+    rasterizer_.score(image.data(), {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()}, context_);
+    const torch::Tensor* const out[4]{&scores.error_sum, &scores.weight_sum, &scores.max_weight, &scores.n_views};
+    for (int i = 0; i < 4; ++i) sums[i].download(out[i]->data_ptr<float>());
+  }
+
   /// [N] int64
   torch::Tensor radii() const {
     const std::vector<std::int32_t> host = download(rasterizer_.radii(), scene_.gaussians.size());

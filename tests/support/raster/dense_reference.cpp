@@ -287,6 +287,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   out.depth = torch::mv(weights, z).view({height, width});
   out.alpha = (1.0 - remaining).view({height, width});
 
+  out.weights = weights.detach();
+  out.rows = rows;
   out.n_blended = blended.sum(1).view({height, width});
   out.last_gaussians = torch::full({height, width}, -1, torch::kInt64);
   if (n_seen > 0) {

@@ -42,6 +42,8 @@ struct DenseView {
   torch::Tensor means2d;         // [N, 2] px; rows of unseen Gaussians are undefined
   torch::Tensor last_gaussians;  // [H, W] int64, index of the last Gaussian blended, -1 if none
   torch::Tensor n_blended;       // [H, W] int64, how many were blended
+  torch::Tensor weights;         // [H W, M] blend weights of the Gaussians in front of the near plane, without graph
+  torch::Tensor rows;            // [M] int64, the indices of these Gaussians
   torch::Tensor radii;           // [N] int64, 3 standard deviations along the longer axis rounded up, 0 if not seen
   torch::Tensor contributes;     // [N] bool, blended into at least one pixel
   torch::Tensor seen;            // [N] bool, reaches 1/255 at some point of a tile's pixel centres, or of their hull

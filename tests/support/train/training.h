@@ -27,6 +27,21 @@ inline TrainConfig eventful_config() {
   return config;
 }
 
+/// Strategy balanced: rounds at 10, 15, 20, ... with 3 scored steps before each, removals by weight at 20.
+inline TrainConfig eventful_balanced_config() {
+  TrainConfig config = eventful_config();
+  config.strategy = "balanced";
+  config.iterations = 24;
+  config.max_gaussians = 200;
+  config.densify_until_iter = 22;
+  config.abs_grad_threshold = 1e-5;
+  config.score_views = 3;
+  config.prune_interval = 10;
+  config.prune_weight = 0.05;
+  config.opacity_decay = 0.95;
+  return config;
+}
+
 /// A checkpoint's bytes without the duration and the ID of the training.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
   CheckpointFile file = read_checkpoint_file(checkpoint);

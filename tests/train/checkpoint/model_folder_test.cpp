@@ -15,6 +15,7 @@
 #include "support/files.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
+#include "train/gaussians/initial_splats.h"
 
 namespace b3dgs {
 namespace {
@@ -205,6 +206,24 @@ TEST(GaussianModel, StartsFromPointsAsTheOriginalDoes) {
   EXPECT_EQ(cloud.quats[4], 1);
   EXPECT_EQ(cloud.quats[5], 0);
   EXPECT_EQ(cloud.shN, std::vector<float>(4 * 8 * 3, 0.0f));
+}
+
+TEST(GaussianModel, StartsWithTheOpacityAndScaleOfTheOptions) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config;
+  const SplatCloud usual = initial_splats(config, scene);
+  config.init_opacity = 0.5;
+  config.init_scale = 0.1;
+  const SplatCloud other = initial_splats(config, scene);
+  EXPECT_EQ(other.logit_opacities, std::vector<float>(usual.logit_opacities.size(), 0.0f));
+  for (std::size_t i = 0; i < usual.log_scales.size(); ++i) {
+    EXPECT_NEAR(other.log_scales[i], usual.log_scales[i] + std::log(0.1), 1e-6);
+  }
+  write_splat_ply(temp / "splats.ply", usual);
+  config.init_ply = (temp / "splats.ply").string();
+  EXPECT_EQ(initial_splats(config, scene).logit_opacities, usual.logit_opacities) << "a model stays as it is";
+  EXPECT_EQ(initial_splats(config, scene).log_scales, usual.log_scales);
 }
 
 TEST(GaussianModel, SurvivesConversionToTensorsAndBack) {

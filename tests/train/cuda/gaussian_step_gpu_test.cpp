@@ -122,6 +122,30 @@ testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_s
   return testing::AssertionSuccess();
 }
 
+TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(8);
+  const GaussianTensors start = some_gaussians(3);
+  const auto moments_on = [&](torch::Device device) {
+    GaussianTensors gaussians = copy_to(start, device);
+    AdamState state = make_adam_state(gaussians);
+    Rasterizer rasterizer(device);
+    GaussianStepper stepper(rasterizer);
+    const RenderedView image = stepper.forward(gaussians, state, view_from(0, -6), settings_of(3));
+    const ViewStatistics statistics = stepper.step(kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state,
+                                                   nullptr, RegularizationWeights{0.4, 0.9});
+    stepper.flush(gaussians, state);
+    EXPECT_GT((statistics.radii == 0).sum().item<int>(), 150);
+    return copy_to(state.m, torch::kCPU);
+  };
+  const GaussianTensors expected = moments_on(torch::kCPU), found = moments_on(kGpu);
+  EXPECT_TRUE(test::within(found.logit_opacities, expected.logit_opacities, 1e-5 * expected.logit_opacities.abs()));
+  EXPECT_TRUE(test::within(found.log_scales, expected.log_scales, 1e-5 * expected.log_scales.abs()));
+  EXPECT_GT(expected.log_scales.min().item<float>(), -1e-30f);
+  EXPECT_GT(expected.log_scales.max().item<float>(), 0);
+  EXPECT_EQ(found.means.abs().max().item<float>(), 0);
+}
+
 TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(6);

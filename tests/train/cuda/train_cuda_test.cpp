@@ -12,6 +12,7 @@
 #include "support/gpu_test.h"
 #include "train/density/split_samples_cuda.h"
 #include "train/images/image_uploader.h"
+#include "train/images/reduce_image_cuda.h"
 #include "train/loss/loss.h"
 #include "train/loss/loss_cuda.h"
 #include "train/output/device_snapshot.h"
@@ -209,6 +210,50 @@ TEST(SplitSamples, EqualThoseOfTheCpuUpToRounding) {
   device_out.download(found.data());
   for (std::size_t i = 0; i < found.size(); ++i) {
     EXPECT_NEAR(found[i], expected[i], 1e-6 * std::max(1.0f, std::fabs(expected[i]))) << i;
+  }
+}
+
+TEST(ReduceImageOnGpu, EqualsThatOfTheCpu) {
+  B3DGS_NEEDS_GPU();
+  for (const auto& [width, height, scale] :
+       std::vector<std::array<int, 3>>{{64, 48, 2}, {1001, 333, 3}, {130, 70, 8}, {1, 1, 1}, {3, 2, 4}}) {
+    const auto n = static_cast<std::size_t>(width) * height;
+    std::vector<std::uint8_t> rgb(3 * n), valid(n);
+    const RandomKey key{29, RandomStream::kBackground, 0};
+    for (std::size_t p = 0; p < n; ++p) {
+      const auto random = random_uniform(key, p);
+      for (std::size_t c = 0; c < 3; ++c) rgb[3 * p + c] = static_cast<std::uint8_t>(256 * random[c]);
+      valid[p] = random[3] < 0.4f ? 0 : 255;
+    }
+    const test::DeviceArray<std::uint8_t> device_rgb(rgb.data(), 3 * n), device_valid(valid.data(), n);
+    for (const bool is_masked : {false, true}) {
+      ReduceImageArgs args;
+      args.width = width;
+      args.height = height;
+      args.scale = scale;
+      const auto n_reduced = static_cast<std::size_t>(args.reduced_width()) * args.reduced_height();
+      std::vector<std::uint8_t> expected(3 * n_reduced), mask(n_reduced);
+      args.rgb = rgb.data();
+      args.valid = is_masked ? valid.data() : nullptr;
+      args.reduced = expected.data();
+      args.reduced_valid = is_masked ? mask.data() : nullptr;
+      for (int y = 0; y < args.reduced_height(); ++y) {
+        for (int x = 0; x < args.reduced_width(); ++x) reduce_pixel(args, x, y);
+      }
+      const test::DeviceArray<std::uint8_t> device_reduced(3 * n_reduced + 1), device_mask(n_reduced + 1);
+      args.rgb = device_rgb.data();
+      args.valid = is_masked ? device_valid.data() : nullptr;
+      args.reduced = device_reduced.data();
+      args.reduced_valid = is_masked ? device_mask.data() : nullptr;
+      cuda::reduce_image(args, nullptr);
+      if (n_reduced == 0) continue;  // nothing to write, and no error
+      std::vector<std::uint8_t> downloaded(3 * n_reduced + 1);
+      device_reduced.download(downloaded.data());
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), downloaded.begin())) << width << " / " << scale;
+      if (!is_masked) continue;
+      device_mask.download(downloaded.data());
+      EXPECT_TRUE(std::equal(mask.begin(), mask.end(), downloaded.begin())) << width << " / " << scale;
+    }
   }
 }
 

@@ -19,8 +19,9 @@
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
-#include "train/density/original_strategy.h"
 #include "train/density/row_edit.h"
+#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/mcmc_strategy.h"
 #include "train/images/image_store.h"
 
 namespace b3dgs {
@@ -465,7 +466,7 @@ TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {
   expect_same_state(expected, found);
 }
 
-TEST(OriginalStrategyOnGpu, DoesWhatTheCpuDoes) {
+TEST(DefaultStrategyOnGpu, DoesWhatTheCpuDoes) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(4);
   constexpr std::int64_t kCount = 4000;
@@ -489,6 +490,37 @@ TEST(OriginalStrategyOnGpu, DoesWhatTheCpuDoes) {
   const torch::Tensor allowed = 1e-6 * (1 + expected.edit.new_means.abs());
   EXPECT_TRUE(test::within(found.edit.new_means.to(torch::kCPU), expected.edit.new_means, allowed));
   EXPECT_TRUE(test::within(found.edit.new_log_scales.to(torch::kCPU), expected.edit.new_log_scales, 1e-6));
+}
+
+TEST(McmcOnGpu, DoesWhatTheCpuDoes) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(4);
+  constexpr std::int64_t kCount = 40000;
+  GaussianTensors host{torch::randn({kCount, 3}),    torch::randn({kCount, 3}) * 0.5 - 3,
+                       torch::randn({kCount, 4}),    torch::randn({kCount}) * 3 - 1,
+                       torch::randn({kCount, 1, 3}), torch::randn({kCount, 3, 3})};
+  GaussianTensors device;
+  for (std::size_t i = 0; i < host.all().size(); ++i) *device.all()[i] = host.all()[i]->to(torch::kCUDA);
+  const McmcRule rule{/*prune_opacity=*/0.05, /*growth=*/0.2, /*max_gaussians=*/kCount + 7000};
+  const DensityRound expected = plan_mcmc_round(host, rule, 3, 600), found = plan_mcmc_round(device, rule, 3, 600);
+  EXPECT_TRUE(found.edit.new_means.is_cuda());
+  EXPECT_GT(expected.n_pruned, 1000);
+  EXPECT_EQ(expected.n_over_limit, 1000);
+  EXPECT_EQ(found.edit.n_kept, expected.edit.n_kept);
+  EXPECT_TRUE(torch::equal(found.edit.sources.to(torch::kCPU), expected.edit.sources));
+  EXPECT_TRUE(torch::equal(found.edit.new_means.to(torch::kCPU), expected.edit.new_means));
+  EXPECT_TRUE(test::within(found.edit.new_log_scales.to(torch::kCPU), expected.edit.new_log_scales, 1e-5));
+  EXPECT_TRUE(test::within(found.edit.new_logit_opacities.to(torch::kCPU), expected.edit.new_logit_opacities, 1e-5));
+  const DensityRound again = plan_mcmc_round(device, rule, 3, 600);
+  EXPECT_TRUE(torch::equal(again.edit.sources, found.edit.sources));
+  EXPECT_TRUE(torch::equal(again.edit.new_log_scales, found.edit.new_log_scales));
+
+  const torch::Tensor before = host.means.clone();
+  add_mean_noise(host, 400, 3, 77);
+  add_mean_noise(device, 400, 3, 77);
+  EXPECT_GT((host.means != before).any(1).sum().item<int>(), 1000);
+  EXPECT_GT((host.means == before).all(1).sum().item<int>(), 1000);
+  EXPECT_TRUE(test::within(device.means.to(torch::kCPU), host.means, host.means.abs() * 0x1p-22 + 1e-37));
 }
 
 }  // namespace

@@ -15,7 +15,7 @@
 namespace b3dgs {
 
 /// `extent`: the scene extent, world units.
-std::unique_ptr<DensityStrategy> make_original_strategy(const TrainConfig& config, double extent);
+std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config, double extent);
 
 // Its parts, as functions of their arguments alone.
 

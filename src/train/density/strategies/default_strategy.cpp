@@ -1,4 +1,4 @@
-#include "train/density/original_strategy.h"
+#include "train/density/strategies/default_strategy.h"
 
 #include <algorithm>
 #include <cmath>
@@ -65,9 +65,9 @@ torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor
   return samples;
 }
 
-class OriginalStrategy final : public DensityStrategy {
+class DefaultStrategy final : public DensityStrategy {
  public:
-  OriginalStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
+  DefaultStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
 
   DensityPlan plan(int iteration) const override { return density_plan(config_, iteration); }
 
@@ -95,8 +95,8 @@ class OriginalStrategy final : public DensityStrategy {
 
 }  // namespace
 
-std::unique_ptr<DensityStrategy> make_original_strategy(const TrainConfig& config, double extent) {
-  return std::make_unique<OriginalStrategy>(config, extent);
+std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config, double extent) {
+  return std::make_unique<DefaultStrategy>(config, extent);
 }
 
 DensityPlan density_plan(const TrainConfig& config, int iteration) {

@@ -1,0 +1,122 @@
+#!/usr/bin/env bash
+# Trains every SCENE with every preset and strategy and several seeds, one training after the other, and prints a
+# Markdown table of time, count, PSNR and SSIM: mean, and half the range over seeds.
+#
+# Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
+# script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
+# Models are deleted once they are measured; logs and reports stay.
+#
+# Usage: scripts/compare_presets.sh B3DGS OUTPUT [SCENE...]      without scenes: only prints the table
+# Environment:
+#   CONFIGS  configurations NAME=OPTIONS, separated by semicolons; default: see below
+#   SEEDS    default "0 1 2"
+#   OPTIONS  options of all trainings; default "--device cuda"
+#   LIMIT_S  starts no further training once so many seconds have passed, and exits with 3 if any is left; default: none
+#   KEEP     1: keeps the models
+# Example: LIMIT_S=500 SEEDS=0 CONFIGS='fast=--preset fast;mine=--preset fast --max_gaussians 200000' \
+#   scripts/compare_presets.sh build/gpu/app/b3dgs output/presets data/bonsai data/fox
+set -euo pipefail
+usage='scripts/compare_presets.sh B3DGS OUTPUT [SCENE...]'
+b3dgs=${1:?the program is missing: $usage}
+output=${2:?the output folder is missing: $usage}
+shift 2
+configs=${CONFIGS:-original=--preset original;fast=--preset fast;quality=--preset quality;mcmc=--strategy mcmc;balanced=--strategy balanced}
+read -ra seeds <<< "${SEEDS:-0 1 2}"
+read -ra options <<< "${OPTIONS:---device cuda}"
+results=$output/results.jsonl
+mkdir -p -- "$output"
+touch -- "$results"
+SECONDS=0
+is_left=0
+
+# is_known SCENE NAME SEED OPTIONS: whether results.jsonl has this training. Fails if it has it with other options.
+is_known() {
+  python3 - "$results" "$@" << 'PYTHON'
+import json, sys
+path, scene, name, seed, options = sys.argv[1:]
+for line in open(path):
+    run = json.loads(line)
+    if (run["scene"], run["configuration"], run["seed"]) != (scene, name, int(seed)):
+        continue
+    if run["options"] != options:
+        sys.exit(f'compare_presets.sh: error: {path} has {name} of {scene} with the options "{run["options"]}", '
+                 f'not "{options}"; give the configuration another name')
+    print("yes")
+PYTHON
+}
+
+# record SCENE NAME SEED OPTIONS MODEL: adds the training's end to results.jsonl.
+record() {
+  python3 - "$results" "$@" << 'PYTHON'
+import json, sys
+path, scene, name, seed, options, model = sys.argv[1:]
+points = [json.loads(line) for line in open(model + "/train.jsonl")]
+last = [point for point in points if "event" not in point][-1]
+iterations = json.load(open(model + "/config.json"))["iterations"]
+if last["iteration"] != iterations:
+    sys.exit(f"compare_presets.sh: error: {model} ended at iteration {last['iteration']} of {iterations}")
+run = {"scene": scene, "configuration": name, "seed": int(seed), "options": options, "iterations": iterations,
+       "seconds": last["elapsed_s"], "gaussians": last["count"], "psnr": last.get("test_psnr"),
+       "ssim": last.get("test_ssim")}
+with open(path, "a") as file:
+    file.write(json.dumps(run) + "\n")
+PYTHON
+}
+
+for scene in "$@"; do
+  scene_name=$(basename "$scene")
+  for seed in "${seeds[@]}"; do
+    while IFS= read -r -d ';' config; do
+      name=${config%%=*}
+      if [[ $config != *=* || -z $name || $name == */* ]]; then
+        echo "compare_presets.sh: error: CONFIGS: \"$config\" is not NAME=OPTIONS" >&2
+        exit 2
+      fi
+      read -ra own <<< "${config#*=}"
+      all="${options[*]} ${own[*]}"
+      known=$(is_known "$scene_name" "$name" "$seed" "$all")
+      [[ -z $known ]] || continue
+      if [[ -n ${LIMIT_S:-} ]] && ((SECONDS >= LIMIT_S)); then
+        is_left=1
+        continue
+      fi
+      model=$output/$scene_name/$name/seed_$seed
+      echo "== $scene_name, $name, seed $seed" >&2
+      "$b3dgs" train "$scene" -m "$model" --eval --overwrite --quiet --seed "$seed" --checkpoint_minutes 0 \
+        "${options[@]}" "${own[@]}" >&2
+      record "$scene_name" "$name" "$seed" "$all" "$model"
+      [[ ${KEEP:-0} == 1 ]] || rm -rf -- "$model/point_cloud" "$model/checkpoints"
+    done <<< "$configs;"
+  done
+done
+
+python3 - "$results" << 'PYTHON'
+import json, sys
+runs = [json.loads(line) for line in open(sys.argv[1])]
+if not runs:
+    sys.exit(0)
+
+def spread(values, digits):
+    """Mean, and half the range if there are several; "-" if a value is not known."""
+    if any(value is None for value in values):
+        return "-"
+    text = f"{sum(values) / len(values):,.{digits}f}"
+    return text if len(values) == 1 else text + f" ± {(max(values) - min(values)) / 2:,.{digits}f}"
+
+print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |")
+print("|---|---|---|---|---|---|---|---|")
+done = set()
+for first in runs:
+    key = (first["scene"], first["configuration"])
+    if key in done:
+        continue
+    done.add(key)
+    group = [run for run in runs if (run["scene"], run["configuration"]) == key]
+    column = lambda name: [run[name] for run in group]
+    print(f'| {key[0]} | {key[1]} | {first["iterations"]:,} | {len(group)} | {spread(column("seconds"), 2)} | '
+          f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {spread(column("ssim"), 4)} |')
+PYTHON
+if ((is_left)); then
+  echo "compare_presets.sh: the time limit is reached; run it again for the rest" >&2
+  exit 3
+fi

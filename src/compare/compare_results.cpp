@@ -1,0 +1,128 @@
+#include "compare/compare_results.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "core/print.h"
+#include "core/text.h"
+#include "report/html_report.h"
+#include "report/report_sections.h"
+#include "report/svg/svg_chart.h"
+
+namespace b3dgs {
+namespace {
+
+std::string number(double value, int digits) {
+  return digits == 0 ? format_count(std::llround(value)) : print_to_string("%.*f", digits, value);
+}
+
+/// "28.90", with several seeds "28.90 (28.81 to 28.97)"; "-" if unknown.
+std::string cell(const std::optional<Spread>& spread, int digits) {
+  if (!spread) return "-";
+  const std::string mean = number(spread->mean, digits);
+  return spread->n == 1 ? mean : mean + " (" + number(spread->min, digits) + " to " + number(spread->max, digits) + ")";
+}
+
+std::string picture(const std::vector<FinalResult>& results, const std::vector<int>& colors) {
+  ScatterChart chart;
+  chart.title = "Quality over training time";
+  chart.x_label = "training time, s";
+  chart.y_label = "PSNR of the test views, dB";
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    const FinalResult& own = results[i];
+    if (!own.seconds || !own.psnr) continue;
+    ScatterChart::Dot dot;
+    dot.name = own.name;
+    dot.x = own.seconds->mean;
+    dot.y = own.psnr->mean;
+    dot.y_low = own.psnr->min;
+    dot.y_high = own.psnr->max;
+    dot.size = own.count ? own.count->mean : 0;
+    dot.color = colors[i];
+    dot.note = print_to_string("%.2f dB in %.1f s", dot.y, dot.x) +
+               (own.count ? ", " + format_count(std::llround(own.count->mean)) + " Gaussians" : "");
+    chart.dots.push_back(dot);
+  }
+  if (chart.dots.empty()) return "";
+  return html::figure(draw(chart),
+                      "Up and to the left is better. The area of a dot is its number of Gaussians; a vertical line is "
+                      "the range over seeds; the dashed line joins configurations that no other one beats in both time "
+                      "and PSNR.");
+}
+
+}  // namespace
+
+std::vector<FinalResult> final_results(const std::vector<ConfigurationHistory>& configurations) {
+  std::vector<FinalResult> results;
+  for (const ConfigurationHistory& configuration : configurations) {
+    FinalResult result;
+    result.name = configuration.name;
+    result.iterations = configuration.config.iterations;
+    std::vector<double> seconds, count, psnr, ssim;
+    for (const TrainHistory& history : configuration.by_seed) {
+      if (history.points.empty() || history.points.back().iteration < result.iterations) continue;
+      const LogPoint& last = history.points.back();
+      ++result.n_complete;
+      seconds.push_back(last.elapsed_s);
+      if (last.count) count.push_back(static_cast<double>(*last.count));
+      if (last.test_psnr) psnr.push_back(*last.test_psnr);
+      if (last.test_ssim) ssim.push_back(*last.test_ssim);
+    }
+    result.seconds = spread_of(seconds);
+    result.count = spread_of(count);
+    result.psnr = spread_of(psnr);
+    result.ssim = spread_of(ssim);
+    results.push_back(result);
+  }
+  return results;
+}
+
+bool have_equal_lengths(const std::vector<FinalResult>& results) {
+  return std::all_of(results.begin(), results.end(),
+                     [&](const FinalResult& own) { return own.iterations == results.front().iterations; });
+}
+
+void print_results(const std::vector<FinalResult>& results) {
+  std::size_t columns = 13;
+  for (const FinalResult& own : results) columns = std::max(columns, own.name.size());
+  const int width = static_cast<int>(columns);
+  std::printf("%-*s %10s %11s %12s %9s %8s\n", width, "at the end of", "iterations", "training s", "Gaussians",
+              "PSNR dB", "SSIM");
+  const auto mean = [](const std::optional<Spread>& spread, int digits) {
+    return spread ? number(spread->mean, digits) : std::string("-");
+  };
+  for (const FinalResult& own : results) {
+    std::printf("%-*s %10s %11s %12s %9s %8s\n", width, own.name.c_str(), format_count(own.iterations).c_str(),
+                mean(own.seconds, 2).c_str(), mean(own.count, 0).c_str(), mean(own.psnr, 2).c_str(),
+                mean(own.ssim, 4).c_str());
+  }
+}
+
+std::string describe_results(const std::vector<FinalResult>& results) {
+  std::string text;
+  for (const FinalResult& own : results) {
+    if (!own.seconds) continue;
+    text += (text.empty() ? "" : "; ") + own.name + print_to_string(" %.1f s", own.seconds->mean);
+    if (own.psnr) text += print_to_string(", %.2f dB", own.psnr->mean);
+    if (own.count) text += ", " + format_count(std::llround(own.count->mean)) + " Gaussians";
+  }
+  return text;
+}
+
+std::string results_section(const std::vector<FinalResult>& results, const std::vector<int>& colors) {
+  std::vector<html::Row> rows;
+  std::size_t n_seeds = 0;
+  for (const FinalResult& own : results) n_seeds = std::max(n_seeds, static_cast<std::size_t>(own.n_complete));
+  for (const FinalResult& own : results) {
+    rows.push_back({own.name, format_count(own.iterations), cell(own.seconds, 2), cell(own.count, 0), cell(own.psnr, 2),
+                    cell(own.ssim, 4)});
+  }
+  return picture(results, colors) +
+         html::table({"configuration", "iterations", "training time, s", "Gaussians", "PSNR, dB", "SSIM"}, rows) +
+         html::paragraph(n_seeds > 1 ? "At the end of each training: mean over the seeds that are complete, and range."
+                                     : "At the end of each training; - is not known yet.",
+                         "soft");
+}
+
+}  // namespace b3dgs

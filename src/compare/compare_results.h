@@ -1,0 +1,35 @@
+// What each configuration has reached at the end of its own training, however long that is: time, quality, size.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "report/time_saved.h"
+
+namespace b3dgs {
+
+struct FinalResult {
+  std::string name;
+  int iterations = 0;             // of the configuration
+  int n_complete = 0;             // seeds that have been trained to the end; those below are over these
+  std::optional<Spread> seconds;  // training time
+  std::optional<Spread> count;    // Gaussians
+  std::optional<Spread> psnr, ssim;
+};
+
+std::vector<FinalResult> final_results(const std::vector<ConfigurationHistory>& configurations);
+
+/// Whether all configurations train for the same number of iterations.
+bool have_equal_lengths(const std::vector<FinalResult>& results);
+
+/// A table on standard output.
+void print_results(const std::vector<FinalResult>& results);
+
+/// "original 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
+std::string describe_results(const std::vector<FinalResult>& results);
+
+/// For the report: a table, and a picture of PSNR over training time if there is PSNR.
+std::string results_section(const std::vector<FinalResult>& results, const std::vector<int>& colors);
+
+}  // namespace b3dgs

@@ -1,0 +1,38 @@
+// Scores of Gaussians (ScoreArgs): weights and errors as integers, so that sums do not depend on the order of their
+// terms: the same for any schedule, on CPU and GPU.
+#pragma once
+
+#include <cstdint>
+
+#include "raster/args.h"
+#include "raster/constants.h"
+
+namespace b3dgs {
+
+inline constexpr int kScoreBits = 24;
+inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // in 1
+/// The largest value that one pixel adds to a sum: weights are at most kAlphaMax, errors at most 1.
+inline constexpr std::uint32_t kScoreMax = static_cast<std::uint32_t>(kAlphaMax * kScoreUnits + 0.5f);
+
+/// An error as it counts: within [0, 1].
+B3DGS_HD float clamp_error(float error) {
+  return error > 0 ? (error < 1 ? error : 1.0f) : 0.0f;
+}
+
+/// A value within [0, kAlphaMax] in units, rounded.
+B3DGS_HD std::uint32_t score_units(float value) {
+  return static_cast<std::uint32_t>(value * kScoreUnits + 0.5f);
+}
+
+/// Adds a splat's sums to the entries of its Gaussian.
+B3DGS_HD void add_scores(const ScoreSums& sums, const ScoreArrays& out, std::int64_t gaussian) {
+  constexpr double kUnit = 1.0 / (1 << kScoreBits);
+  out.error_sum[gaussian] += static_cast<float>(static_cast<double>(sums.error) * kUnit);
+  if (out.weight_sum != nullptr) {
+    out.weight_sum[gaussian] += static_cast<float>(static_cast<double>(sums.weight) * kUnit);
+  }
+  if (sums.max_weight > out.max_weight[gaussian]) out.max_weight[gaussian] = sums.max_weight;
+  out.n_views[gaussian] += 1;
+}
+
+}  // namespace b3dgs

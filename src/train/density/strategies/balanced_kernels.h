@@ -1,0 +1,109 @@
+// Strategy balanced for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. The
+// same arithmetic on CPU and GPU, in double, so that they differ by one ulp at most.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "core/random.h"
+#include "raster/math/covariance.h"
+
+namespace b3dgs {
+
+/// All arrays are on one device.
+struct AbsoluteGradArgs {
+  std::int64_t n_gaussians = 0;
+  const float* means2d_abs_grad = nullptr;  // [N, 2] 1/px, 0 if not seen
+  float half_width = 0, half_height = 0;    // px, of the image
+  float* sum = nullptr;                     // [N] in and out: plus the norm, normalised device coordinates
+};
+
+B3DGS_HD void add_absolute_gradient(const AbsoluteGradArgs& args, std::int64_t i) {
+  const float dx = args.means2d_abs_grad[2 * i] * args.half_width;
+  const float dy = args.means2d_abs_grad[2 * i + 1] * args.half_height;
+  args.sum[i] += std::sqrt(dx * dx + dy * dy);
+}
+
+struct ParentKeyArgs {
+  std::int64_t n_rows = 0;
+  const std::int64_t* rows = nullptr;  // [n_rows] candidates
+  const float* scores = nullptr;       // [N] above 0 for candidates
+  RandomKey key{};
+  float* keys = nullptr;  // [n_rows] out
+};
+
+/// The candidates with the k largest keys ln(u) / score, u uniform in (0, 1), are a sample without replacement with
+/// probabilities proportional to the scores (Efraimidis and Spirakis 2006).
+B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
+  const std::int64_t row = args.rows[i];
+  const std::uint32_t bits = random_bits(args.key, static_cast<std::uint64_t>(row))[0];
+  const double uniform = (bits + 0.5) * 0x1p-32;
+  args.keys[i] = static_cast<float>(std::log(uniform) / static_cast<double>(args.scores[row]));
+}
+
+/// Where the two parts of a split Gaussian are.
+enum class SplitRule {
+  kCover,    // on the longest axis; together they cover the parent's 3 sigma (0.45 + 0.55 = 1)
+  kMoments,  // on the longest axis; their mixture has the parent's mean and covariance (0.8^2 + 0.6^2 = 1)
+  kSamples,  // samples of the parent, 1.6 times smaller, as in the original 3DGS
+};
+
+/// Factors of a part's longest axis, other axes and opacity, and its distance from the parent in standard deviations
+/// along the longest axis.
+struct SplitShape {
+  double distance, longest, others, opacity;
+};
+
+B3DGS_HD SplitShape split_shape(SplitRule rule) {
+  if (rule == SplitRule::kCover) return {0.45 * 3, 0.55, 0.893, 0.6};
+  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6};  // two parts have the parent's integral
+  return {0, 1 / 1.6, 1 / 1.6, 1};
+}
+
+struct PartArgs {
+  std::int64_t n_parents = 0;
+  const std::int64_t* parents = nullptr;   // [n_parents] rows
+  const float* means = nullptr;            // [N, 3] world
+  const float* log_scales = nullptr;       // [N, 3]
+  const float* quats = nullptr;            // [N, 4] w x y z
+  const float* logit_opacities = nullptr;  // [N]
+  SplitRule rule{};
+  RandomKey key{};  // of kSamples
+  // Out: all first parts, then all second ones.
+  float* out_means = nullptr;            // [2 n_parents, 3] world
+  float* out_log_scales = nullptr;       // [2 n_parents, 3]
+  float* out_logit_opacities = nullptr;  // [2 n_parents]
+};
+
+/// Part i, of parent i % n_parents.
+B3DGS_HD void make_part(const PartArgs& args, std::int64_t i) {
+  const std::int64_t side = i / args.n_parents, row = args.parents[i % args.n_parents];
+  const float *mean = args.means + 3 * row, *log_scale = args.log_scales + 3 * row, *quat = args.quats + 4 * row;
+  const SplitShape split = split_shape(args.rule);
+  const Shape<double> shape =
+      make_shape<double>({log_scale[0], log_scale[1], log_scale[2]}, {quat[0], quat[1], quat[2], quat[3]});
+  int longest = 0;
+  for (int axis = 1; axis < 3; ++axis) {
+    if (log_scale[axis] > log_scale[longest]) longest = axis;
+  }
+  double offset[3]{0, 0, 0};  // in standard deviations
+  if (args.rule == SplitRule::kSamples) {
+    const auto normal = random_normal(args.key, static_cast<std::uint64_t>(2 * row + side));
+    for (int axis = 0; axis < 3; ++axis) offset[axis] = static_cast<double>(normal[static_cast<std::size_t>(axis)]);
+  } else {
+    offset[longest] = side == 0 ? split.distance : -split.distance;
+  }
+  const Vec3<double> moved = shape.factor * Vec3<double>{offset[0], offset[1], offset[2]};
+  args.out_means[3 * i] = static_cast<float>(mean[0] + moved.x);
+  args.out_means[3 * i + 1] = static_cast<float>(mean[1] + moved.y);
+  args.out_means[3 * i + 2] = static_cast<float>(mean[2] + moved.z);
+  for (int axis = 0; axis < 3; ++axis) {
+    const double factor = axis == longest ? split.longest : split.others;
+    args.out_log_scales[3 * i + axis] = static_cast<float>(log_scale[axis] + std::log(factor));
+  }
+  const double opacity = split.opacity / (1 + std::exp(-static_cast<double>(args.logit_opacities[row])));
+  args.out_logit_opacities[i] =
+      split.opacity == 1 ? args.logit_opacities[row] : static_cast<float>(std::log(opacity / (1 - opacity)));
+}
+
+}  // namespace b3dgs

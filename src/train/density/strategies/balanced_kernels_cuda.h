@@ -1,0 +1,14 @@
+// CUDA versions of balanced_kernels.h for all rows, without torch. Asynchronous.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "train/density/strategies/balanced_kernels.h"
+
+namespace b3dgs::cuda {
+
+void add_absolute_gradients(const AbsoluteGradArgs& args, cudaStream_t stream);
+void draw_parent_keys(const ParentKeyArgs& args, cudaStream_t stream);
+void make_parts(const PartArgs& args, cudaStream_t stream);
+
+}  // namespace b3dgs::cuda

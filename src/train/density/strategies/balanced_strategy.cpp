@@ -1,0 +1,256 @@
+#include "train/density/strategies/balanced_strategy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/math/opacity.h"
+#include "train/density/strategies/balanced_kernels.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/density/strategies/balanced_kernels_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+constexpr const char* kColumnNames[] = {"abs_grad_sum", "error_sum", "max_weight", "score_views"};
+
+template <class Statistics>
+auto& column(Statistics& statistics, BalancedColumn which) {
+  return statistics.extra.at(static_cast<std::size_t>(which)).values;
+}
+
+torch::Tensor rows_of(const torch::Tensor& mask) {
+  return mask.nonzero().flatten();
+}
+
+/// Calls one_row(args, i) for all i below n.
+template <class Args, class OneRow>
+void on_rows(std::int64_t n, const Args& args, OneRow&& one_row) {
+  constexpr std::int64_t kGrain = 1024;
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) one_row(args, i);
+  });
+}
+
+/// No temporary tensors, as in add_view().
+void add_absolute_gradients(const DensityStep& step, torch::Tensor& sum) {
+  const torch::Tensor& gradients = step.view.means2d_abs_grad;
+  B3DGS_CHECK(gradients.defined() && gradients.size(0) == sum.size(0), "no absolute gradients of the view");
+  AbsoluteGradArgs args;
+  args.n_gaussians = sum.size(0);
+  args.means2d_abs_grad = gradients.data_ptr<float>();
+  args.half_width = 0.5f * static_cast<float>(step.width);
+  args.half_height = 0.5f * static_cast<float>(step.height);
+  args.sum = sum.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (sum.is_cuda()) return cuda::add_absolute_gradients(args, torch_launch_context().stream);
+#endif
+  on_rows(args.n_gaussians, args, add_absolute_gradient);
+}
+
+/// A value for each of `rows`; those with the largest are the sample.
+torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
+  torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
+  const ParentKeyArgs args{rows.size(0), rows.data_ptr<std::int64_t>(), scores.data_ptr<float>(), key,
+                           keys.data_ptr<float>()};
+#if B3DGS_TORCH_CUDA
+  if (keys.is_cuda()) {
+    cuda::draw_parent_keys(args, torch_launch_context().stream);
+    return keys;
+  }
+#endif
+  on_rows(args.n_rows, args, draw_parent_key);
+  return keys;
+}
+
+/// Sets the edit's new rows to the parts of `parents`.
+void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, SplitRule rule, const RandomKey& key,
+               RowEdit& edit) {
+  const std::int64_t n = parents.size(0);
+  edit.new_means = torch::empty({2 * n, 3}, gaussians.means.options());
+  edit.new_log_scales = torch::empty({2 * n, 3}, gaussians.means.options());
+  edit.new_logit_opacities = torch::empty({2 * n}, gaussians.means.options());
+  const PartArgs args{n,
+                      parents.data_ptr<std::int64_t>(),
+                      gaussians.means.data_ptr<float>(),
+                      gaussians.log_scales.data_ptr<float>(),
+                      gaussians.quats.data_ptr<float>(),
+                      gaussians.logit_opacities.data_ptr<float>(),
+                      rule,
+                      key,
+                      edit.new_means.data_ptr<float>(),
+                      edit.new_log_scales.data_ptr<float>(),
+                      edit.new_logit_opacities.data_ptr<float>()};
+#if B3DGS_TORCH_CUDA
+  if (parents.is_cuda()) return cuda::make_parts(args, torch_launch_context().stream);
+#endif
+  on_rows(2 * n, args, make_part);
+}
+
+SplitRule split_rule(const std::string& name) {
+  if (name == "cover") return SplitRule::kCover;
+  if (name == "moments") return SplitRule::kMoments;
+  B3DGS_CHECK(name == "samples", "unknown split: ", name);
+  return SplitRule::kSamples;
+}
+
+int last_growth_round(const TrainConfig& config) {
+  return (config.densify_until_iter - 1) / config.densification_interval * config.densification_interval;
+}
+
+/// t^p of budget_growth().
+double budget_progress(const TrainConfig& config, int iteration) {
+  const int first = config.densify_from_iter, last = last_growth_round(config);
+  if (iteration >= last) return 1;
+  if (iteration <= first) return 0;
+  return std::pow(static_cast<double>(iteration - first) / (last - first), config.budget_power);
+}
+
+/// The next multiple of `interval`, or the iteration itself.
+int next_multiple(int iteration, int interval) {
+  return (iteration + interval - 1) / interval * interval;
+}
+
+class BalancedStrategy final : public DensityStrategy {
+ public:
+  explicit BalancedStrategy(const TrainConfig& config)
+      : config_(config), draws_(config.parents == "draw"), rule_(split_rule(config.split)) {
+    B3DGS_CHECK(draws_ || config.parents == "top", "unknown choice of parents: ", config.parents);
+  }
+
+  DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const override {
+    DensityStatistics statistics = make_density_statistics(n_gaussians, device);
+    for (const char* name : kColumnNames) {
+      statistics.extra.push_back({name, torch::zeros_like(statistics.grad_norm_sum)});
+    }
+    return statistics;
+  }
+
+  DensityPlan plan(int iteration) const override { return balanced_plan(config_, iteration); }
+
+  void after_step(const DensityStep& step, GaussianTensors&, DensityStatistics& statistics) const override {
+    const DensityPlan now = plan(step.iteration);
+    if (now.absolute_gradients) {
+      add_view(step.view, step.width, step.height, statistics);
+      add_absolute_gradients(step, column(statistics, BalancedColumn::kAbsGradSum));
+    }
+    if (now.score) {
+      step.rasterizer->score(
+          step.error, {column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
+                       column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
+    }
+  }
+
+  DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
+                          std::int64_t max_gaussians) const override {
+    DensityRound round;
+    torch::Tensor stays = gaussians.logit_opacities >= logit(config_.prune_opacity);
+    if (is_weight_prune_round(config_, iteration)) {
+      const torch::Tensor has_views = column(statistics, BalancedColumn::kScoreViews) >= kPruneViews;
+      const torch::Tensor is_faint = column(statistics, BalancedColumn::kMaxWeight) < config_.prune_weight;
+      stays.logical_and_(has_views.logical_and_(is_faint).logical_not_());
+    }
+    const std::int64_t n = gaussians.size(), n_stay = stays.sum().item<std::int64_t>();
+    torch::Tensor parents = torch::empty({0}, stays.options().dtype(torch::kInt64));
+    if (is_growth_round(config_, iteration)) {
+      parents = choose_parents(statistics, stays, iteration, n_stay, max_gaussians, round.n_over_limit);
+    }
+    stays.index_fill_(0, parents, 0);
+    const torch::Tensor kept = rows_of(stays);
+    round.edit.sources = torch::cat({kept, parents, parents});
+    round.edit.n_kept = kept.size(0);
+    add_parts(gaussians, parents, rule_, {config_.seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)},
+              round.edit);
+    round.n_split = parents.size(0);
+    round.n_pruned = n - n_stay;
+    return round;
+  }
+
+  void end_round(int iteration, DensityStatistics& statistics) const override {
+    const bool keeps_weights = config_.prune_weight > 0 && !is_weight_prune_round(config_, iteration);
+    for (torch::Tensor* own : statistics.all()) {
+      const bool is_weight = own == &column(statistics, BalancedColumn::kMaxWeight) ||
+                             own == &column(statistics, BalancedColumn::kScoreViews);
+      if (!is_weight || !keeps_weights) own->zero_();
+    }
+  }
+
+  void lower_opacities(int, GaussianTensors& gaussians, AdamState&) const override {
+    gaussians.logit_opacities.copy_(torch::logit(torch::sigmoid(gaussians.logit_opacities) * config_.opacity_decay));
+  }
+
+  bool is_recovering(int) const override { return false; }
+
+ private:
+  /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)
+  /// allows beside the `n_stay` rows that stay.
+  torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
+                               std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
+    const torch::Tensor& scores = column(statistics, BalancedColumn::kErrorSum);
+    const torch::Tensor limits = statistics.view_count * config_.abs_grad_threshold;
+    const torch::Tensor grows = (column(statistics, BalancedColumn::kAbsGradSum) >= limits)
+                                    .logical_and_(statistics.view_count > 0)
+                                    .logical_and_(scores > 0)
+                                    .logical_and_(stays);
+    const torch::Tensor rows = rows_of(grows);
+    std::int64_t n_wanted = rows.size(0);
+    if (config_.max_gaussians > 0) {
+      n_wanted = std::min(n_wanted, budget_growth(config_, iteration, n_stay, config_.max_gaussians));
+    }
+    std::int64_t n_parents = n_wanted;
+    if (max_gaussians > 0) n_parents = std::clamp<std::int64_t>(max_gaussians - n_stay, 0, n_wanted);
+    n_over_limit = n_wanted - n_parents;
+    const torch::Tensor keys =
+        draws_ ? draw_keys(rows, scores, {config_.seed, RandomStream::kParents, static_cast<std::uint32_t>(iteration)})
+               : scores.index_select(0, rows);
+    const torch::Tensor order = std::get<1>(torch::sort(keys, /*stable=*/true, /*dim=*/0, /*descending=*/true));
+    return std::get<0>(rows.index_select(0, order.slice(0, 0, n_parents)).sort());
+  }
+
+  const TrainConfig config_;
+  const bool draws_;
+  const SplitRule rule_;
+};
+
+}  // namespace
+
+std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double) {
+  return std::make_unique<BalancedStrategy>(config);
+}
+
+bool is_growth_round(const TrainConfig& config, int iteration) {
+  return iteration > config.densify_from_iter && iteration < config.densify_until_iter &&
+         iteration % config.densification_interval == 0;
+}
+
+bool is_weight_prune_round(const TrainConfig& config, int iteration) {
+  return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < config.prune_until_iter &&
+         iteration % config.prune_interval == 0;
+}
+
+DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
+  DensityPlan plan;
+  const bool grows = is_growth_round(config, iteration);
+  plan.densify = grows || is_weight_prune_round(config, iteration);
+  plan.lower_opacities = grows && config.opacity_decay < 1;
+  plan.absolute_gradients = iteration <= last_growth_round(config);
+  const int window_end = next_multiple(iteration, config.densification_interval);
+  plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
+               (is_growth_round(config, window_end) ||
+                is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
+  plan.after_step = plan.absolute_gradients || plan.score;
+  return plan;
+}
+
+std::int64_t budget_growth(const TrainConfig& config, int iteration, std::int64_t n, std::int64_t budget) {
+  if (n >= budget) return 0;
+  const double before = budget_progress(config, iteration - config.densification_interval);
+  const double share = before < 1 ? (budget_progress(config, iteration) - before) / (1 - before) : 1;
+  return std::llround(share * static_cast<double>(budget - n));
+}
+
+}  // namespace b3dgs

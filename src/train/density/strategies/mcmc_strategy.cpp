@@ -1,0 +1,212 @@
+#include "train/density/strategies/mcmc_strategy.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/math/opacity.h"
+#include "train/density/strategies/mcmc_math.h"
+#include "train/optimizer/lr_schedule.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/density/strategies/mcmc_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+/// Calls one(args, i) for all i in [0, n).
+template <class Args>
+void for_each_row(const Args& args, std::int64_t n, void (*one)(const Args& args, std::int64_t i)) {
+  constexpr std::int64_t kGrain = 1024;
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) one(args, i);
+  });
+}
+
+/// Rows where `mask` is true.
+torch::Tensor rows_of(const torch::Tensor& mask) {
+  return mask.nonzero().flatten();
+}
+
+/// [N] int64
+torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logit) {
+  torch::Tensor weights = torch::empty(logit_opacities.sizes(), logit_opacities.options().dtype(torch::kInt64));
+  DrawWeightArgs args;
+  args.n_rows = logit_opacities.size(0);
+  args.logit_opacities = logit_opacities.data_ptr<float>();
+  args.dead_logit = dead_logit;
+  args.out = weights.data_ptr<std::int64_t>();
+#if B3DGS_TORCH_CUDA
+  if (weights.is_cuda()) {
+    cuda::compute_draw_weights(args, torch_launch_context().stream);
+    return weights;
+  }
+#endif
+  for_each_row<DrawWeightArgs>(args, args.n_rows, [](const DrawWeightArgs& a, std::int64_t i) {
+    a.out[i] = draw_weight(a.logit_opacities[i], a.dead_logit);
+  });
+  return weights;
+}
+
+/// [n_draws] int64 rows, drawn in proportion to `weights` [N] with the random numbers from `first_number` on.
+torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, const RandomKey& key,
+                        std::int64_t first_number) {
+  const torch::Tensor sums = weights.cumsum(0);
+  torch::Tensor rows = torch::empty({n_draws}, weights.options());
+  DrawArgs args;
+  args.n_draws = n_draws;
+  args.n_rows = weights.size(0);
+  args.sums = sums.data_ptr<std::int64_t>();
+  args.key = key;
+  args.first_number = static_cast<std::uint64_t>(first_number);
+  args.out = rows.data_ptr<std::int64_t>();
+#if B3DGS_TORCH_CUDA
+  if (rows.is_cuda()) {
+    cuda::draw_rows(args, torch_launch_context().stream);
+    return rows;
+  }
+#endif
+  for_each_row<DrawArgs>(args, n_draws, [](const DrawArgs& a, std::int64_t i) { a.out[i] = draw_row(a, i); });
+  return rows;
+}
+
+/// [n] int32, how often each row was drawn.
+torch::Tensor count_rows(const torch::Tensor& drawn, std::int64_t n) {
+  const auto counts = drawn.options().dtype(torch::kInt32);
+  return torch::zeros({n}, counts).scatter_add_(0, drawn, torch::ones(drawn.sizes(), counts));
+}
+
+/// What copies differ in from the Gaussian that they are copied from.
+struct Copies {
+  torch::Tensor logit_opacities;  // [n]
+  torch::Tensor log_scales;       // [n, 3]
+};
+
+/// Copies of `rows` [n] of `from` [N], where n_drawn [N] int32 is the number of copies beside each Gaussian itself.
+Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor& n_drawn) {
+  B3DGS_CHECK(from.logit_opacities.is_contiguous() && from.log_scales.is_contiguous() && rows.is_contiguous(),
+              "copies need contiguous tensors");
+  Copies copies{torch::empty({rows.size(0)}, from.logit_opacities.options()),
+                torch::empty({rows.size(0), 3}, from.log_scales.options())};
+  ShareArgs args;
+  args.n_rows = rows.size(0);
+  args.rows = rows.data_ptr<std::int64_t>();
+  args.n_drawn = n_drawn.data_ptr<std::int32_t>();
+  args.logit_opacities = from.logit_opacities.data_ptr<float>();
+  args.log_scales = from.log_scales.data_ptr<float>();
+  args.out_logit_opacities = copies.logit_opacities.data_ptr<float>();
+  args.out_log_scales = copies.log_scales.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (rows.is_cuda()) {
+    cuda::share_rows(args, torch_launch_context().stream);
+    return copies;
+  }
+#endif
+  for_each_row<ShareArgs>(args, args.n_rows, [](const ShareArgs& a, std::int64_t i) { share_row(a, i); });
+  return copies;
+}
+
+class McmcStrategy final : public DensityStrategy {
+ public:
+  McmcStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
+
+  DensityPlan plan(int iteration) const override {
+    DensityPlan plan;
+    plan.after_step = config_.noise_lr > 0;
+    plan.densify = iteration > config_.densify_from_iter && iteration < config_.densify_until_iter &&
+                   iteration % config_.densification_interval == 0;
+    return plan;
+  }
+
+  void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics&) const override {
+    const double position_lr = adam_rates(config_, extent_, step.iteration)[0];
+    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, step.iteration);
+  }
+
+  DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics&, int iteration,
+                          std::int64_t max_gaussians) const override {
+    return plan_mcmc_round(gaussians, {config_.prune_opacity, config_.growth, max_gaussians}, config_.seed, iteration);
+  }
+
+  void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
+
+  bool is_recovering(int) const override { return false; }
+
+ private:
+  const TrainConfig config_;
+  const double extent_;
+};
+
+}  // namespace
+
+std::unique_ptr<DensityStrategy> make_mcmc_strategy(const TrainConfig& config, double extent) {
+  return std::make_unique<McmcStrategy>(config, extent);
+}
+
+DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& rule, std::int64_t seed, int iteration) {
+  const std::int64_t n = gaussians.size();
+  const RandomKey key{seed, RandomStream::kRelocation, static_cast<std::uint32_t>(iteration)};
+  DensityRound round;
+  torch::Tensor weights = draw_weights(gaussians.logit_opacities, logit(rule.prune_opacity));
+  const torch::Tensor dead = rows_of(weights == 0);
+  const std::int64_t n_dead = dead.size(0);
+  torch::Tensor sources = torch::arange(n, weights.options());
+  if (n_dead == n) {
+    round.edit.sources = sources;
+    round.edit.n_kept = n;
+    round.edit.new_means = torch::empty({0, 3}, gaussians.means.options());
+    round.edit.new_log_scales = torch::empty({0, 3}, gaussians.means.options());
+    return round;
+  }
+  // Each dead Gaussian becomes a copy.
+  const torch::Tensor replacements = draw_rows(weights, n_dead, key, 0);
+  sources.index_copy_(0, dead, replacements);
+  const torch::Tensor n_replacements = count_rows(replacements, n);
+  const Copies moved = share({gaussians.logit_opacities, gaussians.log_scales}, sources, n_replacements);
+
+  // Copies of the result are added.
+  const auto wanted = static_cast<std::int64_t>(rule.growth * static_cast<double>(n));
+  const std::int64_t room = rule.max_gaussians > 0 ? std::max<std::int64_t>(0, rule.max_gaussians - n) : wanted;
+  const std::int64_t n_added = std::min(wanted, room);
+  weights = draw_weights(moved.logit_opacities, -std::numeric_limits<float>::infinity());
+  const torch::Tensor parents = draw_rows(weights, n_added, key, n_dead);
+  weights = torch::Tensor();
+  const torch::Tensor n_children = count_rows(parents, n);
+
+  const torch::Tensor is_copied = (n_replacements.index_select(0, sources) > 0).logical_or_(n_children > 0);
+  const torch::Tensor kept = rows_of(is_copied.logical_not());
+  const torch::Tensor new_rows = torch::cat({rows_of(is_copied), parents});
+  const Copies copies = share(moved, new_rows, n_children);
+  const torch::Tensor new_sources = sources.index_select(0, new_rows);
+  round.edit.sources = torch::cat({kept, new_sources});
+  round.edit.n_kept = kept.size(0);
+  round.edit.new_means = gaussians.means.index_select(0, new_sources);
+  round.edit.new_log_scales = copies.log_scales;
+  round.edit.new_logit_opacities = copies.logit_opacities;
+  round.n_cloned = n_dead + n_added;
+  round.n_pruned = n_dead;
+  round.n_over_limit = wanted - n_added;
+  return round;
+}
+
+void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration) {
+  MeanNoiseArgs args;
+  args.n_gaussians = gaussians.size();
+  args.means = gaussians.means.data_ptr<float>();
+  args.log_scales = gaussians.log_scales.data_ptr<float>();
+  args.quats = gaussians.quats.data_ptr<float>();
+  args.logit_opacities = gaussians.logit_opacities.data_ptr<float>();
+  args.key = {seed, RandomStream::kMeanNoise, static_cast<std::uint32_t>(iteration)};
+  args.rate = rate;
+  args.log_bound = log_noise_bound(rate);
+#if B3DGS_TORCH_CUDA
+  if (gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_launch_context().stream);
+#endif
+  for_each_row<MeanNoiseArgs>(args, args.n_gaussians,
+                              [](const MeanNoiseArgs& a, std::int64_t i) { add_mean_noise(a, i); });
+}
+
+}  // namespace b3dgs

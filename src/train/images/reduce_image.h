@@ -1,0 +1,61 @@
+// A photograph at 1 / scale of its size, by the mean over scale x scale pixels (an area filter). The same whole-number
+// arithmetic on CPU and GPU, so both give the same bytes.
+#pragma once
+
+#include <cstdint>
+
+#include "core/vec.h"
+
+namespace b3dgs {
+
+/// All arrays are on one device and contiguous. A reduced row has width / scale pixels, a reduced column height /
+/// scale, both rounded down: what is left over at the right and at the bottom is not used.
+struct ReduceImageArgs {
+  std::int32_t width = 0, height = 0;     // px, of the full image
+  std::int32_t scale = 1;                 // at most 255
+  const std::uint8_t* rgb = nullptr;      // [H, W, 3]
+  const std::uint8_t* valid = nullptr;    // [H, W] 0 = pixel is ignored; null = all count
+  std::uint8_t* reduced = nullptr;        // [H / scale, W / scale, 3] out
+  std::uint8_t* reduced_valid = nullptr;  // [H / scale, W / scale] out, 0 or 1; null if `valid` is null
+
+  B3DGS_HD std::int32_t reduced_width() const { return width / scale; }
+  B3DGS_HD std::int32_t reduced_height() const { return height / scale; }
+};
+
+/// Valid pixels among those of reduced pixel (x, y).
+B3DGS_HD std::int32_t count_valid_in(const ReduceImageArgs& args, std::int32_t x, std::int32_t y) {
+  std::int32_t n = 0;
+  for (std::int32_t dy = 0; dy < args.scale; ++dy) {
+    const std::uint8_t* row = args.valid + (std::int64_t{y} * args.scale + dy) * args.width + x * args.scale;
+    for (std::int32_t dx = 0; dx < args.scale; ++dx) n += row[dx] != 0;
+  }
+  return n;
+}
+
+/// Whether a reduced pixel counts: at least half of its pixels do.
+B3DGS_HD bool is_reduced_valid(const ReduceImageArgs& args, std::int32_t n_valid) {
+  return 2 * n_valid >= args.scale * args.scale;
+}
+
+/// Writes reduced pixel (x, y): the mean of its valid pixels, rounded to the nearest whole number, halves up; 0 if none
+/// is valid.
+B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int32_t x, std::int32_t y) {
+  std::uint32_t sum[3] = {0, 0, 0}, n = 0;
+  for (std::int32_t dy = 0; dy < args.scale; ++dy) {
+    const std::int64_t first = (std::int64_t{y} * args.scale + dy) * args.width + x * args.scale;
+    for (std::int64_t p = first; p < first + args.scale; ++p) {
+      if (args.valid != nullptr && args.valid[p] == 0) continue;
+      for (int c = 0; c < 3; ++c) sum[c] += args.rgb[3 * p + c];
+      ++n;
+    }
+  }
+  const std::int64_t out = std::int64_t{y} * args.reduced_width() + x;
+  for (int c = 0; c < 3; ++c) {
+    args.reduced[3 * out + c] = static_cast<std::uint8_t>(n == 0 ? 0 : (sum[c] + n / 2) / n);
+  }
+  if (args.reduced_valid != nullptr) {
+    args.reduced_valid[out] = is_reduced_valid(args, static_cast<std::int32_t>(n)) ? 1 : 0;
+  }
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,182 @@
+// Scores and absolute gradients compared with the double-precision reference.
+#include <gtest/gtest.h>
+
+#include "core/check.h"
+#include "support/expect_error.h"
+#include "support/raster/score_check.h"
+
+namespace b3dgs::test {
+namespace {
+
+bool is_equal(const GaussianScores& a, const GaussianScores& b) {
+  return torch::equal(a.error_sum, b.error_sum) && torch::equal(a.weight_sum, b.weight_sum) &&
+         torch::equal(a.max_weight, b.max_weight) && torch::equal(a.n_views, b.n_views);
+}
+
+class ScoreTest : public testing::TestWithParam<TestSceneRow> {};
+
+TEST_P(ScoreTest, AgreesWithTheDenseReference) {
+  const TestScene scene = GetParam().build();
+  for (const Binning& binning : kBinnings) {
+    SCOPED_TRACE(binning.name);
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    const torch::NoGradGuard no_grad;
+    const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
+    CpuView view(scene, settings);
+    expect_same_scores(view, scene, reference);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, ScoreTest, testing::ValuesIn(test_scenes()),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+GaussianScores scores_of(const TestScene& scene, const RenderSettings& settings, const torch::Tensor& error) {
+  const GaussianScores scores = make_scores(scene.gaussians.size());
+  CpuView(scene, settings).score(error, scores);
+  return scores;
+}
+
+torch::Tensor error_of(const TestScene& scene) {
+  return uneven_error(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+}
+
+TEST(Score, IsTheSameForAnyKernelAndNumberOfThreads) {
+  const TestScene scene = large_cloud();
+  RenderSettings settings = settings_of(scene);
+  const GaussianScores expected = scores_of(scene, settings, error_of(scene));
+  EXPECT_GT(expected.error_sum.sum().item<double>(), 100);
+  for (const int threads : {1, 3}) {
+    const ScopedThreadCount scoped(threads);
+    EXPECT_TRUE(is_equal(scores_of(scene, settings, error_of(scene)), expected)) << threads << " threads";
+  }
+  for (const ForwardKernelName& kernel : kForwardKernels) {
+    settings.kernel = kernel.kernel;
+    EXPECT_TRUE(is_equal(scores_of(scene, settings, error_of(scene)), expected)) << kernel.name;
+  }
+}
+
+TEST(Score, AddsToWhatIsThere) {
+  const TestScene scene = anisotropic_cloud();
+  CpuView view(scene, settings_of(scene));
+  const GaussianScores once = make_scores(scene.gaussians.size()), twice = make_scores(scene.gaussians.size());
+  view.score(error_of(scene), once);
+  view.score(error_of(scene), twice);
+  view.score(error_of(scene), twice);
+  EXPECT_TRUE(torch::equal(twice.error_sum, 2 * once.error_sum));
+  EXPECT_TRUE(torch::equal(twice.weight_sum, 2 * once.weight_sum));
+  EXPECT_TRUE(torch::equal(twice.max_weight, once.max_weight)) << "a maximum";
+  EXPECT_TRUE(torch::equal(twice.n_views, 2 * once.n_views));
+}
+
+TEST(Score, LimitsErrors) {
+  const TestScene scene = anisotropic_cloud();
+  const RenderSettings settings = settings_of(scene);
+  const auto with = [&](float error) {
+    return scores_of(scene, settings, torch::full({scene.view.height, scene.view.width}, error));
+  };
+  const GaussianScores one = with(1);
+  EXPECT_TRUE(torch::equal(one.error_sum, one.weight_sum));
+  EXPECT_TRUE(is_equal(with(1e9f), one));
+  EXPECT_TRUE(is_equal(with(-3), with(0)));
+  EXPECT_TRUE(is_equal(with(NAN), with(0)));
+  EXPECT_EQ(with(0).error_sum.abs().max().item<float>(), 0);
+}
+
+TEST(Score, LeavesRoomForAnotherBackwardPass) {
+  const TestScene scene = anisotropic_cloud();
+  const RenderedViewGrad grad =
+      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  CpuView view(scene, settings_of(scene));
+  const DenseGradients before = view.backward(grad);
+  view.score(error_of(scene), make_scores(scene.gaussians.size()));
+  EXPECT_TRUE(torch::equal(view.backward(grad).parameters.means, before.parameters.means));
+}
+
+TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
+  const TestScene scene = odd_image_size();
+  const std::int64_t n = scene.gaussians.size();
+  Rasterizer rasterizer(torch::kCPU);
+  const torch::Tensor error = error_of(scene);
+  EXPECT_TRUE(fails_with<LogicError>({"before any forward"}, [&] { rasterizer.score(error, make_scores(n)); }));
+  rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
+  const GaussianScores scores = make_scores(n);
+  rasterizer.score(error, scores);
+  EXPECT_TRUE(is_equal(scores, scores_of(scene, settings_of(scene), error)));
+  EXPECT_TRUE(fails_with<LogicError>({"error is", "expected [H, W]"},
+                                     [&] { rasterizer.score(error.t().contiguous(), make_scores(n)); }));
+  const GaussianScores without{torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::Tensor()};
+  rasterizer.score(error, without);
+  EXPECT_TRUE(torch::equal(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
+  EXPECT_TRUE(
+      fails_with<LogicError>({"error_sum is", "expected [N]"}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
+}
+
+TEST(AbsoluteGradient, IsTheSumOfAbsoluteValuesOverPixels) {
+  for (const TestScene& scene : {smooth_scene(), negative_colors(), degree_below_maximum()}) {
+    RenderSettings settings = settings_of(scene);
+    settings.absolute_gradient = true;
+    const Reference reference(scene, settings);
+    const torch::Tensor expected = dense_absolute_gradients(reference);
+    CpuView view(scene, settings);
+    view.backward(reference.grad);
+    EXPECT_TRUE(within(view.absolute_gradients(), expected, 1e-4 * expected + 1e-5 * expected.max()));
+    EXPECT_TRUE(torch::all(expected >= reference.gradients.means2d.abs() * (1 - 1e-12)).item<bool>());
+    EXPECT_GT((expected.sum() / reference.gradients.means2d.abs().sum()).item<double>(), 1.5) << "nothing cancels";
+  }
+}
+
+TEST(AbsoluteGradient, ChangesNoOtherGradient) {
+  const TestScene scene = saturated_pixels();
+  RenderSettings settings = settings_of(scene);
+  const RenderedViewGrad grad =
+      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  CpuView plain(scene, settings);
+  settings.absolute_gradient = true;
+  CpuView both(scene, settings);
+  const DenseGradients expected = plain.backward(grad), found = both.backward(grad);
+  for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
+    EXPECT_TRUE(torch::equal(*found.parameters.all()[i], *expected.parameters.all()[i])) << GaussianTensors::kNames[i];
+  }
+  EXPECT_TRUE(torch::equal(found.means2d, expected.means2d));
+  const ScopedThreadCount scoped(3);
+  CpuView again(scene, settings);
+  again.backward(grad);
+  EXPECT_TRUE(torch::equal(again.absolute_gradients(), both.absolute_gradients()));
+}
+
+TEST(AbsoluteGradient, OfTheTorchLayerIsThereIfAskedFor) {
+  const TestScene scene = anisotropic_cloud();
+  const RenderedViewGrad grad =
+      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  RenderSettings settings = settings_of(scene);
+  Rasterizer rasterizer(torch::kCPU);
+  GaussianTensors grads;
+  rasterizer.forward(scene.gaussians, scene.view, settings);
+  EXPECT_FALSE(rasterizer.backward(scene.gaussians, grad, grads).means2d_abs_grad.defined());
+  settings.absolute_gradient = true;
+  rasterizer.forward(scene.gaussians, scene.view, settings);
+  const ViewStatistics statistics = rasterizer.backward(scene.gaussians, grad, grads);
+  CpuView view(scene, settings);
+  view.backward(grad);
+  EXPECT_TRUE(torch::equal(statistics.means2d_abs_grad, view.absolute_gradients()));
+  EXPECT_EQ(statistics.means2d_abs_grad.masked_select((statistics.radii == 0).unsqueeze(1)).count_nonzero().item<int>(),
+            0);
+}
+
+TEST(AbsoluteGradient, WithoutABackwardPassIsAnError) {
+  const TestScene scene = one_splat();
+  RenderSettings settings = settings_of(scene);
+  const RenderedViewGrad grad =
+      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  CpuView plain(scene, settings);
+  plain.backward(grad);
+  EXPECT_TRUE(fails_with<LogicError>({"absolute_gradient"}, [&] { plain.absolute_gradients(); }));
+  settings.absolute_gradient = true;
+  const CpuView before(scene, settings);
+  EXPECT_TRUE(fails_with<LogicError>({"absolute_gradient"}, [&] { before.absolute_gradients(); }));
+}
+
+}  // namespace
+}  // namespace b3dgs::test

@@ -1,0 +1,435 @@
+// Strategy balanced: its parts against plain formulas, and whole trainings.
+
+#include "train/density/strategies/balanced_strategy.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/parallel.h"
+#include "core/random.h"
+#include "raster/math/covariance.h"
+#include "support/approx.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/loss/error_image.h"
+
+namespace b3dgs {
+namespace {
+
+using Rows = std::vector<std::int64_t>;
+
+TrainConfig balanced_config() {
+  TrainConfig config;
+  config.strategy = "balanced";
+  config.abs_grad_threshold = 1;
+  config.max_gaussians = 1000;
+  return config;
+}
+
+struct Model {
+  GaussianTensors gaussians;
+  DensityStatistics statistics;
+};
+
+/// Uneven Gaussians with opacity 0.5, all candidates with score 1, never scored for their weight.
+Model make_model(std::int64_t n) {
+  const torch::Tensor wave = torch::sin(torch::arange(12 * n, torch::kFloat32) * 1.3f);
+  Model model;
+  GaussianTensors& g = model.gaussians;
+  g.means = wave.slice(0, 0, 3 * n).view({n, 3}).clone() * 5;
+  g.log_scales = wave.slice(0, 3 * n, 6 * n).view({n, 3}).clone();
+  g.quats = wave.slice(0, 6 * n, 10 * n).view({n, 4}).clone() + 0.1f;
+  g.logit_opacities = torch::zeros({n});
+  g.sh0 = torch::zeros({n, 1, 3});
+  g.shN = torch::zeros({n, 0, 3});
+  model.statistics = make_balanced_strategy(balanced_config(), 1)->make_statistics(n, torch::kCPU);
+  model.statistics.view_count.fill_(2);
+  model.statistics.extra[0].values.fill_(3);  // mean 1.5
+  model.statistics.extra[1].values.fill_(1);
+  return model;
+}
+
+torch::Tensor& column(Model& model, BalancedColumn which) {
+  return model.statistics.extra.at(static_cast<std::size_t>(which)).values;
+}
+
+DensityRound plan_round(const TrainConfig& config, const Model& model, int iteration, std::int64_t limit = 0) {
+  return make_balanced_strategy(config, 1)->plan_round(model.gaussians, model.statistics, iteration, limit);
+}
+
+Rows to_rows(const torch::Tensor& tensor) {
+  const torch::Tensor rows = tensor.contiguous();
+  return {rows.data_ptr<std::int64_t>(), rows.data_ptr<std::int64_t>() + rows.numel()};
+}
+
+/// The rows that a round splits; checks the structure of its edit.
+Rows parents_of(const DensityRound& round) {
+  const Rows sources = to_rows(round.edit.sources);
+  const auto kept = sources.begin() + round.edit.n_kept;
+  const auto n = static_cast<std::ptrdiff_t>(round.n_split);
+  EXPECT_EQ(sources.end() - kept, 2 * n);
+  const Rows first(kept, kept + n), second(kept + n, sources.end());
+  EXPECT_EQ(first, second) << "all first parts, then all second ones";
+  EXPECT_TRUE(std::is_sorted(first.begin(), first.end()));
+  for (const std::int64_t row : first) EXPECT_FALSE(std::binary_search(sources.begin(), kept, row)) << row << " stays";
+  EXPECT_EQ(round.edit.new_means.sizes(), (std::vector<std::int64_t>{2 * n, 3}));
+  EXPECT_EQ(round.edit.new_logit_opacities.numel(), 2 * n);
+  return first;
+}
+
+constexpr int kLastRound = 14900;  // closes the whole distance to the budget
+
+TEST(BalancedStrategy, DrawsParentsInProportionToTheirScores) {
+  const std::int64_t n = 400, n_drawn = 60;
+  Model model = make_model(n);
+  torch::Tensor& scores = column(model, BalancedColumn::kErrorSum);
+  scores.copy_(torch::arange(n).remainder(7) * torch::arange(n).remainder(5));  // some 0: never drawn
+  column(model, BalancedColumn::kAbsGradSum).slice(0, 100, 120).fill_(1.9f);    // mean below the threshold
+  model.statistics.view_count.slice(0, 200, 210).fill_(0);
+  model.gaussians.logit_opacities.slice(0, 300, 310).fill_(-6);  // pruned
+  TrainConfig config = balanced_config();
+  config.max_gaussians = n - 10 + n_drawn;
+  config.seed = 5;
+  const Rows found = parents_of(plan_round(config, model, kLastRound));
+
+  // The reference: keys ln(u) / score in double; the largest win.
+  std::vector<std::pair<double, std::int64_t>> keys;
+  for (std::int64_t i = 0; i < n; ++i) {
+    const bool is_out = (i >= 100 && i < 120) || (i >= 200 && i < 210) || (i >= 300 && i < 310);
+    const double score = scores[i].item<double>();
+    if (is_out || score == 0) continue;
+    const auto bits = random_bits({5, RandomStream::kParents, kLastRound}, static_cast<std::uint64_t>(i))[0];
+    keys.emplace_back(-std::log((bits + 0.5) / 4294967296.0) / score, i);
+  }
+  std::sort(keys.begin(), keys.end());
+  Rows expected;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(n_drawn); ++k) expected.push_back(keys[k].second);
+  std::sort(expected.begin(), expected.end());
+  EXPECT_EQ(found, expected);
+
+  config.parents = "top";
+  const std::vector<float> worth(scores.data_ptr<float>(), scores.data_ptr<float>() + n);
+  const Rows top = parents_of(plan_round(config, model, kLastRound));
+  std::stable_sort(keys.begin(), keys.end(), [&](const auto& a, const auto& b) { return a.second < b.second; });
+  std::stable_sort(keys.begin(), keys.end(), [&](const auto& a, const auto& b) {
+    return worth[static_cast<std::size_t>(a.second)] > worth[static_cast<std::size_t>(b.second)];
+  });
+  expected.clear();
+  for (std::size_t k = 0; k < static_cast<std::size_t>(n_drawn); ++k) expected.push_back(keys[k].second);
+  std::sort(expected.begin(), expected.end());
+  EXPECT_EQ(top, expected) << "of equal scores the first rows";
+}
+
+TEST(BalancedStrategy, DrawsAsOftenAsTheScoresSay) {
+  // Two of three rows, with scores 1, 1 and 8: the last is left out with probability 2 x 1/10 x 1/9.
+  Model model = make_model(3);
+  column(model, BalancedColumn::kErrorSum).copy_(torch::tensor({1.0f, 1.0f, 8.0f}));
+  TrainConfig config = balanced_config();
+  config.max_gaussians = 5;
+  int n_without = 0;
+  constexpr int kDraws = 2000;
+  for (config.seed = 0; config.seed < kDraws; ++config.seed) {
+    const Rows rows = parents_of(plan_round(config, model, kLastRound));
+    ASSERT_EQ(rows.size(), 2u);
+    n_without += rows == Rows{0, 1};
+  }
+  EXPECT_NEAR(n_without, kDraws * 2.0 / 90, 5 * std::sqrt(kDraws * 2.0 / 90));
+}
+
+TEST(BalancedStrategy, SplitsAlongTheLongestAxis) {
+  const std::int64_t n = 20;
+  const Model model = make_model(n);
+  for (const std::string rule : {"cover", "moments"}) {
+    SCOPED_TRACE(rule);
+    TrainConfig config = balanced_config();
+    config.split = rule;
+    const DensityRound round = plan_round(config, model, kLastRound);
+    ASSERT_EQ(parents_of(round).size(), static_cast<std::size_t>(n));
+    const double distance = rule == "cover" ? 1.35 : 0.8, longest = rule == "cover" ? 0.55 : 0.6,
+                 others = rule == "cover" ? 0.893 : 1, opacity = rule == "cover" ? 0.6 : 0.5 / 0.6;
+    for (std::int64_t i = 0; i < n; ++i) {
+      const auto axis = model.gaussians.log_scales[i].argmax().item<std::int64_t>();
+      // The axis' direction: a unit vector turned by the quaternion, v + 2 u x (u x v + w v).
+      torch::Tensor q = model.gaussians.quats[i].to(torch::kFloat64);
+      q = q / q.norm();
+      const torch::Tensor u = q.slice(0, 1), v = torch::eye(3, torch::kFloat64)[axis];
+      const torch::Tensor direction = v + 2 * torch::linalg_cross(u, torch::linalg_cross(u, v) + q[0] * v);
+      const double sigma = std::exp(model.gaussians.log_scales[i][axis].item<double>());
+      for (const int side : {0, 1}) {
+        const std::int64_t part = side * n + i;
+        const torch::Tensor moved = round.edit.new_means[part].to(torch::kFloat64) - model.gaussians.means[i];
+        EXPECT_TRUE(test::within(moved, (side == 0 ? 1 : -1) * distance * sigma * direction, 2e-6));
+        torch::Tensor factors = torch::full({3}, others, torch::kFloat64);
+        factors[axis] = longest;
+        const torch::Tensor scaled =
+            round.edit.new_log_scales[part].to(torch::kFloat64) - model.gaussians.log_scales[i];
+        EXPECT_TRUE(test::within(scaled.exp(), factors, 1e-6));
+        EXPECT_NEAR(1 / (1 + std::exp(-round.edit.new_logit_opacities[part].item<double>())), 0.5 * opacity, 1e-6);
+      }
+      // Variance of the mixture along the axis, in that of the parent.
+      if (rule == "moments") {
+        EXPECT_NEAR(distance * distance + longest * longest, 1, 1e-12);
+      }
+    }
+  }
+}
+
+TEST(BalancedStrategy, SplitsIntoSamplesOfTheParentIfAsked) {
+  const std::int64_t n = 3000;
+  Model model = make_model(n);
+  for (torch::Tensor* group : {&model.gaussians.means, &model.gaussians.log_scales, &model.gaussians.quats}) {
+    group->copy_(group->slice(0, 7, 8).expand_as(*group).clone());  // all alike
+  }
+  TrainConfig config = balanced_config();
+  config.split = "samples";
+  config.max_gaussians = 2 * n;
+  const DensityRound round = plan_round(config, model, kLastRound);
+  const torch::Tensor offsets = round.edit.new_means.to(torch::kFloat64) - model.gaussians.means[0];
+  const torch::Tensor found = torch::mm(offsets.t(), offsets) / static_cast<double>(offsets.size(0));
+  const Shape<double> shape = make_shape<double>(
+      {model.gaussians.log_scales[0][0].item<double>(), model.gaussians.log_scales[0][1].item<double>(),
+       model.gaussians.log_scales[0][2].item<double>()},
+      {model.gaussians.quats[0][0].item<double>(), model.gaussians.quats[0][1].item<double>(),
+       model.gaussians.quats[0][2].item<double>(), model.gaussians.quats[0][3].item<double>()});
+  torch::Tensor factor = torch::empty({3, 3}, torch::kFloat64);
+  for (int row = 0; row < 3; ++row) {
+    for (int axis = 0; axis < 3; ++axis) factor[row][axis] = shape.factor(row, axis);
+  }
+  const torch::Tensor expected = torch::mm(factor, factor.t());
+  EXPECT_LE((found - expected).norm().item<double>(), 0.08 * expected.norm().item<double>());
+  EXPECT_TRUE(
+      test::within(round.edit.new_log_scales, (model.gaussians.log_scales - std::log(1.6)).repeat({2, 1}), 1e-6));
+  EXPECT_TRUE(torch::equal(round.edit.new_logit_opacities, model.gaussians.logit_opacities.repeat({2})));
+}
+
+TEST(BalancedStrategy, GrowsAlongTheCurveToTheBudget) {
+  TrainConfig config;
+  for (const double power : {0.5, 1.0, 2.0}) {
+    config.budget_power = power;
+    constexpr std::int64_t kStart = 10000, kBudget = 150000;
+    std::int64_t n = kStart;
+    for (int iteration = 600; iteration <= kLastRound; iteration += 100) {
+      ASSERT_TRUE(is_growth_round(config, iteration));
+      n += budget_growth(config, iteration, n, kBudget);
+      const double t = (iteration - 500) / 14400.0;
+      EXPECT_NEAR(static_cast<double>(n), kStart + (kBudget - kStart) * std::pow(t, power), 100) << iteration;
+    }
+    EXPECT_EQ(n, kBudget);
+  }
+  EXPECT_EQ(budget_growth(config, 600, 100, 100), 0);
+  EXPECT_EQ(budget_growth(config, 600, 200, 100), 0) << "more than the budget: none is added";
+  EXPECT_FALSE(is_growth_round(config, 500));
+  EXPECT_FALSE(is_growth_round(config, 650));
+  EXPECT_FALSE(is_growth_round(config, 15000));
+}
+
+TEST(BalancedStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
+  const Model model = make_model(10);
+  TrainConfig config = balanced_config();
+  config.max_gaussians = 18;
+  EXPECT_EQ(parents_of(plan_round(config, model, kLastRound)).size(), 8u);
+  const DensityRound short_of_memory = plan_round(config, model, kLastRound, /*limit=*/13);
+  EXPECT_EQ(parents_of(short_of_memory).size(), 3u);
+  EXPECT_EQ(short_of_memory.n_over_limit, 5);
+  const DensityRound full = plan_round(config, model, kLastRound, /*limit=*/7);
+  EXPECT_EQ(to_rows(full.edit.sources).size(), 10u) << "there are more already: none is added, none removed";
+  EXPECT_EQ(full.n_over_limit, 8);
+  config.max_gaussians = 0;
+  EXPECT_EQ(parents_of(plan_round(config, model, 600)).size(), 10u) << "no budget: all candidates";
+}
+
+TEST(BalancedStrategy, ChangesNothingWithoutCandidates) {
+  Model model = make_model(6);
+  column(model, BalancedColumn::kErrorSum).zero_();
+  for (const int iteration : {kLastRound, 15000}) {
+    const DensityRound round = plan_round(balanced_config(), model, iteration);
+    EXPECT_EQ(to_rows(round.edit.sources), (Rows{0, 1, 2, 3, 4, 5}));
+    EXPECT_EQ(round.edit.n_kept, 6);
+    EXPECT_EQ(round.edit.new_means.sizes(), (std::vector<std::int64_t>{0, 3}));
+    EXPECT_EQ(round.n_pruned + round.n_split + round.n_over_limit, 0);
+  }
+  const DensityRound empty = plan_round(balanced_config(), make_model(0), kLastRound);
+  EXPECT_EQ(empty.edit.sources.numel(), 0);
+}
+
+TEST(BalancedStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
+  Model model = make_model(5);
+  column(model, BalancedColumn::kErrorSum).zero_();
+  model.gaussians.logit_opacities[0] = std::log(0.004f / 0.996f);
+  column(model, BalancedColumn::kScoreViews).copy_(torch::tensor({40.0f, 20.0f, 19.0f, 20.0f, 0.0f}));
+  column(model, BalancedColumn::kMaxWeight).copy_(torch::tensor({0.9f, 0.0099f, 0.0f, 0.0101f, 0.0f}));
+  TrainConfig config = balanced_config();
+  EXPECT_EQ(to_rows(plan_round(config, model, 600).edit.sources), (Rows{1, 2, 3, 4})) << "opacity, in any round";
+  const DensityRound round = plan_round(config, model, 3000);
+  EXPECT_EQ(to_rows(round.edit.sources), (Rows{2, 3, 4})) << "row 2 was seen by too few views, row 3 contributes";
+  EXPECT_EQ(round.n_pruned, 2);
+  EXPECT_EQ(to_rows(plan_round(config, model, 27000).edit.sources), (Rows{2, 3, 4})) << "after growth, too";
+  EXPECT_EQ(to_rows(plan_round(config, model, 30000).edit.sources), (Rows{1, 2, 3, 4}));
+  config.prune_weight = 0;
+  EXPECT_EQ(to_rows(plan_round(config, model, 3000).edit.sources), (Rows{1, 2, 3, 4}));
+}
+
+TEST(BalancedStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
+  TrainConfig config = balanced_config();
+  const auto sums_after = [&](int iteration) {
+    Model model = make_model(4);
+    for (torch::Tensor* own : model.statistics.all()) own->fill_(1);
+    make_balanced_strategy(config, 1)->end_round(iteration, model.statistics);
+    std::vector<double> sums;
+    for (const torch::Tensor* own : model.statistics.all()) sums.push_back(own->sum().item<double>());
+    return sums;
+  };
+  EXPECT_EQ(sums_after(600), (std::vector<double>{0, 0, 0, 0, 0, 4, 4}));
+  EXPECT_EQ(sums_after(3000), std::vector<double>(7, 0.0));
+  config.prune_weight = 0;
+  EXPECT_EQ(sums_after(600), std::vector<double>(7, 0.0));
+}
+
+TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
+  TrainConfig config = balanced_config();
+  std::vector<int> scored;
+  for (int i = 1; i <= 30000; ++i) {
+    const DensityPlan plan = balanced_plan(config, i);
+    if (plan.score) scored.push_back(i);
+    EXPECT_EQ(plan.absolute_gradients, i <= kLastRound);
+    EXPECT_EQ(plan.after_step, plan.score || plan.absolute_gradients);
+    EXPECT_EQ(plan.densify, (i > 500 && i < 15000 && i % 100 == 0) || (i > 500 && i < 28000 && i % 3000 == 0)) << i;
+    EXPECT_FALSE(plan.lower_opacities);
+  }
+  EXPECT_EQ(scored.front(), 591);
+  EXPECT_EQ(scored[9], 600);
+  EXPECT_EQ(scored[10], 691);
+  EXPECT_EQ(scored.back(), 27000);
+  EXPECT_EQ(scored.size(), 10u * 265);
+  config.prune_weight = 0;
+  config.opacity_decay = 0.9;
+  EXPECT_FALSE(balanced_plan(config, 15000).score);
+  EXPECT_TRUE(balanced_plan(config, kLastRound).lower_opacities);
+  EXPECT_FALSE(balanced_plan(config, 15000).lower_opacities);
+  config.score_views = 1000;
+  EXPECT_TRUE(balanced_plan(config, 501).score);
+}
+
+TEST(BalancedStrategy, LowersOpacitiesByTheFactor) {
+  Model model = make_model(3);
+  model.gaussians.logit_opacities.copy_(torch::tensor({-4.0f, 0.0f, 3.0f}));
+  AdamState adam = make_adam_state(model.gaussians);
+  TrainConfig config = balanced_config();
+  config.opacity_decay = 0.9;
+  const torch::Tensor before = torch::sigmoid(model.gaussians.logit_opacities);
+  make_balanced_strategy(config, 1)->lower_opacities(600, model.gaussians, adam);
+  EXPECT_TRUE(test::within(torch::sigmoid(model.gaussians.logit_opacities), 0.9 * before, 1e-6));
+}
+
+TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
+  const Scene scene = test::make_tiny_scene();
+  const GaussianTensors gaussians = [] {
+    Model model = make_model(30);
+    model.gaussians.means *= 0.1f;
+    model.gaussians.log_scales -= 2.5f;
+    return model.gaussians;
+  }();
+  Rasterizer rasterizer(torch::kCPU);
+  RenderSettings settings;
+  settings.absolute_gradient = true;
+  const Camera& camera = scene.train[0].camera;
+  const RenderedView view = rasterizer.forward(gaussians, to_pinhole_view(camera), settings);
+  const torch::Tensor grad = torch::sin(torch::arange(view.color.numel(), torch::kFloat32)).view(view.color.sizes());
+  GaussianTensors grads;
+  const ViewStatistics statistics = rasterizer.backward(gaussians, {grad, {}, {}}, grads);
+  const torch::Tensor error = torch::rand({camera.height, camera.width}), none;
+
+  TrainConfig config = balanced_config();
+  const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
+  DensityStatistics sums = strategy->make_statistics(gaussians.size(), torch::kCPU);
+  GaussianTensors model = gaussians;
+  const auto take_step = [&](int iteration) {
+    strategy->after_step(
+        {iteration, statistics, camera.width, camera.height, view.color, none, none, error, &rasterizer}, model, sums);
+  };
+  take_step(650);  // not scored
+  EXPECT_EQ(sums.extra[1].values.abs().max().item<float>(), 0);
+  take_step(700);
+  const torch::Tensor half = torch::tensor({0.5 * camera.width, 0.5 * camera.height});
+  EXPECT_TRUE(test::within(sums.extra[0].values, 2 * (statistics.means2d_abs_grad * half).norm(2, 1), 1e-3));
+  EXPECT_TRUE(torch::equal(sums.view_count, 2 * (statistics.radii > 0).to(torch::kInt32)));
+  GaussianScores expected{torch::zeros({30}), torch::zeros({30}), torch::zeros({30}), {}};
+  rasterizer.score(error, expected);
+  EXPECT_TRUE(torch::equal(sums.extra[1].values, expected.error_sum));
+  EXPECT_TRUE(torch::equal(sums.extra[2].values, expected.max_weight));
+  EXPECT_TRUE(torch::equal(sums.extra[3].values, expected.n_views));
+  EXPECT_GT(expected.error_sum.max().item<float>(), 1);
+}
+
+TEST(ErrorImage, IsTheMeanDifferenceOverTheChannels) {
+  const torch::Tensor rendered = torch::tensor({0.5f, 0.0f, 1.0f, -3.0f, 0.2f, 0.2f, 0.1f, 0.1f, 0.1f}).view({1, 3, 3});
+  const torch::Tensor truth = torch::tensor({255, 51, 255, 255, 255, 255, 0, 0, 0}, torch::kUInt8).view({1, 3, 3});
+  ErrorImage image;
+  image.compute(rendered, truth, {}, 1);
+  EXPECT_TRUE(test::within(image.error(), torch::tensor({{0.7f / 3, 1.0f, 0.1f}}), 1e-6)) << "at most 1";
+  image.compute(rendered, truth, torch::tensor({{1, 1, 0}}, torch::kUInt8), 2);
+  EXPECT_TRUE(test::within(image.error(), torch::tensor({{0.49f / 9, 1.0f, 0.0f}}), 1e-6)) << "invalid: 0";
+}
+
+// Whole trainings.
+
+TEST(BalancedTraining, ResumedEqualsUninterruptedBitForBit) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_balanced_config();
+  ASSERT_TRUE(balanced_plan(config, 13).score && balanced_plan(config, 14).score);
+  const test::Trained whole = test::train(config, scene, temp / "whole");
+  EXPECT_EQ(whole.result.n_gaussians, 200);
+  for (const int stop : {9, 13, 14, 15, 20, 21}) {  // in a window of scored steps, at rounds, after the last one
+    const std::filesystem::path folder = temp / ("stop" + std::to_string(stop));
+    config.iterations = stop;
+    const test::Trained first = test::train(config, scene, folder);
+    config.iterations = 24;
+    const test::Trained second = test::train(config, scene, folder, first.result.checkpoint);
+    EXPECT_TRUE(second.ply == whole.ply) << "stopped at " << stop;
+    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "stopped at " << stop;
+  }
+}
+
+TEST(BalancedTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  for (const std::string parents : {"draw", "top"}) {
+    TrainConfig config = test::eventful_balanced_config();
+    config.parents = parents;
+    const test::Trained first = test::train(config, scene, temp / "a");
+    for (const int threads : {1, 3}) {
+      config.threads = threads;
+      EXPECT_TRUE(test::train(config, scene, temp / "b").ply == first.ply) << parents << ", " << threads << " threads";
+    }
+  }
+}
+
+TEST(BalancedTraining, LearnsASceneWithinItsBudget) {
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  options.n_views = 24;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config;
+  config.strategy = "balanced";
+  config.iterations = 800;
+  config.densify_from_iter = 100;
+  config.densify_until_iter = 600;
+  config.max_gaussians = 150;
+  config.test_iterations = {1};
+  std::int64_t most = 0;
+  TrainHooks hooks;
+  hooks.on_progress = [&](const TrainProgress& progress) { most = std::max(most, progress.n_gaussians); };
+  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  EXPECT_LE(most, 150);
+  EXPECT_GT(most, 120);
+  EXPECT_GT(result.evaluations.back().second.mean.psnr, 29);
+}
+
+}  // namespace
+}  // namespace b3dgs

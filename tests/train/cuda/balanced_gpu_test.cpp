@@ -1,0 +1,123 @@
+// Strategy balanced on the GPU.
+#include <gtest/gtest.h>
+
+#include "support/approx.h"
+#include "support/gpu_test.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/density/strategies/balanced_strategy.h"
+#include "train/loss/error_image.h"
+
+namespace b3dgs {
+namespace {
+
+using test::train;
+using test::Trained;
+
+TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(4);
+  constexpr std::int64_t kCount = 5000;
+  constexpr int kPruneRound = 3000;
+  const GaussianTensors host{torch::randn({kCount, 3}),  torch::randn({kCount, 3}) - 2, torch::randn({kCount, 4}),
+                             torch::randn({kCount}) * 3, torch::randn({kCount, 1, 3}),  torch::randn({kCount, 3, 3})};
+  TrainConfig config;
+  config.strategy = "balanced";
+  config.max_gaussians = 9000;
+  config.abs_grad_threshold = 0.5;
+  for (const std::string parents : {"draw", "top"}) {
+    for (const std::string split : {"cover", "moments", "samples"}) {
+      SCOPED_TRACE(parents + ", " + split);
+      config.parents = parents;
+      config.split = split;
+      const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
+      DensityStatistics seen = strategy->make_statistics(kCount, torch::kCPU);
+      seen.view_count += 2;
+      for (DensityStatistics::Column& column : seen.extra) column.values = torch::rand({kCount}) * 2;
+      seen.extra[3].values *= 20;  // scored views
+      seen.extra[2].values *= 0.02;
+      GaussianTensors device;
+      for (std::size_t i = 0; i < host.all().size(); ++i) *device.all()[i] = host.all()[i]->to(torch::kCUDA);
+      DensityStatistics device_seen = strategy->make_statistics(kCount, torch::Device(torch::kCUDA, 0));
+      for (std::size_t i = 0; i < seen.all().size(); ++i) *device_seen.all()[i] = seen.all()[i]->to(torch::kCUDA);
+      const DensityRound expected = strategy->plan_round(host, seen, kPruneRound, 0),
+                         found = strategy->plan_round(device, device_seen, kPruneRound, 0);
+      EXPECT_GT(expected.n_split, 200);
+      EXPECT_GT(expected.n_pruned, 200);
+      // Keys may be rounded to the next float, which can change which of two nearly equal ones is drawn.
+      EXPECT_EQ(found.n_split, expected.n_split);
+      EXPECT_EQ(found.n_pruned, expected.n_pruned);
+      ASSERT_EQ(found.edit.n_kept, expected.edit.n_kept);
+      const torch::Tensor is_same = found.edit.sources.to(torch::kCPU) == expected.edit.sources;
+      EXPECT_GE(is_same.sum().item<std::int64_t>(), is_same.numel() * 9 / 10);
+      const torch::Tensor new_is_same = is_same.slice(0, found.edit.n_kept).to(torch::kFloat32);
+      const torch::Tensor means = found.edit.new_means.to(torch::kCPU);
+      const torch::Tensor allowed = 1e-6 * (1 + expected.edit.new_means.abs());
+      EXPECT_TRUE(
+          test::within(means * new_is_same.unsqueeze(1), expected.edit.new_means * new_is_same.unsqueeze(1), allowed));
+      EXPECT_TRUE(test::within(found.edit.new_log_scales.to(torch::kCPU) * new_is_same.unsqueeze(1),
+                               expected.edit.new_log_scales * new_is_same.unsqueeze(1), 1e-5));
+      EXPECT_TRUE(test::within(found.edit.new_logit_opacities.to(torch::kCPU) * new_is_same,
+                               expected.edit.new_logit_opacities * new_is_same, 1e-5));
+    }
+  }
+}
+
+TEST(BalancedOnGpu, ErrorImageIsThatOfTheCpu) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(5);
+  const torch::Tensor rendered = torch::randn({33, 47, 3}), truth = torch::randint(256, {33, 47, 3}, torch::kUInt8),
+                      valid = torch::randint(2, {33, 47}, torch::kUInt8);
+  for (const double power : {1.0, 2.0}) {
+    ErrorImage host, device;
+    host.compute(rendered, truth, valid, power);
+    device.compute(rendered.to(torch::kCUDA), truth.to(torch::kCUDA), valid.to(torch::kCUDA), power);
+    EXPECT_TRUE(test::within(device.error().to(torch::kCPU), host.error(), 1e-5));
+  }
+}
+
+TEST(BalancedOnGpu, GivesTheSameBytesTwiceAndAfterAResumeIfDeterministic) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_balanced_config();
+  config.device = "cuda";
+  config.deterministic = true;
+  const Trained whole = train(config, scene, temp / "a"), again = train(config, scene, temp / "b");
+  EXPECT_TRUE(whole.ply == again.ply);
+  EXPECT_TRUE(whole.checkpoint == again.checkpoint);
+  for (const int stop : {13, 15}) {  // in a window of scored steps, at a round
+    const std::filesystem::path folder = temp / std::to_string(stop);
+    TrainConfig part = config;
+    part.iterations = stop;
+    const std::filesystem::path checkpoint = train(part, scene, folder).result.checkpoint;
+    EXPECT_TRUE(train(config, scene, folder, checkpoint).ply == whole.ply) << "stopped at " << stop;
+  }
+}
+
+TEST(BalancedOnGpu, LearnsAsOnTheCpu) {
+  B3DGS_NEEDS_GPU();
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  options.n_views = 24;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config;
+  config.strategy = "balanced";
+  config.iterations = 400;
+  config.densify_from_iter = 100;
+  config.densify_until_iter = 350;
+  config.max_gaussians = 150;
+  const Trained cpu = train(config, scene, temp / "cpu");
+  for (const char* kernel : {"per-splat", "per-pixel"}) {
+    config.device = "cuda";
+    config.backward_kernel = kernel;
+    const Trained gpu = train(config, scene, temp / kernel);
+    EXPECT_NEAR(gpu.result.evaluations.back().second.mean.psnr, cpu.result.evaluations.back().second.mean.psnr, 0.5);
+    EXPECT_NEAR(static_cast<double>(gpu.result.n_gaussians), static_cast<double>(cpu.result.n_gaussians), 10);
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs

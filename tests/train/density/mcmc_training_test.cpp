@@ -1,0 +1,148 @@
+// Trainings with strategy mcmc, and with regularisation.
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "support/approx.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/trainer.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+using test::train;
+using test::Trained;
+
+/// Rounds at 10, 15 and 20, each of which moves some of the 120 Gaussians and adds a fifth, up to 160.
+TrainConfig mcmc_config() {
+  TrainConfig config = test::eventful_config();
+  config.strategy = "mcmc";
+  config.opacity_lr = 0.05;
+  config.opacity_reg = 0.01;
+  config.scale_reg = 0.01;
+  config.init_opacity = 0.5;
+  config.prune_opacity = 0.45;
+  config.growth = 0.2;
+  config.max_gaussians = 160;
+  return config;
+}
+
+torch::Tensor opacities_of(const fs::path& checkpoint, const Scene& scene) {
+  return torch::sigmoid(read_checkpoint(checkpoint, scene, torch::kCPU).state.gaussians.logit_opacities);
+}
+
+TEST(McmcTraining, GrowsToTheLimit) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  Trainer trainer(mcmc_config(), scene, ModelFolder(temp / "model"), {});
+  std::vector<std::int64_t> counts;
+  for (const int until : {9, 10, 14, 15, 19, 20}) {
+    trainer.run_until(until);
+    counts.push_back(trainer.n_gaussians());
+  }
+  EXPECT_EQ(counts, (std::vector<std::int64_t>{120, 144, 144, 160, 160, 160}));
+}
+
+TEST(McmcTraining, StartsAboveTheLimitWithoutGrowing) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = mcmc_config();
+  config.max_gaussians = 100;
+  EXPECT_EQ(train(config, scene, temp / "model").result.n_gaussians, 120);
+}
+
+TEST(McmcTraining, ResumedEqualsUninterruptedBitForBit) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = mcmc_config();
+  const Trained whole = train(config, scene, temp / "whole");
+  const auto n_dead = (opacities_of(whole.result.checkpoint, scene) <= config.prune_opacity).sum().item<int>();
+  EXPECT_GT(n_dead, 0) << "no round has anything to move";
+  for (const int stop : {3, 10, 14, 15, 19}) {
+    const fs::path folder = temp / ("stop" + std::to_string(stop));
+    config.iterations = stop;
+    const Trained first = train(config, scene, folder);
+    config.iterations = 20;
+    const Trained second = train(config, scene, folder, first.result.checkpoint);
+    EXPECT_TRUE(second.ply == whole.ply) << "stopped at " << stop;
+    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "stopped at " << stop;
+  }
+}
+
+TEST(McmcTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = mcmc_config();
+  config.threads = 1;
+  const Trained one = train(config, scene, temp / "one");
+  config.threads = 2;
+  EXPECT_TRUE(train(config, scene, temp / "two").ply == one.ply);
+  config.noise_lr = 0;
+  EXPECT_FALSE(train(config, scene, temp / "still").ply == one.ply) << "the noise changes nothing";
+}
+
+TEST(McmcTraining, CanTakeOverFromAnotherStrategyAndBack) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = mcmc_config();
+  config.strategy = "default";
+  config.iterations = 8;
+  const fs::path first = train(config, scene, temp / "model").result.checkpoint;
+  config.strategy = "mcmc";
+  config.iterations = 18;
+  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  EXPECT_EQ(trainer.resume(first),
+            (std::vector<std::string>{"iterations: 8 -> 18", "strategy: \"default\" -> \"mcmc\""}));
+  const fs::path second = trainer.run().checkpoint;
+  EXPECT_EQ(trainer.n_gaussians(), 160);
+  config.strategy = "default";
+  config.iterations = 19;
+  EXPECT_EQ(train(config, scene, temp / "model", second).result.iteration, 19);
+}
+
+TEST(McmcTraining, ReadsCheckpointsFromBeforeTheOption) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_config();
+  config.iterations = 6;
+  const fs::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
+  CheckpointFile file = read_checkpoint_file(checkpoint);
+  for (const char* key : {"strategy", "opacity_reg", "scale_reg", "init_opacity", "init_scale", "growth", "noise_lr"}) {
+    ASSERT_EQ(file.header["config"].erase(key), 1u) << key;
+  }
+  write_checkpoint_file(temp / "old.ckpt", file);
+  config.iterations = 12;
+  const Trained expected = train(config, scene, temp / "a", checkpoint);
+  EXPECT_TRUE(train(config, scene, temp / "b", temp / "old.ckpt").ply == expected.ply);
+}
+
+TEST(Regularization, MakesGaussiansMoreTransparentAndSmaller) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_config();
+  config.densify_from_iter = 1000;  // the count stays
+  const auto means_after = [&](const char* name) {
+    const fs::path checkpoint = train(config, scene, temp / name).result.checkpoint;
+    const GaussianTensors g = read_checkpoint(checkpoint, scene, torch::kCPU).state.gaussians;
+    return std::pair(torch::sigmoid(g.logit_opacities).mean().item<double>(), g.log_scales.exp().mean().item<double>());
+  };
+  const auto [opacity, scale] = means_after("none");
+  config.opacity_reg = 10;
+  const auto [low_opacity, same_scale] = means_after("opacity");
+  EXPECT_LT(low_opacity, 0.8 * opacity);
+  EXPECT_NEAR(same_scale, scale, 0.1 * scale);
+  config.opacity_reg = 0;
+  config.scale_reg = 10;
+  const auto [same_opacity, low_scale] = means_after("scale");
+  EXPECT_LT(low_scale, 0.95 * scale);
+  EXPECT_NEAR(same_opacity, opacity, 0.1 * opacity);
+}
+
+}  // namespace
+}  // namespace b3dgs
