@@ -148,6 +148,7 @@ LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, Sta
 RenderSettings image_settings(const LoadedModel& model) {
   RenderSettings settings = evaluation_settings(model.config, model.splats.sh_degree);
   settings.keep_for_backward = false;
+  settings.antialiasing = settings.antialiasing || model.splats.antialiased;
   return settings;
 }
 

@@ -145,21 +145,22 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
   std::vector<std::string> words;
   for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
   check_name(entry, name, parts);
+  GivenOptions all = given;
+  Configuration configuration{name, {}};
   try {
     CommandLine line("compare --configs " + name, "");
     line.add(TrainConfig{}, "Training");
     line.parse(words);
-    GivenOptions all = given;
     all.update(line.given());
-    Configuration configuration{name, resolve_options(all).config};
-    nlohmann::ordered_json shared = nlohmann::ordered_json::object();
-    const nlohmann::ordered_json base_values = config_to_json(base);
-    for (const char* const option : kShared) shared[option] = base_values.at(option);
-    config_from_json(configuration.config, shared, /*place=*/"");
-    return configuration;
+    configuration.config = resolve_options(all).config;
   } catch (const InputError& error) {
     input_error("--configs ", entry, ": ", error.what());
   }
+  nlohmann::ordered_json shared = nlohmann::ordered_json::object();
+  const nlohmann::ordered_json base_values = config_to_json(base);
+  for (const char* const option : kShared) shared[option] = base_values.at(option);
+  config_from_json(configuration.config, shared, /*place=*/"");
+  return configuration;
 }
 
 }  // namespace

@@ -41,6 +41,7 @@ struct TrainConfig {
   int sh_degree = 3;
   bool white_background = false;
   bool random_background = false;
+  bool antialiasing = false;
   double near_plane = 0.2;  // world units
 
   // Schedule
@@ -154,6 +155,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
+  field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
+        "filter Gaussians, for renders at other image sizes and distances than the photographs'");
   field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
 
   OneOf presets;

@@ -65,6 +65,10 @@ B3DGS_HD Real dot(Vec3<Real> a, Vec3<Real> b) {
 }
 
 template <class Real>
+B3DGS_HD Vec3<Real> cross(Vec3<Real> a, Vec3<Real> b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+template <class Real>
 B3DGS_HD Vec3<Real> operator*(const Mat3<Real>& a, Vec3<Real> v) {
   return {a.m[0] * v.x + a.m[1] * v.y + a.m[2] * v.z, a.m[3] * v.x + a.m[4] * v.y + a.m[5] * v.z,
           a.m[6] * v.x + a.m[7] * v.y + a.m[8] * v.z};

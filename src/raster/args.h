@@ -32,6 +32,9 @@ struct GaussianArrays {
   const float* logit_opacities = nullptr;  // [N]
   const float* sh0 = nullptr;              // [N, 3]
   const float* shN = nullptr;              // [N, K-1, 3]
+  // [N] world units, standard deviation of the 3D smoothing filter (antialiasing.h); used with antialiasing only. Null:
+  // no 3D filter.
+  const float* filters = nullptr;
 };
 
 /// Gradients of the loss with respect to the stored parameters. Every row is written; rows of Gaussians that the view
@@ -65,6 +68,7 @@ struct RenderSettings {
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
   bool deterministic = false;       // on CUDA: sum gradients in a fixed order; the CPU always does
+  bool antialiasing = false;        // see antialiasing.h
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
   bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
   bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
@@ -127,6 +131,7 @@ struct ProjectArgs {
   Splat* splats = nullptr;        // [N] out; the first M are written
   Vec2f* extents = nullptr;       // [N] out, the first M: half size of the box around alpha >= 1/255, px
   std::int32_t* radii = nullptr;  // [N] out: 3 standard deviations in px, rounded up; 0 if the Gaussian is not seen
+  bool antialiasing = false;
 };
 
 /// Binning: splats to a list per tile, nearest first; equal depths in the order of the Gaussians (CPU).
@@ -236,6 +241,7 @@ struct ProjectBackwardArgs {
   const std::int64_t* slot_offsets = nullptr;  // [M + 1]
   const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
   GaussianGradArrays grad{};
+  bool antialiasing = false;
 };
 
 }  // namespace b3dgs

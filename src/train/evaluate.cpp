@@ -25,6 +25,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.background = {background, background, background};
   settings.sh_degree = sh_degree;
   settings.near_plane = static_cast<float>(config.near_plane);
+  settings.antialiasing = config.antialiasing;
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
   settings.tile = tile_shape(config);
   settings.kernel = forward_kernel(name);

@@ -50,6 +50,11 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
+  if (config.antialiasing) {
+    std::vector<PinholeView> views;
+    for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
+    smoothing_filter.emplace(views, static_cast<float>(config.near_plane), device);
+  }
   hold_images(scene.test, this->hooks.on_loading);  // in the host memory that the training views have left
   if (images.size() == 0) input_error(scene.source_path, ": no training views");
 }
@@ -85,6 +90,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
                                       "); training continues with the current files"));
   }
   impl.state = std::move(read.state);
+  if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);

@@ -20,6 +20,7 @@
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
 #include "train/device.h"
+#include "train/gaussians/smoothing_filter.h"
 #include "train/images/image_store.h"
 #include "train/images/view_reducer.h"
 #include "train/loss/error_image.h"
@@ -70,11 +71,14 @@ struct Trainer::Impl {
   void flush() {
     if (state.gaussians.size() > 0) stepper.flush(state.gaussians, state.adam);
   }
-  /// The state without deferred updates.
+  /// The state without deferred updates, and with filters for anti-aliasing.
   TrainState& flushed_state() {
     flush();
+    update_filters(/*is_due=*/false);
     return state;
   }
+  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
+  void update_filters(bool is_due);
 
   // trainer_outputs.cpp
   void begin();
@@ -131,6 +135,7 @@ struct Trainer::Impl {
   const std::shared_ptr<MemorySource> memory;
   RowEditor row_editor;
   Rasterizer rasterizer;
+  std::optional<SmoothingFilter> smoothing_filter;  // with --antialiasing
   GaussianStepper stepper;
   ImageLoss loss;
   ErrorImage error_image;

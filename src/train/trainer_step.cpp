@@ -53,15 +53,24 @@ void Trainer::Impl::read_loss() {
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
 }
 
+void Trainer::Impl::update_filters(bool is_due) {
+  if (!smoothing_filter || state.gaussians.size() == 0) return;
+  if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
+}
+
 void Trainer::Impl::learn(const TrainView& view) {
+  // The filters follow the means, which move slowly.
+  constexpr int kFilterInterval = 100;
   const DensityPlan plan = density->plan(state.iteration);
   RenderedView rendered;
   try {
     RenderSettings settings = step_settings();
     settings.absolute_gradient = plan.absolute_gradients;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
-    rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
-                             [&] { return stepper.forward(state.gaussians, state.adam, view.camera, settings); });
+    rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
+      update_filters(state.iteration % kFilterInterval == 1);
+      return stepper.forward(state.gaussians, state.adam, view.camera, settings);
+    });
   } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {

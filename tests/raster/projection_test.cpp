@@ -153,7 +153,7 @@ struct Loss {
       q_p = {q_p.x + pixel.z * x, q_p.y + pixel.z * y};
       q_pp = {q_pp.xx + pixel.z * x * x, q_pp.xy + pixel.z * x * y, q_pp.yy + pixel.z * y * y};
     }
-    return project_backward(view, point, factor, p, q_p, q_pp, depth_weight);
+    return project_backward(view, point, factor, p, q_p, spread_grad(p, q_pp), depth_weight);
   }
 };
 

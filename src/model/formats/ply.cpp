@@ -16,6 +16,8 @@ namespace {
 
 constexpr std::int64_t kRowsPerBlock = 4096;
 constexpr int kMaxShDegree = 3;
+// By which viewers know that they have to apply the 2D filter of Mip-Splatting.
+constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 
 #if defined(__BYTE_ORDER__)
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
@@ -51,8 +53,11 @@ int memory_index(int index, int degree) {
   return (index % n_coefficients) * 3 + index / n_coefficients;
 }
 
-std::string header(std::int64_t count, const std::vector<std::pair<std::string, const char*>>& properties) {
-  std::string text = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) + "\n";
+std::string header(std::int64_t count, const std::vector<std::pair<std::string, const char*>>& properties,
+                   const std::string& comment = "") {
+  std::string text = "ply\nformat binary_little_endian 1.0\n";
+  if (!comment.empty()) text += "comment " + comment + "\n";
+  text += "element vertex " + std::to_string(count) + "\n";
   for (const auto& [name, type] : properties) text += std::string("property ") + type + " " + name + "\n";
   return text + "end_header\n";
 }
@@ -100,7 +105,7 @@ void check_splat_row(const PlyReader& reader, const std::vector<std::string>& co
 
 }  // namespace
 
-SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree)
+SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree, bool antialiased)
     : count_(count), sh_degree_(sh_degree), file_(path) {
   B3DGS_CHECK(sh_degree >= 0 && sh_degree <= kMaxShDegree, "SH degree ", sh_degree);
   std::vector<std::pair<std::string, const char*>> properties;
@@ -112,7 +117,7 @@ SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t c
       for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
     }
   });
-  file_.write(header(count, properties));
+  file_.write(header(count, properties, antialiased ? kAntialiasedComment : ""));
 }
 
 void SplatPlyWriter::append(const SplatCloud& rows) {
@@ -152,7 +157,7 @@ void SplatPlyWriter::commit() {
 }
 
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
-  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree);
+  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree, cloud.antialiased);
   file.append(cloud);
   file.commit();
 }
@@ -174,6 +179,8 @@ SplatCloud read_splat_ply(FileReader& file) {
   refuse_other_formats(reader);
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
+  const std::vector<std::string>& comments = reader.comments();
+  cloud.antialiased = std::find(comments.begin(), comments.end(), kAntialiasedComment) != comments.end();
   const std::uint64_t n = reader.vertices().count;
   std::vector<std::string> columns;
   visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {

@@ -12,15 +12,15 @@
 namespace b3dgs {
 
 /// Writes binary_little_endian float32 properties in the order x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*
-/// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. The file appears complete
-/// or not at all. @throws IoError
+/// (62 for SH degree 3). f_rest is channel-major, values are pre-activation, normals are 0. Of anti-aliased Gaussians
+/// the header says "comment SplatRenderMode: mip". The file appears complete or not at all. @throws IoError
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
 
 /// Writes the same file in blocks of rows, so that not all Gaussians have to be in host memory at once.
 class SplatPlyWriter {
  public:
   /// @throws IoError
-  SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree);
+  SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree, bool antialiased);
 
   /// Writes the next rows. @throws IoError
   void append(const SplatCloud& rows);

@@ -108,6 +108,16 @@ std::uint64_t list_length(double length, std::uint64_t most, const FileReader& f
   return static_cast<std::uint64_t>(length);
 }
 
+/// What follows the keyword, without the spaces around it.
+std::string comment_text(std::string_view line) {
+  constexpr std::size_t kKeyword = 7;  // characters of "comment"
+  constexpr const char* kSpaces = " \t\r";
+  const std::size_t keyword = line.find_first_not_of(kSpaces);
+  const std::size_t begin = line.find_first_not_of(kSpaces, std::min(line.size(), keyword + kKeyword));
+  if (begin == std::string_view::npos) return "";
+  return std::string(line.substr(begin, line.find_last_not_of(kSpaces) + 1 - begin));
+}
+
 }  // namespace
 
 const PlyProperty* PlyElement::find(const std::string& property) const {
@@ -157,7 +167,9 @@ void PlyReader::read_header() {
       if (elements_.empty())
         input_error(file_.place(), ": expected an element before the first property; the file is damaged");
       elements_.back().properties.push_back(parse_property(fields, file_.place()));
-    } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
+    } else if (keyword == "comment") {
+      comments_.push_back(comment_text(line));
+    } else if (keyword != "obj_info" && !keyword.empty()) {
       input_error(file_.place(), ": expected a PLY header line, found \"", keyword.substr(0, 40), "\"");
     }
   }

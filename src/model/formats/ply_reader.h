@@ -39,6 +39,9 @@ class PlyReader {
   /// The element "vertex". @throws InputError if the file has none
   const PlyElement& vertices() const;
 
+  /// The texts of the header's comment lines.
+  const std::vector<std::string>& comments() const { return comments_; }
+
   /// `values` is [n_rows, columns.size()], starting at row `first_row`.
   using RowsFn = std::function<void(std::uint64_t first_row, std::uint64_t n_rows, const double* values)>;
 
@@ -67,6 +70,7 @@ class PlyReader {
   FileReader& file_;
   PlyFormat format_ = PlyFormat::kLittleEndian;
   std::vector<PlyElement> elements_;
+  std::vector<std::string> comments_;
   std::vector<char> row_buffer_;
 };
 

@@ -13,7 +13,10 @@ constexpr int sh_coefficient_count(int degree) {
 }
 
 struct SplatCloud {
-  int sh_degree = 0;                   // 0-3
+  int sh_degree = 0;  // 0-3
+  // Trained with anti-aliasing: scales and opacities include the 3D filter, and a renderer has to apply the 2D filter
+  // (RenderSettings::antialiasing).
+  bool antialiased = false;
   std::vector<float> means;            // [N, 3] world
   std::vector<float> log_scales;       // [N, 3] natural log of world units
   std::vector<float> quats;            // [N, 4] w, x, y, z, any length but 0

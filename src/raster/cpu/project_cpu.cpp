@@ -16,11 +16,12 @@ namespace {
 constexpr std::int64_t kGrain = 1024;  // Gaussians per chunk
 
 /// Projects Gaussian i. `splat` and `extent` are written only if it is seen.
+template <bool kAntialiasing>
 Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, std::int64_t i, Splat& splat,
                     Vec2f& extent) {
   const GaussianArrays& g = args.gaussians;
   const ProjectedGaussian projected =
-      project_splat<TileCount::kAny>(g, i, view, args.near_plane, args.culling, args.grid);
+      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
   args.radii[i] = 0;
   if (projected.outcome != Outcome::kSeen) return projected.outcome;
 
@@ -82,7 +83,9 @@ std::int64_t project(const ProjectArgs& args) {
     own = {0, n};
     for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
       const std::int64_t slot = chunks.begin(chunk) + own.n_splats;
-      const Outcome outcome = project_one(args, view, i, args.splats[slot], args.extents[slot]);
+      const Outcome outcome = args.antialiasing
+                                  ? project_one<true>(args, view, i, args.splats[slot], args.extents[slot])
+                                  : project_one<false>(args, view, i, args.splats[slot], args.extents[slot]);
       if (outcome == Outcome::kSeen) ++own.n_splats;
       if (outcome == Outcome::kInvalid) {
         own.invalid = i;
@@ -111,8 +114,10 @@ void project_backward(const ProjectBackwardArgs& args) {
   const std::int64_t rest = rest_floats(g.sh_degree_max);
 
   const auto backward_one = [&](std::int64_t i, const Splat& splat, std::int64_t first, std::int64_t last) {
-    const GaussianGrad grad = gaussian_grad(g, i, view, args.view.center, args.sh_degree,
-                                            sum_slots(args.pair_grads + first, args.pair_grads + last), splat.clamped);
+    const SplatGrad sum = sum_slots(args.pair_grads + first, args.pair_grads + last);
+    const GaussianGrad grad =
+        args.antialiasing ? gaussian_grad<true>(g, i, view, args.view.center, args.sh_degree, sum, splat.clamped)
+                          : gaussian_grad<false>(g, i, view, args.view.center, args.sh_degree, sum, splat.clamped);
     store3(args.grad.means, i, grad.mean);
     store3(args.grad.log_scales, i, grad.log_scales);
     store4(args.grad.quats, i, grad.quat);

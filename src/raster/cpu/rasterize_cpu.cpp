@@ -27,6 +27,7 @@ struct Rasterizer::Impl {
   // State of the last forward pass:
   PinholeView view{};
   int sh_degree = 0;
+  bool antialiasing = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedSplats bins{};
@@ -57,6 +58,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_gaussians = -1;  // no valid view until this pass has succeeded
   s.view = view;
   s.sh_degree = settings.sh_degree;
+  s.antialiasing = settings.antialiasing;
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
@@ -68,8 +70,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
   std::int32_t* const radii = s.radii.resize(n);
-  s.n_splats = project(
-      {gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats, extents, radii});
+  s.n_splats = project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats,
+                        extents, radii, settings.antialiasing});
   begin_stage(s.stages, Stage::kBin);
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
   begin_stage(s.stages, Stage::kBlendForward);
@@ -92,7 +94,8 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
                   s.last_ids.data(), grad, pair_grads, pair_abs});
   s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
-  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads, out});
+  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads, out,
+                    s.antialiasing});
   end_stage(s.stages);
 }
 

@@ -51,6 +51,7 @@ struct ProjectCudaArgs {
   TileGrid grid{};
   ProjectOutputs out{};
   ColorPass* color_pass = nullptr;  // null: project() computes the colours
+  bool antialiasing = false;
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
@@ -207,6 +208,7 @@ struct ProjectBackwardCudaArgs {
   const Splat* splats = nullptr;                   // [M]
   const SplatGradSum* splat_grads = nullptr;       // [M]
   GaussianGradArrays grad{};
+  bool antialiasing = false;
 };
 void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context);
 

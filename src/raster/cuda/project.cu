@@ -22,12 +22,12 @@ constexpr int kThreads = 128;
 constexpr int kNoColors = -1;
 
 /// Projects Gaussian i and writes its row. Returns the number of tiles that its splat touches, 0 if it is not seen.
-template <int kShDegree>
+template <int kShDegree, bool kAntialiasing>
 __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const ProjectedGaussian projected =
-      project_splat<TileCount::kAll>(g, i, view, args.near_plane, args.culling, args.grid);
+      project_splat<TileCount::kAll, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
@@ -48,14 +48,14 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
   return projected.n_tiles;
 }
 
-template <int kShDegree>
+template <int kShDegree, bool kAntialiasing>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ unsigned long long block_splats, block_pairs;
   if (threadIdx.x == 0) block_splats = block_pairs = 0;
   __syncthreads();
 
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  const std::int32_t n_tiles = i < args.gaussians.n_gaussians ? project_one<kShDegree>(args, i) : 0;
+  const std::int32_t n_tiles = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing>(args, i) : 0;
   // A splat touches at most all tiles, so a warp's sum fits 32 bits up to 2^27 tiles.
   const int seen = __popc(__ballot_sync(kFullWarp, n_tiles > 0));
   const unsigned pairs = warp_sum(static_cast<unsigned>(n_tiles));
@@ -74,6 +74,19 @@ __global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians
   *counts = {0, 0, n_gaussians};
 }
 
+template <bool kAntialiasing>
+void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
+  const auto blocks = static_cast<unsigned>((args.gaussians.n_gaussians + kThreads - 1) / kThreads);
+  if (args.color_pass == nullptr) {
+    with_sh_degree(args.sh_degree, [&](auto degree) {
+      project_kernel<degree.value, kAntialiasing><<<blocks, kThreads, 0, context.stream>>>(args);
+    });
+  } else {
+    project_kernel<kNoColors, kAntialiasing><<<blocks, kThreads, 0, context.stream>>>(args);
+  }
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
 }  // namespace
 
 void project(const ProjectCudaArgs& args, const LaunchContext& context) {
@@ -81,16 +94,14 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   reset_counts_kernel<<<1, 1, 0, context.stream>>>(args.out.counts, n);
   B3DGS_CUDA_CHECK_LAUNCH();
   if (n == 0) return;
-  const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
-  if (args.color_pass == nullptr) {
-    with_sh_degree(args.sh_degree,
-                   [&](auto degree) { project_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args); });
-    B3DGS_CUDA_CHECK_LAUNCH();
-    return;
+  if (args.antialiasing) {
+    launch<true>(args, context);
+  } else {
+    launch<false>(args, context);
   }
-  project_kernel<kNoColors><<<blocks, kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  args.color_pass->color({args.gaussians, args.view.center, args.sh_degree, args.out}, context);
+  if (args.color_pass != nullptr) {
+    args.color_pass->color({args.gaussians, args.view.center, args.sh_degree, args.out}, context);
+  }
 }
 
 }  // namespace b3dgs::cuda

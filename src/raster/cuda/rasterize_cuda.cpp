@@ -79,6 +79,7 @@ struct Rasterizer::Impl {
   // State of the last forward pass:
   PinholeView view{};
   int sh_degree = 0;
+  bool antialiasing = false;
   BackwardKernel backward_kernel{};
   bool deterministic = false;
   bool absolute_gradient = false, has_absolute_gradients = false;
@@ -168,6 +169,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_gaussians = -1;  // no valid view until this pass has succeeded
   s.view = view;
   s.sh_degree = settings.sh_degree;
+  s.antialiasing = settings.antialiasing;
   s.grid = make_tile_grid(view.width, view.height, settings.tile);
   s.background = settings.background;
   s.rendered = out;
@@ -177,7 +179,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   const ProjectOutputs projected{s.splats.resize(n, context),     s.extents.resize(n, context),
                                  s.radii.resize(n, context),      s.n_tiles.resize(n, context),
                                  s.depth_bits.resize(n, context), s.counts.resize(1, context)};
-  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected, colors},
+  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected, colors,
+           settings.antialiasing},
           context);
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
                                    context.stream));
@@ -225,8 +228,10 @@ ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussia
   begin_stage(s.stages, Stage::kBlendBackward);
   s.blend_backward(s.backward_kernel, grad, context);
   end_stage(s.stages);
-  return {gaussians,           s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats,
-          s.splat_grads.data()};
+  ProjectBackwardCudaArgs args{
+      gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, s.splat_grads.data()};
+  args.antialiasing = s.antialiasing;
+  return args;
 }
 
 void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,

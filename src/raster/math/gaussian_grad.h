@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "raster/args.h"
+#include "raster/math/antialiasing.h"
 #include "raster/math/array_rows.h"
 #include "raster/math/opacity.h"
 #include "raster/math/projection.h"
@@ -27,15 +28,33 @@ struct GaussianGrad {
 
 /// Gradient by Gaussian i, which the view sees. `sum` holds its splat's sums; bit c of `clamped` is set if colour
 /// channel c was clamped at 0, which stops that channel's gradient.
+template <bool kAntialiasing>
 B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
                                     const Vec3f& camera_center, int sh_degree, const SplatGrad& sum, unsigned clamped) {
   const Vec3f mean = load3(g.means, i);
   const Vec3f point = to_camera(view, mean);
-  const Shape<float> shape = make_shape(load3(g.log_scales, i), load4(g.quats, i));
+  const Vec3f log_scales = load3(g.log_scales, i);
+  [[maybe_unused]] Smoothed<float> smoothed{log_scales, {1, 1, 1}, 0};
+  if constexpr (kAntialiasing) {
+    if (g.filters != nullptr) smoothed = smooth(log_scales, g.filters[i]);
+  }
+  const Shape<float> shape = make_shape(smoothed.log_scales, load4(g.quats, i));
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  const ProjectionGrad<float> grad = project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y},
-                                                      Sym2f{sum.q_xx, sum.q_xy, sum.q_yy}, sum.depth);
-  const ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
+  SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.q_xx, sum.q_xy, sum.q_yy});
+  if constexpr (kAntialiasing) {
+    const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.q);
+    grad_spread = {grad_spread.x + through_blur.x, grad_spread.y + through_blur.y};
+  }
+  const ProjectionGrad<float> grad =
+      project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y}, grad_spread, sum.depth);
+  ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
+  if constexpr (kAntialiasing) {
+    // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity's factor) is 1 - share.
+    const Vec3f share = smoothed.share;
+    grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.q * (1 - share.x),
+                             share.y * grad_shape.log_scales.y + sum.q * (1 - share.y),
+                             share.z * grad_shape.log_scales.z + sum.q * (1 - share.z)};
+  }
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
   const ShOffsetGrad<float> grad_sh =

@@ -12,9 +12,10 @@ inline float logit(double probability) {
   return static_cast<float>(std::log(probability / (1 - probability)));
 }
 
+inline constexpr float kLog2e = 1.44269504f;
+
 /// log2(sigmoid(logit)), accurate in both tails.
 B3DGS_HD float log2_sigmoid(float logit) {
-  constexpr float kLog2e = 1.44269504f;
 #if defined(__CUDA_ARCH__)
   const float tail = log1pf(__expf(-fabsf(logit)));  // __expf loses accuracy only where its value is far below 1
 #else

@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "raster/args.h"
+#include "raster/math/antialiasing.h"
 #include "raster/math/array_rows.h"
 #include "raster/math/opacity.h"
 #include "raster/math/projection.h"
@@ -46,7 +47,7 @@ struct ProjectedGaussian {
 };
 
 /// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, which is 0 only if the splat touches no tile.
-template <TileCount kCount>
+template <TileCount kCount, bool kAntialiasing>
 B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::int64_t i,
                                          const ViewTransform<float>& view, float near_plane, Culling culling,
                                          const TileGrid& grid) {
@@ -65,11 +66,19 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
     result.outcome = Outcome::kInvalid;
     return result;
   }
-  const float log2_opacity = log2_sigmoid(logit);
+  float log2_opacity = log2_sigmoid(logit);
   if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
 
-  const Shape<float> shape = make_shape(log_scales, quat);
+  [[maybe_unused]] Smoothed<float> smoothed{log_scales, {1, 1, 1}, 0};
+  if constexpr (kAntialiasing) {
+    if (gaussians.filters != nullptr) smoothed = smooth(log_scales, gaussians.filters[i]);
+  }
+  const Shape<float> shape = make_shape(smoothed.log_scales, quat);
   const Projection<float> p = project_gaussian(view, point, shape.factor);
+  if constexpr (kAntialiasing) {
+    log2_opacity += kLog2e * (smoothed.log_opacity_ratio + std::log(blur_ratio(p)) / 2);
+    if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
+  }
   const float radius = std::ceil(kSquareSigmas * largest_sigma(p.cov));
   if (!detail::is_finite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
       !(radius <= kRadiusMax) || !(shape.inverse_length <= kInverseQuatLengthMax)) {

@@ -50,6 +50,7 @@ struct Projection {
   Vec2<Real> mean2d;  // px
   Sym2<Real> cov;     // px^2, blur included
   Real det;           // of cov, at least kCovarianceBlur^2
+  Real sharp_det;     // of cov without the blur
   Sym2<Real> conic;   // inverse of cov, 1/px^2
 
   Vec3<Real> axis_x, axis_y;      // rows of J W: d(pixel) / d(world), px per world unit
@@ -82,10 +83,10 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, Vec3
 
   const Real blur = Real(kCovarianceBlur);
   const Real xx = dot(p.spread_x, p.spread_x), yy = dot(p.spread_y, p.spread_y);
-  const Vec3<Real> a = p.spread_x, b = p.spread_y;
-  const Vec3<Real> cross{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-  p.cov = {xx + blur, dot(a, b), yy + blur};
-  p.det = dot(cross, cross) + blur * (xx + yy) + blur * blur;
+  const Vec3<Real> normal = cross(p.spread_x, p.spread_y);
+  p.cov = {xx + blur, dot(p.spread_x, p.spread_y), yy + blur};
+  p.sharp_det = dot(normal, normal);
+  p.det = p.sharp_det + blur * (xx + yy) + blur * blur;
   const Real inverse_det = 1 / p.det;
   p.conic = {p.cov.yy * inverse_det, -p.cov.xy * inverse_det, p.cov.xx * inverse_det};
   return p;
@@ -114,21 +115,32 @@ struct ProjectionGrad {
   Vec2<Real> mean2d;  // projected centre, 1/px
 };
 
-/// Gradients from a splat's sums over pixels (SplatGrad): moments of q with the pull p.
+/// Gradient with respect to the rows of the projected shape, spread_x and spread_y.
+template <class Real>
+struct SpreadGrad {
+  Vec3<Real> x, y;
+};
+
+/// Gradient from a splat's sums over pixels (SplatGrad): second moments of q with the pull p.
 ///
 /// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and q = dL/d(ln alpha) = -dL/d(sigma):
 ///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
 template <class Real>
-B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
-                                               const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
-                                               Sym2<Real> q_pp, Real grad_depth) {
-  ProjectionGrad<Real> grad;
+B3DGS_HD SpreadGrad<Real> spread_grad(const Projection<Real>& p, Sym2<Real> q_pp) {
   const Real scale = 1 / Real(kConicScale);
-  grad.mean2d = centre_gradient(q_p);
   // cov.xx = a . a, cov.xy = a . b, cov.yy = b . b with a, b = spread_x, spread_y = M^T axis.
   const Sym2<Real> twice{scale * scale * q_pp.xx, scale * scale * q_pp.xy, scale * scale * q_pp.yy};  // 2 dL/dcov
-  const Vec3<Real> grad_a = twice.xx * p.spread_x + twice.xy * p.spread_y;
-  const Vec3<Real> grad_b = twice.xy * p.spread_x + twice.yy * p.spread_y;
+  return {twice.xx * p.spread_x + twice.xy * p.spread_y, twice.xy * p.spread_x + twice.yy * p.spread_y};
+}
+
+/// `q_p`: first moments of q with the pull, as for spread_grad().
+template <class Real>
+B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
+                                               const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
+                                               const SpreadGrad<Real>& grad_spread, Real grad_depth) {
+  ProjectionGrad<Real> grad;
+  grad.mean2d = centre_gradient(q_p);
+  const Vec3<Real> grad_a = grad_spread.x, grad_b = grad_spread.y;
   const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
   for (int row = 0; row < 3; ++row) {
     grad.factor(row, 0) = axis_x[row] * grad_a.x + axis_y[row] * grad_b.x;

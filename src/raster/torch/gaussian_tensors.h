@@ -20,6 +20,10 @@ struct GaussianTensors {
   torch::Tensor sh0;              // [N, 1, 3]
   torch::Tensor shN;              // [N, K-1, 3]
 
+  // [N] world units, standard deviation of the 3D smoothing filter (raster/math/antialiasing.h). Derived from the means
+  // and the training views, and not a parameter; undefined: no filter.
+  torch::Tensor filters{};
+
   std::int64_t size() const { return means.defined() ? means.size(0) : 0; }
 
   static constexpr std::array<const char*, 6> kNames{"means", "log_scales", "quats", "logit_opacities", "sh0", "shN"};

@@ -18,6 +18,10 @@
 namespace b3dgs {
 namespace {
 
+const float* data_or_null(const torch::Tensor& tensor) {
+  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
+}
+
 GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
   TensorCheck check(device);
   check.dims("means", g.means, {"N", 3});
@@ -26,10 +30,12 @@ GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
   check.dims("logit_opacities", g.logit_opacities, {"N"});
   check.dims("sh0", g.sh0, {"N", 1, 3});
   check.dims("shN", g.shN, {"N", "K-1", 3});
+  if (g.filters.defined()) check.dims("filters", g.filters, {"N"});
   return {g.means.size(0),           sh_degree_of(g),
           g.means.data_ptr<float>(), g.log_scales.data_ptr<float>(),
           g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
-          g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>()};
+          g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>(),
+          data_or_null(g.filters)};
 }
 
 /// Replaces `tensor` unless it is contiguous and has this shape, type and device.
@@ -44,10 +50,6 @@ constexpr bool kTorchHasCuda = true;
 #else
 constexpr bool kTorchHasCuda = false;
 #endif
-
-const float* data_or_null(const torch::Tensor& tensor) {
-  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
-}
 
 }  // namespace
 

@@ -47,6 +47,7 @@ void visit_tensors(State& state, Field&& field) {
   visit_groups("adam_v.", state.adam.v);
   const std::vector<std::string> columns = state.statistics.names();
   for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
+  if (state.gaussians.filters.defined()) field("gaussians.filters", state.gaussians.filters);
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
@@ -181,6 +182,10 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
+  const auto is_filters = [](const auto& tensor) { return tensor.first == "gaussians.filters"; };
+  if (std::any_of(file.tensors.begin(), file.tensors.end(), is_filters)) {
+    state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {

@@ -143,6 +143,7 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
   if (edit.new_logit_opacities.defined()) {
     gaussians.logit_opacities.slice(0, edit.n_kept).copy_(edit.new_logit_opacities);
   }
+  gaussians.filters = torch::Tensor();
 }
 
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {

@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "model/neighbors.h"
+#include "raster/math/antialiasing.h"
 #include "raster/math/opacity.h"
 #include "raster/math/sh.h"
 
@@ -67,6 +68,24 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
   return gaussians;
 }
 
+void include_filters(const std::vector<float>& filters, SplatCloud& cloud) {
+  constexpr double kMinOpacity = 1e-12;  // its logit is finite
+  B3DGS_CHECK(static_cast<std::int64_t>(filters.size()) == cloud.size(), filters.size(), " filters of ", cloud.size(),
+              " Gaussians");
+  for (std::size_t i = 0; i < filters.size(); ++i) {
+    float* const log_scales = cloud.log_scales.data() + 3 * i;
+    const Smoothed<double> smoothed =
+        smooth(Vec3<double>{log_scales[0], log_scales[1], log_scales[2]}, static_cast<double>(filters[i]));
+    log_scales[0] = static_cast<float>(smoothed.log_scales.x);
+    log_scales[1] = static_cast<float>(smoothed.log_scales.y);
+    log_scales[2] = static_cast<float>(smoothed.log_scales.z);
+    const double opacity =
+        std::exp(smoothed.log_opacity_ratio) / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[i])));
+    cloud.logit_opacities[i] = logit(std::max(kMinOpacity, opacity));
+  }
+  cloud.antialiased = true;
+}
+
 SplatCloud to_splat_cloud(const GaussianTensors& gaussians) {
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(gaussians);
@@ -76,6 +95,7 @@ SplatCloud to_splat_cloud(const GaussianTensors& gaussians) {
   cloud.logit_opacities = to_vector(gaussians.logit_opacities);
   cloud.sh0 = to_vector(gaussians.sh0);
   cloud.shN = to_vector(gaussians.shN);
+  if (gaussians.filters.defined()) include_filters(to_vector(gaussians.filters), cloud);
   return cloud;
 }
 

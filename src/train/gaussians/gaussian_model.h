@@ -18,6 +18,11 @@ SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double op
 /// Float tensors on `device` with SH coefficients up to `sh_degree`: missing ones are zero, higher ones are dropped.
 GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device);
 
+/// Makes the 3D filter part of scales and opacities, as viewers expect it in a file. `filters` has a value per
+/// Gaussian, as GaussianTensors::filters.
+void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
+
+/// With filters included, if there are any.
 SplatCloud to_splat_cloud(const GaussianTensors& gaussians);
 
 }  // namespace b3dgs

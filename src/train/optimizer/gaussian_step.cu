@@ -47,13 +47,13 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-template <int kShDegree, bool kRegularized>
-__device__ __forceinline__ void step_gaussian(const GaussianStepArgs& args) {
+template <int kShDegree, bool kAntialiasing, bool kRegularized>
+__global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.backward.gaussians.n_gaussians) return;
   GaussianGrad grad{};
   if (args.backward.radii[i] > 0) {
-    grad = gaussian_grad<kShDegree>(args.backward, i);
+    grad = gaussian_grad<kShDegree, kAntialiasing>(args.backward, i);
     if (rest_floats(kShDegree) > 0) {
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
@@ -74,17 +74,6 @@ __device__ __forceinline__ void step_gaussian(const GaussianStepArgs& args) {
   step_row<3>(args.adam[4], i, {sh0.x, sh0.y, sh0.z});
 }
 
-template <int kShDegree>
-__global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
-  step_gaussian<kShDegree, false>(args);
-}
-
-template <int kShDegree>
-__global__ void __launch_bounds__(kThreads)
-    step_regularized_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
-  step_gaussian<kShDegree, true>(args);
-}
-
 }  // namespace
 
 void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) {
@@ -92,10 +81,13 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
   if (n == 0) return;
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
+    const auto launch = [&](auto kernel) { kernel<<<blocks, kThreads, 0, context.stream>>>(args); };
     if (args.regularization.is_zero()) {
-      step_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false>
+                                        : step_gaussians_kernel<degree.value, false, false>);
     } else {
-      step_regularized_gaussians_kernel<degree.value><<<blocks, kThreads, 0, context.stream>>>(args);
+      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true>
+                                        : step_gaussians_kernel<degree.value, false, true>);
     }
   });
   B3DGS_CUDA_CHECK_LAUNCH();

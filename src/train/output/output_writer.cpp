@@ -63,7 +63,10 @@ class CheckpointContent final : public FileContent {
 class PlyContent final : public FileContent {
  public:
   PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians)
-      : n_(gaussians.size()), sh_degree_(sh_degree_of(gaussians)), file_(path, n_, sh_degree_) {}
+      : n_(gaussians.size()),
+        sh_degree_(sh_degree_of(gaussians)),
+        has_filters_(gaussians.filters.defined()),
+        file_(path, n_, sh_degree_, has_filters_) {}
 
   void fill(const std::vector<Bytes>& arrays, const ReadPieces& read) override {
     constexpr std::int64_t kBlock = 16384;
@@ -71,9 +74,10 @@ class PlyContent final : public FileContent {
       const std::int64_t n_rows = std::min(kBlock, n_ - begin);
       SplatCloud rows;
       rows.sh_degree = sh_degree_;
-      std::vector<float>* const columns[]{&rows.means,           &rows.log_scales, &rows.quats,
-                                          &rows.logit_opacities, &rows.sh0,        &rows.shN};
-      for (std::size_t i = 0; i < std::size(columns); ++i) {
+      std::vector<float> filters;
+      std::vector<float>* const columns[]{&rows.means, &rows.log_scales, &rows.quats, &rows.logit_opacities,
+                                          &rows.sh0,   &rows.shN,        &filters};
+      for (std::size_t i = 0; i < arrays.size(); ++i) {
         const std::size_t row_bytes = arrays[i].bytes / static_cast<std::size_t>(n_);
         const char* const from = arrays[i].data + static_cast<std::size_t>(begin) * row_bytes;
         read(from, static_cast<std::size_t>(n_rows) * row_bytes, [&](const void* piece, std::size_t bytes) {
@@ -81,6 +85,7 @@ class PlyContent final : public FileContent {
           columns[i]->insert(columns[i]->end(), values, values + bytes / sizeof(float));
         });
       }
+      if (has_filters_) include_filters(filters, rows);
       file_.append(rows);
     }
   }
@@ -89,6 +94,7 @@ class PlyContent final : public FileContent {
  private:
   std::int64_t n_;
   int sh_degree_;
+  bool has_filters_;
   SplatPlyWriter file_;
 };
 
@@ -243,6 +249,7 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_j
 void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy) {
   std::vector<Bytes> arrays;
   for (const torch::Tensor* tensor : gaussians.all()) arrays.push_back(bytes_of(*tensor));
+  if (gaussians.filters.defined()) arrays.push_back(bytes_of(gaussians.filters));
   impl_->write(
       file, [&] { return std::make_unique<PlyContent>(file.path, gaussians); }, arrays, may_copy);
 }

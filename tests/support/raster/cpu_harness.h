@@ -58,7 +58,15 @@ inline GaussianArrays arrays_of(const TestScene& scene) {
           g.quats.data_ptr<float>(),
           g.logit_opacities.data_ptr<float>(),
           g.sh0.data_ptr<float>(),
-          g.shN.data_ptr<float>()};
+          g.shN.data_ptr<float>(),
+          g.filters.defined() ? g.filters.data_ptr<float>() : nullptr};
+}
+
+/// Gives each Gaussian a 3D smoothing filter of none, a fifth, one or three times its scale.
+inline void add_filters(TestScene& scene) {
+  const torch::Tensor steps = torch::tensor({0.0f, 0.2f, 1.0f, 3.0f});
+  const torch::Tensor rows = torch::arange(scene.gaussians.size(), torch::kInt64) % 4;
+  scene.gaussians.filters = (steps.index_select(0, rows) * scene.gaussians.log_scales.mean(1).exp()).contiguous();
 }
 
 /// One view of a scene, rendered by the CPU rasterizer. Outputs are NaN before, so that a missing write is noticed.

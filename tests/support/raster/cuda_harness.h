@@ -28,6 +28,7 @@ class CudaView {
         depth_(pixels_),
         alpha_(pixels_) {
     for (const torch::Tensor* group : scene.gaussians.all()) parameters_.push_back(to_device(*group));
+    if (scene.gaussians.filters.defined()) parameters_.push_back(to_device(scene.gaussians.filters));
     rasterizer_.forward(arrays(), scene.view, settings, {color_.data(), depth_.data(), alpha_.data()}, context_);
     const std::int64_t h = scene.view.height, w = scene.view.width;
     color = to_host(color_, {h, w, 3});
@@ -123,8 +124,15 @@ class CudaView {
 
   GaussianArrays arrays() const {
     GaussianArrays host = arrays_of(scene_);
-    return {host.n_gaussians,      host.sh_degree_max,    parameters_[0].data(), parameters_[1].data(),
-            parameters_[2].data(), parameters_[3].data(), parameters_[4].data(), parameters_[5].data()};
+    return {host.n_gaussians,
+            host.sh_degree_max,
+            parameters_[0].data(),
+            parameters_[1].data(),
+            parameters_[2].data(),
+            parameters_[3].data(),
+            parameters_[4].data(),
+            parameters_[5].data(),
+            scene_.gaussians.filters.defined() ? parameters_[6].data() : nullptr};
   }
 
   const TestScene& scene_;

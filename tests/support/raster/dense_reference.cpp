@@ -16,6 +16,7 @@ constexpr double kCap = 0.99;
 constexpr double kStop = 1e-4;
 constexpr double kBlur = 0.3;    // px^2
 constexpr double kMargin = 0.3;  // of half the image
+constexpr double kMinRatio = 2.5e-5;
 constexpr double kPi = 3.14159265358979323846;
 
 torch::Tensor vector3(const Vec3f& v) {
@@ -168,6 +169,7 @@ torch::Tensor dense_sh_basis(const torch::Tensor& directions, int degree) {
 GaussianTensors to_dense_leaves(const GaussianTensors& gaussians) {
   GaussianTensors leaves = gaussians;
   for (torch::Tensor* group : leaves.all()) *group = group->detach().to(torch::kFloat64).clone().requires_grad_(true);
+  if (leaves.filters.defined()) leaves.filters = leaves.filters.to(torch::kFloat64);
   return leaves;
 }
 
@@ -215,14 +217,27 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
                                                zero, view.fy / z, -view.fy * (clamped_y * z) / (z * z)},
                                               1)
                                      .view({-1, 2, 3});
-  const torch::Tensor spread = torch::matmul(rotations(leaves.quats.index_select(0, rows)),
-                                             torch::diag_embed(leaves.log_scales.index_select(0, rows).exp()));
+  const torch::Tensor scales = leaves.log_scales.index_select(0, rows).exp();
+  torch::Tensor filtered_scales = scales;
+  torch::Tensor opacity = torch::sigmoid(leaves.logit_opacities.index_select(0, rows));
+  if (settings.antialiasing && leaves.filters.defined()) {
+    filtered_scales = (scales.square() + leaves.filters.index_select(0, rows).square().unsqueeze(1)).sqrt();
+    opacity = opacity * (scales / filtered_scales).prod(1);
+  }
+  const torch::Tensor spread =
+      torch::matmul(rotations(leaves.quats.index_select(0, rows)), torch::diag_embed(filtered_scales));
   const torch::Tensor half = torch::matmul(torch::matmul(jacobian, matrix3(view.rotation)), spread);
-  const torch::Tensor covariance = torch::matmul(half, half.transpose(1, 2)) + kBlur * torch::eye(2, torch::kFloat64);
+  const torch::Tensor sharp_covariance = torch::matmul(half, half.transpose(1, 2));
+  const torch::Tensor covariance = sharp_covariance + kBlur * torch::eye(2, torch::kFloat64);
   const torch::Tensor xx = covariance.index({Slice(), 0, 0});
   const torch::Tensor xy = covariance.index({Slice(), 0, 1});
   const torch::Tensor yy = covariance.index({Slice(), 1, 1});
   const torch::Tensor determinant = xx * yy - xy * xy;
+  if (settings.antialiasing) {
+    const torch::Tensor ratio = torch::det(sharp_covariance) / determinant;
+    hazards.add("smallest opacity factor", is_near(ratio.detach(), kMinRatio), rows);
+    opacity = opacity * ratio.clamp_min(kMinRatio).sqrt();
+  }
 
   const torch::Tensor raw_colors = sh_colors(leaves, means, rows, view, settings.sh_degree);
   hazards.add("colour clamp", (raw_colors.detach().abs() < kDecisionBand).any(1), rows);
@@ -233,7 +248,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   const torch::Tensor radii = extent.ceil();
   out.radii = torch::zeros({leaves.size()}, torch::kInt64).index_copy(0, rows, radii.to(torch::kInt64));
 
-  const torch::Tensor opacities = torch::sigmoid(leaves.logit_opacities.index_select(0, rows)).detach();
+  const torch::Tensor opacities = opacity.detach();
   const Ellipses ellipses{
       column(means2d, 0).detach(), column(means2d, 1).detach(), xx.detach(), xy.detach(), yy.detach(),
       (opacities / kCutoff).log()};
@@ -259,7 +274,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   const torch::Tensor dy = pixel_y.unsqueeze(1) + 0.5 - column(means2d, 1);
   const torch::Tensor sigma =
       0.5 * (yy / determinant * dx * dx - 2.0 * xy / determinant * dx * dy + xx / determinant * dy * dy);
-  const torch::Tensor uncapped = torch::sigmoid(leaves.logit_opacities.index_select(0, rows)) * torch::exp(-sigma);
+  const torch::Tensor uncapped = opacity * torch::exp(-sigma);
   const torch::Tensor capped = uncapped.clamp_max(kCap);
 
   torch::Tensor reached = uncapped.detach() >= kCutoff;

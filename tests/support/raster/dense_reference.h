@@ -10,6 +10,8 @@
 //   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J is evaluated at the centre, with x/z and y/z clamped
 //                   to the image extended on each side by 0.3 times half its width or height (J only, not the centre)
 //   alpha           min(0.99, opacity exp(-sigma)), sigma = d^T conic d / 2, d = p - mean2d; no gradient at the cap
+//   antialiasing    scales sqrt(s^2 + filter^2); the opacity times the product of s / sqrt(s^2 + filter^2), and times
+//                   sqrt(max(2.5e-5, determinant without the 0.3 px^2 / determinant with it))
 //   tiles           a Gaussian is seen if the ellipse within which alpha >= 1/255 meets the rectangle between the
 //   centres of a
 //                   tile's corner pixels, including those outside the image; with Culling::kSquare, if its square

@@ -1,0 +1,50 @@
+#include "train/gaussians/smoothing_filter.h"
+
+#include <algorithm>
+
+#include "core/parallel.h"
+#include "raster/torch/tensor_storage.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/gaussians/smoothing_filter_cuda.h"
+#endif
+
+namespace b3dgs {
+
+SmoothingFilter::SmoothingFilter(const std::vector<PinholeView>& views, float near_plane, torch::Device device)
+    : near_plane_(near_plane), n_views_(static_cast<std::int32_t>(views.size())) {
+  const auto bytes = torch::TensorOptions(torch::kUInt8);
+  views_ = torch::empty({static_cast<std::int64_t>(views.size() * sizeof(FilterView))}, bytes);
+  auto* const rows = reinterpret_cast<FilterView*>(views_.data_ptr<std::uint8_t>());
+  std::transform(views.begin(), views.end(), rows, [](const PinholeView& view) {
+    return FilterView{make_view_transform<float>(view), static_cast<float>(view.width),
+                      static_cast<float>(view.height)};
+  });
+  views_ = views_.to(device);
+  largest_ = torch::zeros({1}, torch::TensorOptions(torch::kFloat32).device(device));
+}
+
+void SmoothingFilter::compute(GaussianTensors& gaussians) {
+  constexpr std::int64_t kSparePart = 8, kGrain = 1024;
+  place_tensor(gaussians.filters, storage_, {gaussians.size()}, gaussians.means.options(), kSparePart);
+  SmoothingFilterArgs args;
+  args.n_gaussians = gaussians.size();
+  args.means = gaussians.means.data_ptr<float>();
+  args.n_views = n_views_;
+  args.views = reinterpret_cast<const FilterView*>(views_.data_ptr<std::uint8_t>());
+  args.near_plane = near_plane_;
+  args.filters = gaussians.filters.data_ptr<float>();
+  args.largest = largest_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (gaussians.means.is_cuda()) return cuda::compute_filters(args, torch_launch_context().stream);
+#endif
+  parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) args.filters[i] = finest_pixel(args, i);
+  });
+  float* const end = args.filters + args.n_gaussians;
+  const float largest = args.n_gaussians > 0 ? *std::max_element(args.filters, end) : 0;
+  std::transform(args.filters, end, args.filters, [&](float finest) { return filter_size(finest, largest); });
+}
+
+}  // namespace b3dgs

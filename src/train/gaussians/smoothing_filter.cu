@@ -1,0 +1,40 @@
+// The 3D smoothing filter, every hundred steps.
+//   Kernel 1: a thread per Gaussian walks all training views; each block takes the largest of its pixel sizes, and adds
+//     it to the largest of all with one atomic. Positive floats compare like their bit patterns.
+//   Kernel 2: pixel sizes to filters.
+
+#include "core/cuda_check.h"
+#include "raster/cuda/warp.cuh"
+#include "train/gaussians/smoothing_filter_cuda.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 128;
+
+__global__ void __launch_bounds__(kThreads) finest_pixel_kernel(const SmoothingFilterArgs args) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  const float finest = i < args.n_gaussians ? finest_pixel(args, i) : 0;
+  if (i < args.n_gaussians) args.filters[i] = finest;
+  const unsigned largest = __reduce_max_sync(kFullWarp, __float_as_uint(finest));
+  if (lane_id() == 0 && largest > 0) atomicMax(reinterpret_cast<unsigned*>(args.largest), largest);
+}
+
+__global__ void __launch_bounds__(kThreads) filter_size_kernel(const SmoothingFilterArgs args) {
+  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  if (i < args.n_gaussians) args.filters[i] = filter_size(args.filters[i], *args.largest);
+}
+
+}  // namespace
+
+void compute_filters(const SmoothingFilterArgs& args, cudaStream_t stream) {
+  if (args.n_gaussians == 0) return;
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(args.largest, 0, sizeof(float), stream));
+  const auto blocks = static_cast<unsigned>((args.n_gaussians + kThreads - 1) / kThreads);
+  finest_pixel_kernel<<<blocks, kThreads, 0, stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  filter_size_kernel<<<blocks, kThreads, 0, stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,62 @@
+// The 3D smoothing filter of anti-aliasing (raster/math/antialiasing.h): how fine a detail of each Gaussian the
+// training photographs can show at most (Yu et al. 2024, "Mip-Splatting", section 5.1). The same arithmetic on CPU and
+// GPU.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "raster/args.h"
+#include "raster/math/array_rows.h"
+#include "raster/math/projection.h"
+
+namespace b3dgs {
+
+/// What the filter needs to know of a training view.
+struct FilterView {
+  ViewTransform<float> transform{};
+  float width = 0, height = 0;  // px
+};
+
+/// All arrays are on one device.
+struct SmoothingFilterArgs {
+  std::int64_t n_gaussians = 0;
+  const float* means = nullptr;  // [N, 3] world
+  std::int32_t n_views = 0;
+  const FilterView* views = nullptr;
+  float near_plane = kNearPlane;  // world units
+  float* filters = nullptr;       // [N] out, world units
+  float* largest = nullptr;       // [1] scratch
+};
+
+// A view counts if the centre lies in front of its near plane and in its image, extended by this share of its size on
+// each side: a Gaussian beyond the border may still be seen.
+inline constexpr float kFilterMargin = 0.15f;
+// The filter's variance is this share of the square of the finest sampling interval.
+inline constexpr float kFilterVariance = 0.2f;
+
+/// Smallest size of a pixel at the Gaussian's distance, over the views that see it, world units; 0 if none does.
+B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
+  const Vec3f mean = load3(args.means, i);
+  float finest = 0;
+  for (std::int32_t v = 0; v < args.n_views; ++v) {
+    const FilterView& view = args.views[v];
+    const Vec3f point = to_camera(view.transform, mean);
+    if (!(point.z > args.near_plane)) continue;
+    const float x = view.transform.fx * point.x / point.z + view.transform.cx;
+    const float y = view.transform.fy * point.y / point.z + view.transform.cy;
+    const bool is_inside = x >= -kFilterMargin * view.width && x <= (1 + kFilterMargin) * view.width &&
+                           y >= -kFilterMargin * view.height && y <= (1 + kFilterMargin) * view.height;
+    if (!is_inside) continue;
+    const float pixel = point.z / (view.transform.fx > view.transform.fy ? view.transform.fx : view.transform.fy);
+    if (finest == 0 || pixel < finest) finest = pixel;
+  }
+  return finest;
+}
+
+/// Standard deviation of the filter. Gaussians that no view sees get that of the largest pixel of all.
+B3DGS_HD float filter_size(float finest, float largest) {
+  return std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
+}
+
+}  // namespace b3dgs
