@@ -13,7 +13,6 @@
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"
-#include "core/options/config_file.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/threads.h"

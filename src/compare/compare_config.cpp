@@ -79,18 +79,21 @@ using OptionValues = std::map<std::string, std::string>;
 /// @throws InputError unless --kernel accepts the name
 void check_kernel(const std::string& entry, const std::string& name) {
   std::vector<std::string> names{kOriginal};
-  std::string list;
+  std::string list, meant;
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
     if constexpr (std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>) {
       if (option.name == "kernel") names.insert(names.end(), constraint.values.begin(), constraint.values.end());
+      const bool is_value =
+          std::find(constraint.values.begin(), constraint.values.end(), name) != constraint.values.end();
+      if (is_value && meant.empty()) meant = detail::concat(option.name, "=", name);  // "preset=fast" for "fast"
     }
   });
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
   for (const std::string& own : names) list += own + ", ";
-  const std::string nearest = nearest_name(name, names);
+  if (meant.empty()) meant = nearest_name(name, names);
   input_error("--configs ", entry, ": unknown configuration \"", name, "\" (expected ", list, "or option=value)",
-              nearest.empty() ? "" : "; did you mean " + nearest + "?");
+              meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
 /// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate

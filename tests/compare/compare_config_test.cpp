@@ -87,6 +87,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   };
   expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected original, naive");
   expect_rejected("naive,naiv", "or option=value); did you mean naive?");
+  expect_rejected("naive,fast", "did you mean preset=fast?");
   expect_rejected("naive", "needs at least two configurations");
   expect_rejected("naive,naive", "occurs twice");
   expect_rejected("naive,", "empty part");
