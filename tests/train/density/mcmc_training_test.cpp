@@ -6,9 +6,11 @@
 
 #include "support/approx.h"
 #include "support/temp_dir.h"
+#include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_file.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -55,6 +57,32 @@ TEST(McmcTraining, StartsAboveTheLimitWithoutGrowing) {
   TrainConfig config = mcmc_config();
   config.max_gaussians = 100;
   EXPECT_EQ(train(config, scene, temp / "model").result.n_gaussians, 120);
+}
+
+/// After a training with this memory: the number of Gaussians, and that at which it was held (0: not held).
+std::pair<std::int64_t, std::int64_t> counts_with(const std::shared_ptr<test::ShortMemory>& memory,
+                                                  const fs::path& folder) {
+  const Scene scene = test::make_tiny_scene();
+  TrainHooks hooks;
+  hooks.memory = memory;
+  const TrainResult result = Trainer(mcmc_config(), scene, ModelFolder(folder), hooks).run();
+  return {result.n_gaussians, read_checkpoint_header(result.checkpoint).at("held_at").get<std::int64_t>()};
+}
+
+TEST(McmcTraining, HoldsTheCountOnlyWhereMemoryIsShort) {
+  const test::TempDir temp;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = std::int64_t{1} << 30;
+  EXPECT_EQ(counts_with(memory, temp / "ample"), (std::pair<std::int64_t, std::int64_t>{160, 0}))
+      << "--max_gaussians is no lack of memory";
+  memory->bytes = 200000;
+  const auto [count, held_at] = counts_with(memory, temp / "short");
+  EXPECT_GE(held_at, 120);
+  EXPECT_LT(held_at, 160);
+  EXPECT_EQ(count, held_at);
+  memory->bytes.reset();
+  memory->rows_that_fit = 125;  // an allocation for more fails
+  EXPECT_EQ(counts_with(memory, temp / "failing"), (std::pair<std::int64_t, std::int64_t>{120, 120}));
 }
 
 TEST(McmcTraining, ResumedEqualsUninterruptedBitForBit) {
