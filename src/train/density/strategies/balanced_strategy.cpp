@@ -7,6 +7,8 @@
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
 #include "train/density/strategies/balanced_kernels.h"
+#include "train/density/strategies/mcmc_strategy.h"
+#include "train/optimizer/lr_schedule.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_launch.h"
@@ -117,8 +119,8 @@ int next_multiple(int iteration, int interval) {
 
 class BalancedStrategy final : public DensityStrategy {
  public:
-  explicit BalancedStrategy(const TrainConfig& config)
-      : config_(config), draws_(config.parents == "draw"), rule_(split_rule(config.split)) {
+  BalancedStrategy(const TrainConfig& config, double extent)
+      : config_(config), extent_(extent), draws_(config.parents == "draw"), rule_(split_rule(config.split)) {
     B3DGS_CHECK(draws_ || config.parents == "top", "unknown choice of parents: ", config.parents);
   }
 
@@ -132,7 +134,7 @@ class BalancedStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return balanced_plan(config_, iteration); }
 
-  void after_step(const DensityStep& step, GaussianTensors&, DensityStatistics& statistics) const override {
+  void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics& statistics) const override {
     const DensityPlan now = plan(step.iteration);
     if (now.absolute_gradients) {
       add_view(step.view, step.width, step.height, statistics);
@@ -142,6 +144,10 @@ class BalancedStrategy final : public DensityStrategy {
       step.rasterizer->score(
           step.error, {column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
                        column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
+    }
+    if (config_.noise_lr > 0) {
+      const double position_lr = adam_rates(config_, extent_, step.iteration)[0];
+      add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, step.iteration);
     }
   }
 
@@ -212,14 +218,15 @@ class BalancedStrategy final : public DensityStrategy {
   }
 
   const TrainConfig config_;
+  const double extent_;
   const bool draws_;
   const SplitRule rule_;
 };
 
 }  // namespace
 
-std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double) {
-  return std::make_unique<BalancedStrategy>(config);
+std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent) {
+  return std::make_unique<BalancedStrategy>(config, extent);
 }
 
 bool is_growth_round(const TrainConfig& config, int iteration) {
@@ -242,7 +249,7 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||
                 is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
-  plan.after_step = plan.absolute_gradients || plan.score;
+  plan.after_step = plan.absolute_gradients || plan.score || config.noise_lr > 0;
   return plan;
 }
 

@@ -13,6 +13,7 @@
 //   weight
 //                stayed below --prune_weight in all scored views since the last time, if there were enough of these
 //   opacities    no resets; --opacity_decay
+//   noise        on the means, as in mcmc (--noise_lr)
 #pragma once
 
 #include <cstdint>
@@ -23,7 +24,8 @@
 
 namespace b3dgs {
 
-/// The strategy does not use the scene extent. @throws LogicError for an unknown --parents or --split
+/// `extent`: the scene extent, world units; only the learning rates depend on it. @throws LogicError for an unknown
+/// --parents or --split
 std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent);
 
 // Its parts, as functions of their arguments alone.

@@ -296,7 +296,7 @@ TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
     const DensityPlan plan = balanced_plan(config, i);
     if (plan.score) scored.push_back(i);
     EXPECT_EQ(plan.absolute_gradients, i <= kLastRound);
-    EXPECT_EQ(plan.after_step, plan.score || plan.absolute_gradients);
+    EXPECT_TRUE(plan.after_step) << "noise, to the end";
     EXPECT_EQ(plan.densify, (i > 500 && i < 15000 && i % 100 == 0) || (i > 500 && i < 28000 && i % 3000 == 0)) << i;
     EXPECT_FALSE(plan.lower_opacities);
   }
@@ -305,6 +305,9 @@ TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
   EXPECT_EQ(scored[10], 691);
   EXPECT_EQ(scored.back(), 27000);
   EXPECT_EQ(scored.size(), 10u * 265);
+  config.noise_lr = 0;
+  EXPECT_TRUE(balanced_plan(config, 26991).after_step);
+  EXPECT_FALSE(balanced_plan(config, 26990).after_step);
   config.prune_weight = 0;
   config.opacity_decay = 0.9;
   EXPECT_FALSE(balanced_plan(config, 15000).score);
@@ -347,12 +350,14 @@ TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
   const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
   DensityStatistics sums = strategy->make_statistics(gaussians.size(), torch::kCPU);
   GaussianTensors model = gaussians;
+  model.means = gaussians.means.clone();
   const auto take_step = [&](int iteration) {
     strategy->after_step(
         {iteration, statistics, camera.width, camera.height, view.color, none, none, error, &rasterizer}, model, sums);
   };
   take_step(650);  // not scored
   EXPECT_EQ(sums.extra[1].values.abs().max().item<float>(), 0);
+  EXPECT_FALSE(torch::equal(model.means, gaussians.means)) << "noise";
   take_step(700);
   const torch::Tensor half = torch::tensor({0.5 * camera.width, 0.5 * camera.height});
   EXPECT_TRUE(test::within(sums.extra[0].values, 2 * (statistics.means2d_abs_grad * half).norm(2, 1), 1e-3));
