@@ -231,7 +231,7 @@ TEST(CommandLine, HelpListsTheCommonOptionsOfALongList) {
   EXPECT_NE(help.find("training iterations (default 30000)\n"), std::string::npos) << help;
   EXPECT_NE(help.find("(default auto; one of auto, cpu, cuda)"), std::string::npos) << "choices are shown; " << help;
   EXPECT_EQ(help.find("--rotation_lr"), std::string::npos) << "is not common";
-  const std::string last = "\nb3dgs train --help-all lists all 64 options.\n";
+  const std::string last = "\nb3dgs train --help-all lists all 74 options.\n";
   ASSERT_GT(help.size(), last.size());
   EXPECT_EQ(help.substr(help.size() - last.size()), last);
 }
