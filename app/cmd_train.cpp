@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
 
 #include "app/commands.h"
 #include "app/machine/machine.h"
@@ -53,7 +54,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
 /// What to train, from where, and where to.
 struct TrainPlan {
   TrainConfig config;
-  OptionLayers layers;  // where config's values are from, if training starts from the beginning
+  std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
   TrainCommandOptions options;
   fs::path checkpoint;  // to resume, or empty
 };
@@ -128,16 +129,18 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   }
   const GivenOptions given = given_options(line, options.config);
   plan.layers = resolve_options(given);
-  config = plan.layers.config;
+  config = plan.layers->config;
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
     config = config_of_checkpoint(plan.checkpoint);
     apply_at_resume(config, given);
     if (!named_folder.empty()) config.model_path = named_folder;
+    plan.layers.reset();
   } else if (options.resume == "auto" && config.source_path.empty()) {
     config = config_of_folder(config.model_path);
     apply_at_resume(config, given);
+    plan.layers.reset();
   }
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
@@ -249,8 +252,8 @@ int run_train(const std::vector<std::string>& words) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
-  if (!options.quiet && plan.checkpoint.empty()) {
-    for (const std::string& text : describe_options(plan.layers)) std::cout << text << std::endl;
+  if (!options.quiet && plan.layers) {
+    for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
   }
 
   TrainProgressView progress(status, config);

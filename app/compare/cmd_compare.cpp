@@ -90,6 +90,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   ComparisonPlan plan;
   if (options.resume) plan = read_plan(root);
   const std::int64_t planned_seed = plan.base.seed;
+  const std::string planned_preset = plan.base.preset;
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
   if (!options.resume) {
@@ -106,6 +107,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   }
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
+  given["source_path"] = plan.base.source_path;
   given["init_ply"] = plan.base.init_ply;
 
   if (options.resume && line.was_given("configs") && joined(options.configs) != plan.configs) {
@@ -114,6 +116,9 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
     input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
                 "); add seeds with --seeds, or use another folder (-m)");
+  }
+  if (options.resume && plan.base.preset != planned_preset) {
+    input_error("--resume cannot change --preset (", planned_preset, "); use another folder (-m)");
   }
   if (options.resume && line.was_given("noise") && options.noise != plan.has_repetition) {
     input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",

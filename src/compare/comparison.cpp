@@ -198,6 +198,7 @@ ComparisonPlan read_plan(const fs::path& root) {
   }
   plan.base.model_path = root.string();     // the folder may have been moved
   plan.base.device = TrainConfig{}.device;  // chosen again on this machine
+  plan.given.erase("device");
   return plan;
 }
 

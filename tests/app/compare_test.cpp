@@ -317,6 +317,7 @@ TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
   };
   rejected({"--seed", "7"}, "the comparison has the seeds 0");
   rejected({"--overwrite"}, "--overwrite");
+  rejected({"--preset", "fast"}, "--resume cannot change --preset (original)");
   const fs::path file = output() / "seed.json";
   std::ofstream(file) << json{{"seed", 7}};
   rejected({"--config", file.string()}, "the comparison has the seeds 0");

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <csignal>
 
+#include "config/train_config.h"
 #include "core/files/remove_tree.h"
 #include "model/model_folder.h"
 #include "support/files.h"
@@ -112,6 +113,39 @@ TEST_F(Resume, OfACompleteTrainingInAnotherFolderWritesItsFilesThere) {
     expect_success(train(more));
   }
   EXPECT_EQ(read_bytes(b.ply(9)), read_bytes(a.ply(9)));
+}
+
+TEST_F(Resume, TheCommandLineWithAPresetCanBeRepeated) {
+  const Words words{"-s",
+                    scene(),
+                    "-m",
+                    a.root(),
+                    "--resume",
+                    "auto",
+                    "--preset",
+                    "fast",
+                    "--iterations",
+                    "16",
+                    "--steps_scaler",
+                    "0.5",
+                    "--checkpoint_iterations",
+                    "6"};
+  const Outcome first = train(words);
+  expect_success(first);
+  EXPECT_NE(first.out.find("options     preset fast, strategy "), std::string::npos) << first.out;
+  EXPECT_NE(first.out.find("\n  preset    "), std::string::npos) << first.out;
+  EXPECT_NE(first.out.find(" iterations 8"), std::string::npos) << first.out;
+  const TrainConfig config = a.read_config();
+  EXPECT_EQ(config.preset, "fast");
+  EXPECT_EQ(config.iterations, 8);
+  EXPECT_EQ(config.position_lr_max_steps, 8);
+  fs::remove(a.checkpoint(8));
+  const Outcome again = train(words);
+  expect_success(again);
+  EXPECT_NE(again.out.find("resuming " + a.checkpoint(3).string() + "\n"), std::string::npos)
+      << "no changed options; " << again.out;
+  EXPECT_TRUE(config_differences(config, a.read_config()).empty());
+  expect_refused(train({"-m", a.root(), "--resume", "auto", "--preset", "original"}), {"--preset original", "fast"});
 }
 
 TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {

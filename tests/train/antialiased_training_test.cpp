@@ -9,6 +9,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
+#include "train/density/row_edit.h"
 #include "train/gaussians/smoothing_filter.h"
 
 namespace b3dgs {
@@ -104,7 +105,7 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   const test::TempDir temp;
   TrainConfig config = antialiased_config();
   config.iterations = 9;  // no round of density control at the end
-  Trainer trainer(config, scene, ModelFolder(temp / "model"));
+  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
   const TrainResult result = trainer.run();
   const double of_model = trainer.evaluate(scene.train).mean.psnr;
 

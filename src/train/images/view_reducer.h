@@ -27,7 +27,7 @@ class ViewReducer {
 
   /// The view with reduced camera, photograph and mask, valid until the next call, on the current stream. `mask` is the
   /// host's copy of view.valid, by which its reduced pixels are counted without waiting for a GPU; null if all pixels
-  /// count. It must stay alive and unchanged. Scale 1 returns the view itself. Asynchronous on a GPU.
+  /// count. It must stay alive and unchanged as long as this. Scale 1 returns the view itself. Asynchronous on a GPU.
   TrainView reduce(const TrainView& view, const Image8* mask, int scale);
 
  private:
