@@ -126,7 +126,7 @@ TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
   EXPECT_EQ(result["summary"]["results"][1]["iterations"], 20);
   for (const json& own : result["summary"]["results"]) {
     EXPECT_EQ(own["complete_seeds"], 1);
-    EXPECT_GT(own["psnr"]["mean"].get<double>(), 8);
+    EXPECT_GT(own["psnr"]["mean"].get<double>(), 5);
   }
   EXPECT_EQ(result["runs"][0]["curves"]["iteration"].back(), 40);
   EXPECT_EQ(result["runs"][1]["curves"]["iteration"].back(), 20);
