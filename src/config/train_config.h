@@ -156,7 +156,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
   field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
-        "filter Gaussians, for renders at other image sizes and distances than the photographs'");
+        "filter Gaussians, for renders at other sizes and distances than the photographs'");
   field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
 
   OneOf presets;

@@ -47,7 +47,8 @@ void Trainer::Impl::begin() {
   const bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
   if (lacks_ply && (state.is_density_pending || is_complete)) write_ply();
   // A complete training that is resumed in another folder has its files there, too.
-  const bool lacks_checkpoint = state.is_density_pending || !std::filesystem::exists(folder.checkpoint(state.iteration));
+  const bool lacks_checkpoint =
+      state.is_density_pending || !std::filesystem::exists(folder.checkpoint(state.iteration));
   if (state.is_density_pending) control_density();
   if (is_complete && lacks_checkpoint) write_checkpoint();
   if (is_complete) {

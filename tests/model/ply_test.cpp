@@ -75,7 +75,7 @@ class SplatPly : public testing::Test {
 TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
   const SplatCloud whole = numbered_cloud(7, 2);
   write_splat_ply(folder_ / "whole.ply", whole);
-  SplatPlyWriter writer(folder_ / "blocks.ply", 7, 2);
+  SplatPlyWriter writer(folder_ / "blocks.ply", 7, 2, /*antialiased=*/false);
   for (const auto& [begin, end] : {std::pair(0, 3), std::pair(3, 3), std::pair(3, 7)}) {
     SplatCloud rows;
     rows.sh_degree = 2;
@@ -93,8 +93,22 @@ TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
   EXPECT_FALSE(fs::exists(folder_ / "blocks.ply"));
   writer.commit();
   EXPECT_TRUE(read_bytes(folder_ / "blocks.ply") == read_bytes(folder_ / "whole.ply"));
-  SplatPlyWriter short_one(folder_ / "short.ply", 7, 2);
+  SplatPlyWriter short_one(folder_ / "short.ply", 7, 2, /*antialiased=*/false);
   EXPECT_THROW(short_one.commit(), LogicError);
+}
+
+TEST_F(SplatPly, SaysWhetherGaussiansAreAntialiased) {
+  SplatCloud cloud = numbered_cloud(3, 1);
+  write_splat_ply(folder_ / "plain.ply", cloud);
+  EXPECT_FALSE(read_splat_ply(folder_ / "plain.ply").antialiased);
+  cloud.antialiased = true;
+  write_splat_ply(folder_ / "mip.ply", cloud);
+  EXPECT_TRUE(read_splat_ply(folder_ / "mip.ply").antialiased);
+  const std::string comment = "comment SplatRenderMode: mip\n", bytes = read_bytes(folder_ / "mip.ply");
+  EXPECT_NE(bytes.find("\n" + comment), std::string::npos);
+  std::string without = bytes;
+  without.erase(without.find(comment), comment.size());
+  EXPECT_TRUE(without == read_bytes(folder_ / "plain.ply"));
 }
 
 TEST_F(SplatPly, HasTheDocumentedHeaderAndBytes) {
