@@ -1,8 +1,9 @@
-// b3dgs eval: PSNR and SSIM of a trained model.
+// b3dgs eval: PSNR, SSIM and LPIPS of a trained model.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <iostream>
+#include <optional>
 
 #include "app/commands.h"
 #include "app/model.h"
@@ -22,6 +23,7 @@ constexpr int kDifferenceGain = 4;  // the errors of a good model are a few of 2
 struct EvalOptions {
   std::string split = "auto";
   bool save_images = false;
+  std::string lpips;
 };
 
 template <class Config, class Visitor>
@@ -30,6 +32,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit
         "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},
         "write gt/, renders/, diff/ (4 x difference) and views.json to MODEL/SPLIT/ours_N");
+  field(Option{"lpips"}, c.lpips, Any{}, "also compute LPIPS, with this TorchScript network (docs/recipes.md)");
 }
 
 Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
@@ -45,9 +48,14 @@ Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
 std::string table_row(const std::string& name, int name_columns, const ImageQuality& quality) {
   char row[64];
   std::snprintf(row, sizeof row, "  %8.3f  %7.4f", quality.psnr, quality.ssim);
+  std::string cells = row;
+  if (quality.lpips) {
+    std::snprintf(row, sizeof row, "  %7.4f", *quality.lpips);
+    cells += row;
+  }
   std::string cell = name;
   cell.resize(static_cast<std::size_t>(name_columns), ' ');
-  return cell + row;
+  return cell + cells;
 }
 
 /// Warns if photographs are not those that the model was trained on.
@@ -65,19 +73,21 @@ void print_table(const Evaluation& evaluation) {
   const int name_columns = static_cast<int>(columns);
   std::string heading = "view";
   heading.resize(columns, ' ');
-  std::cout << heading << "   PSNR dB     SSIM\n";
+  std::cout << heading << "   PSNR dB     SSIM" << (evaluation.lpips_network.empty() ? "" : "    LPIPS") << "\n";
   for (const ViewQuality& view : evaluation.views) {
     std::cout << table_row(view.name, name_columns, view.quality) << "\n";
   }
   std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), name_columns, evaluation.mean) << "\n";
+  if (!evaluation.lpips_network.empty()) std::cout << "LPIPS by the network " << evaluation.lpips_network << "\n";
 }
 
 class SplitEvaluator {
  public:
   /// Images are saved to MODEL/SPLIT/`key`/.
+  /// `lpips` may be null.
   SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
-                 StatusLine& status)
-      : model_(model), key_(key), renderer_(model, device), save_images_(save_images), status_(status) {}
+                 const LpipsNetwork* lpips, StatusLine& status)
+      : model_(model), key_(key), renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
 
   Evaluation run(const std::vector<View>& views, const std::string& split) {
     const std::filesystem::path folder = model_.folder.root() / split / key_;
@@ -94,7 +104,7 @@ class SplitEvaluator {
       progress("evaluating " + split + " views", index + 1, views.size());
     };
     Evaluation evaluation =
-        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered);
+        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered, lpips_);
     status_.clear();
     std::cout << split << " views\n";
     print_table(evaluation);
@@ -110,13 +120,15 @@ class SplitEvaluator {
   std::string key_;
   ModelRenderer renderer_;
   bool save_images_;
+  const LpipsNetwork* lpips_;
   StatusLine& status_;
 };
 
 }  // namespace
 
 int run_eval(const std::vector<std::string>& words) {
-  CommandLine line("eval", "Compute PSNR and SSIM of a trained model, for each view and on average.",
+  CommandLine line("eval",
+                   "Compute PSNR, SSIM and, with a network, LPIPS of a trained model, for each view and on average.",
                    "b3dgs eval output/garden --save_images");
   ModelOptions model_options;
   EvalOptions options;
@@ -128,6 +140,8 @@ int run_eval(const std::vector<std::string>& words) {
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
+  std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
+  if (!options.lpips.empty()) lpips.emplace(options.lpips, device);
   const LoadedModel model = load_model(model_options, status);
   const std::string default_split = model.scene.test.empty() ? "train" : "test";
   const std::string split = options.split == "auto" ? default_split : options.split;
@@ -146,7 +160,7 @@ int run_eval(const std::vector<std::string>& words) {
   const std::string variant = results_variant(model, model_options);
   const std::string key = model.folder.results_key(model.iteration, variant, source);
   const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
-  SplitEvaluator evaluator(model, key, device, options.save_images, status);
+  SplitEvaluator evaluator(model, key, device, options.save_images, lpips ? &*lpips : nullptr, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;

@@ -1,6 +1,7 @@
 // How closely the renders of a model match the photographs.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,6 +10,7 @@ namespace b3dgs {
 struct ImageQuality {
   double psnr = 0;  // dB
   double ssim = 0;
+  std::optional<double> lpips{};  // by Evaluation::lpips_network
 };
 
 struct ViewQuality {
@@ -19,6 +21,7 @@ struct ViewQuality {
 struct Evaluation {
   std::vector<ViewQuality> views;
   ImageQuality mean;
+  std::string lpips_network{};  // file name; empty: LPIPS was not computed
 };
 
 }  // namespace b3dgs

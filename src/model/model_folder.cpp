@@ -173,6 +173,12 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
     psnr[view.name] = view.quality.psnr;
   }
   per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
+  if (evaluation.mean.lpips) {
+    means[key]["LPIPS"] = *evaluation.mean.lpips;
+    means[key]["lpips_network"] = evaluation.lpips_network;
+    Json& lpips = per_view[key]["LPIPS"] = Json::object();
+    for (const ViewQuality& view : evaluation.views) lpips[view.name] = view.quality.lpips.value();
+  }
   write_json(results_path, means, 2);
   write_json(per_view_path, per_view, 2);
 }

@@ -36,10 +36,11 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
 }
 
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered) {
+                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
+  if (lpips != nullptr) evaluation.lpips_network = lpips->name();
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const View& view : views) {
     B3DGS_CHECK(view.image, "view ", view.name, " has no photograph to compare with");
@@ -52,7 +53,11 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
-    const ImageQuality quality = image_quality(rendered.color, truth, view.valid.get());
+    ImageQuality quality = image_quality(rendered.color, truth, view.valid.get());
+    if (lpips != nullptr) {
+      quality.lpips = lpips->distance(rendered.color, truth, view.valid.get());
+      evaluation.mean.lpips = evaluation.mean.lpips.value_or(0) + *quality.lpips / static_cast<double>(views.size());
+    }
     evaluation.views.push_back({view.name, quality});
     evaluation.mean.psnr += quality.psnr / static_cast<double>(views.size());
     evaluation.mean.ssim += quality.ssim / static_cast<double>(views.size());

@@ -9,6 +9,7 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
+#include "train/loss/lpips.h"
 #include "train/loss/metrics.h"
 
 namespace b3dgs {
@@ -25,8 +26,9 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 /// Called after each view with the render, which is valid until it returns.
 using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
 
-/// Renders each view with `settings` and compares it with its photograph. Views keep their order.
+/// Renders each view with `settings` and compares it with its photograph. Views keep their order. `lpips`: may be null.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered = {});
+                          const RenderSettings& settings, const RenderedFn& on_rendered = {},
+                          const LpipsNetwork* lpips = nullptr);
 
 }  // namespace b3dgs
