@@ -6,7 +6,7 @@
 #include "report/run_info.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
-#include "train/loss/metrics.h"
+#include "train/quality/metrics.h"
 
 namespace b3dgs {
 namespace {

@@ -151,7 +151,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
         "photographs kept in host memory, GB; rest read from disk (-1 = 80 % of available)");
 
-  field(Option{"sh_degree"}.common().group("Model and image"), c.sh_degree, InRange{0, 3},
+  field(Option{"sh_degree"}.group("Model and image"), c.sh_degree, InRange{0, 3},
         "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");

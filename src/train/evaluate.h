@@ -9,8 +9,8 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/loss/lpips.h"
-#include "train/loss/metrics.h"
+#include "train/quality/lpips.h"
+#include "train/quality/metrics.h"
 
 namespace b3dgs {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "train/loss/metrics.h"
+#include "train/quality/metrics.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {

@@ -10,7 +10,7 @@
 #include "scene/view_image.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/loss/metrics.h"
+#include "train/quality/metrics.h"
 
 namespace b3dgs::test {
 

@@ -104,7 +104,8 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = antialiased_config();
-  config.iterations = 9;  // no round of density control at the end
+  config.iterations = 9;    // no round of density control at the end
+  config.init_scale = 0.1;  // so small that the filters matter
   Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
   const TrainResult result = trainer.run();
   const double of_model = trainer.evaluate(scene.train).mean.psnr;

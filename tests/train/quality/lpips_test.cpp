@@ -1,4 +1,4 @@
-#include "train/loss/lpips.h"
+#include "train/quality/lpips.h"
 
 #include <gtest/gtest.h>
 

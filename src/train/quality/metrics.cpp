@@ -1,4 +1,4 @@
-#include "train/loss/metrics.h"
+#include "train/quality/metrics.h"
 
 #include <algorithm>
 #include <cmath>

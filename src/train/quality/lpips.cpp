@@ -1,11 +1,11 @@
-#include "train/loss/lpips.h"
+#include "train/quality/lpips.h"
 
 #include <torch/script.h>
 
 #include <cstring>
 
 #include "core/check.h"
-#include "train/loss/metrics.h"
+#include "train/quality/metrics.h"
 
 namespace b3dgs {
 namespace {
