@@ -1,5 +1,6 @@
-// Strategy balanced for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. The
-// same arithmetic on CPU and GPU, in double, so that they differ by one ulp at most.
+// Strategy balanced for one Gaussian: its absolute gradient, the key by which parents are drawn, and the two parts that
+// replace a parent. CPU and GPU share this arithmetic; keys and parts are computed in double, so that CPU and GPU
+// differ by one ulp at most.
 #pragma once
 
 #include <cmath>
@@ -13,11 +14,12 @@ namespace b3dgs {
 /// All arrays are on one device.
 struct AbsoluteGradArgs {
   std::int64_t n_gaussians = 0;
-  const float* means2d_abs_grad = nullptr;  // [N, 2] 1/px, 0 if not seen
+  const float* means2d_abs_grad = nullptr;  // [N, 2] 1/px; 0 if the view does not see the Gaussian
   float half_width = 0, half_height = 0;    // px, of the image
-  float* sum = nullptr;                     // [N] in and out: plus the norm, normalised device coordinates
+  float* sum = nullptr;                     // [N] in and out: the norm is added, normalised device coordinates
 };
 
+/// Adds the norm of Gaussian i's absolute gradient in one view.
 B3DGS_HD void add_absolute_gradient(const AbsoluteGradArgs& args, std::int64_t i) {
   const float dx = args.means2d_abs_grad[2 * i] * args.half_width;
   const float dy = args.means2d_abs_grad[2 * i + 1] * args.half_height;
@@ -32,8 +34,8 @@ struct ParentKeyArgs {
   float* keys = nullptr;  // [n_rows] out
 };
 
-/// The candidates with the k largest keys ln(u) / score, u uniform in (0, 1), are a sample without replacement with
-/// probabilities proportional to the scores (Efraimidis and Spirakis 2006).
+/// Key ln(u) / score of candidate i, with u uniform in (0, 1). The candidates with the k largest keys are a sample
+/// without replacement, with probabilities proportional to the scores (Efraimidis and Spirakis 2006).
 B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   const std::int64_t row = args.rows[i];
   const std::uint32_t bits = random_bits(args.key, static_cast<std::uint64_t>(row))[0];
@@ -41,22 +43,22 @@ B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   args.keys[i] = static_cast<float>(std::log(uniform) / static_cast<double>(args.scores[row]));
 }
 
-/// Where the two parts of a split Gaussian are.
+/// Where the two parts of a split Gaussian are placed (--split).
 enum class SplitRule {
-  kCover,    // on the longest axis; together they cover the parent's 3 sigma (0.45 + 0.55 = 1)
+  kCover,    // on the longest axis; together they cover the parent's +-3 sigma (0.45 + 0.55 = 1)
   kMoments,  // on the longest axis; their mixture has the parent's mean and covariance (0.8^2 + 0.6^2 = 1)
-  kSamples,  // samples of the parent, 1.6 times smaller, as in the original 3DGS
+  kSamples,  // at random samples of the parent, 1.6 times smaller, as in the original 3DGS
 };
 
-/// Factors of a part's longest axis, other axes and opacity, and its distance from the parent in standard deviations
-/// along the longest axis.
+/// Distance of a part from its parent, in standard deviations along the longest axis; and what the parent's longest
+/// axis, other axes and opacity are multiplied by.
 struct SplitShape {
   double distance, longest, others, opacity;
 };
 
 B3DGS_HD SplitShape split_shape(SplitRule rule) {
   if (rule == SplitRule::kCover) return {0.45 * 3, 0.55, 0.893, 0.6};
-  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6};  // two parts have the parent's integral
+  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6};  // keeps the integral
   return {0, 1 / 1.6, 1 / 1.6, 1};
 }
 
@@ -68,14 +70,14 @@ struct PartArgs {
   const float* quats = nullptr;            // [N, 4] w x y z
   const float* logit_opacities = nullptr;  // [N]
   SplitRule rule{};
-  RandomKey key{};  // of kSamples
-  // Out: all first parts, then all second ones.
+  RandomKey key{};  // used by kSamples only
+  // Out: the first parts of all parents, then the second parts.
   float* out_means = nullptr;            // [2 n_parents, 3] world
   float* out_log_scales = nullptr;       // [2 n_parents, 3]
   float* out_logit_opacities = nullptr;  // [2 n_parents]
 };
 
-/// Part i, of parent i % n_parents.
+/// Writes part i, which belongs to parent i % n_parents.
 B3DGS_HD void make_part(const PartArgs& args, std::int64_t i) {
   const std::int64_t side = i / args.n_parents, row = args.parents[i % args.n_parents];
   const float *mean = args.means + 3 * row, *log_scale = args.log_scales + 3 * row, *quat = args.quats + 4 * row;

@@ -1,4 +1,4 @@
-// CUDA versions of balanced_kernels.h for all rows, without torch. Asynchronous.
+// CUDA kernels that apply balanced_kernels.h to all rows, without torch. All are asynchronous.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -1,17 +1,15 @@
-// Strategy balanced: the count grows to a budget (--max_gaussians) along a curve, and the Gaussians that are split are
-// those blended into large errors. After ideas of AbsGS (absolute gradients), FastGS (errors over several views) and
-// Improved-GS (budget curve, split along the longest axis); docs/recipes.md.
+// Strategy balanced: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
+// that contribute most to large errors. Uses ideas of AbsGS (absolute gradients), FastGS (errors over several views)
+// and Improved-GS (budget curve, splits along the longest axis); see docs/recipes.md.
 //
-// Each part is a switch of its own:
-//   score        error_sum: over the last --score_views steps before a round, sum of blend weight times pixel error
-//                (--score_power)
-//   candidates   mean absolute gradient >= --abs_grad_threshold, and a score
-//   parents      --parents: drawn in proportion to the score, or the highest
-//   parts        --split; the parent is removed, and two parts with zero moments are added
-//   count        each round closes its share of the distance to the budget (--budget_power)
-//   pruning      opacity < --prune_opacity in each round; every --prune_interval iterations Gaussians whose blend
-//   weight
-//                stayed below --prune_weight in all scored views since the last time, if there were enough of these
+// Each part has its own options:
+//   score        sum of blend weight times pixel error (--score_power) over the last --score_views steps before a round
+//   candidates   Gaussians with a score above 0 and a mean absolute gradient of at least --abs_grad_threshold
+//   parents      --parents: drawn in proportion to the score, or those with the highest scores
+//   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
+//   growth       --budget_power: how far each round goes towards the budget
+//   pruning      in each round, opacity < --prune_opacity; every --prune_interval iterations, also blend weight
+//                < --prune_weight in all views scored since the last such pruning, if at least kPruneViews saw it
 //   opacities    no resets; --opacity_decay
 //   noise        on the means, as in mcmc (--noise_lr)
 #pragma once
@@ -24,14 +22,15 @@
 
 namespace b3dgs {
 
-/// `extent`: the scene extent, world units; only the learning rates depend on it. @throws LogicError for an unknown
-/// --parents or --split
+/// `extent`: the scene extent, world units, which scales the learning rate of the means. @throws LogicError for an
+/// unknown --parents or --split
 std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent);
 
-// Its parts, as functions of their arguments alone.
+// The strategy's parts, as stateless functions that tests can call.
 
-/// Scored views that must have seen a Gaussian before it is removed for its blend weight: other parts of the scene may
-/// hide it in many of them. One that 30 % of the views show is hidden in 20 random ones with probability 0.0008.
+/// Scored views that must have seen a Gaussian before it can be pruned for its blend weight, since it may be occluded
+/// in many of them. A Gaussian that is visible in 30 % of them is occluded in all of 20 random ones with probability
+/// 0.0008.
 inline constexpr int kPruneViews = 20;
 
 /// Columns of DensityStatistics::extra.
@@ -39,13 +38,14 @@ enum class BalancedColumn { kAbsGradSum, kErrorSum, kMaxWeight, kScoreViews };
 
 DensityPlan balanced_plan(const TrainConfig& config, int iteration);
 
-/// Whether the count may grow in this iteration, and whether Gaussians are removed for their blend weight.
+/// Whether Gaussians may be split in this iteration.
 bool is_growth_round(const TrainConfig& config, int iteration);
+/// Whether Gaussians are pruned for their blend weight in this iteration.
 bool is_weight_prune_round(const TrainConfig& config, int iteration);
 
-/// How many Gaussians a growth round adds to `n`. With t the share of the time from --densify_from_iter to the last
-/// round, and p = --budget_power, the count follows n_0 + (budget - n_0) t^p: each round closes the share
-/// 1 - (1 - t^p) / (1 - t_before^p) of the distance that is left, which needs no memory of n_0.
+/// How many Gaussians a growth round adds to `n`. Their number follows n_0 + (budget - n_0) t^p, where t runs from 0 at
+/// --densify_from_iter to 1 at the last growth round and p = --budget_power. For this, each round adds the fraction
+/// 1 - (1 - t^p) / (1 - t_before^p) of what is left to the budget, so that n_0 need not be stored.
 std::int64_t budget_growth(const TrainConfig& config, int iteration, std::int64_t n, std::int64_t budget);
 
 }  // namespace b3dgs

@@ -17,37 +17,37 @@ namespace b3dgs {
 /// `extent`: the scene extent, world units.
 std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config, double extent);
 
-// Its parts, as functions of their arguments alone.
+// The strategy's parts, as stateless functions that tests can call.
 
 /// The schedule of the original; iterations are counted from 1.
 DensityPlan density_plan(const TrainConfig& config, int iteration);
 
-/// Whether opacities were reset within the last 500 iterations before this one, or half the reset interval if that is
-/// less. After that most have recovered.
+/// Whether opacities were reset within the last 500 iterations before this one, or within half the reset interval if
+/// that is shorter. By then, most opacities have recovered.
 bool is_after_opacity_reset(const TrainConfig& config, int iteration);
 
 /// Thresholds of one round.
 struct DensityRule {
-  double grad_threshold = 0;       // mean gradient norm from which a Gaussian is cloned or split, see DensityStatistics
+  double grad_threshold = 0;       // Gaussians with at least this mean gradient norm are cloned or split
   double split_scale = 0;          // world units: larger Gaussians are split, others cloned
-  double prune_opacity = 0;        // Gaussians below it are removed
-  double prune_scale = 0;          // world units; Gaussians above it are removed; 0 = none
-  double prune_radius = 0;         // px on screen; Gaussians above it are removed; 0 = none
+  double prune_opacity = 0;        // Gaussians below it are pruned
+  double prune_scale = 0;          // world units; Gaussians above it are pruned; 0 = none
+  double prune_radius = 0;         // px on screen; Gaussians above it are pruned; 0 = none
   std::int64_t max_gaussians = 0;  // 0 = no limit
 };
 
 /// `extent`: the scene extent, world units.
 DensityRule density_rule(const TrainConfig& config, double extent, int iteration);
 
-/// One round, in the order of the original: clones (exact copies) from the gradients, then splits (the parent is
-/// replaced by 2 samples of itself, 1.6 times smaller), never of this round's clones, then pruning of old and new rows.
-/// With more candidates than max_gaussians has room for, those with the largest gradients are taken, and of equal ones
-/// the first. Samples are drawn per row: the same for any number of threads.
+/// One round, in the order of the original: clone small Gaussians with large gradients (exact copies), split large ones
+/// (two samples of the parent replace it, 1.6 times smaller), then prune old and new rows. Clones of this round are not
+/// split. If there are more candidates than max_gaussians allows, those with the largest gradients are taken; of equal
+/// gradients, the first. The samples do not depend on the number of threads.
 DensityRound densify(const GaussianTensors& gaussians, const DensityStatistics& statistics, const DensityRule& rule,
                      std::int64_t seed, int iteration);
 
 /// Lowers every opacity to at most 0.01 and zeroes the Adam moments of the opacities. Adam's step count, shared by all
-/// parameters, stays, as in the original. Opacities are never deferred, so no flush is needed.
+/// parameters, is kept, as in the original. Updates of opacities are never deferred, so no flush is needed.
 void reset_opacities(GaussianTensors& gaussians, AdamState& adam);
 
 }  // namespace b3dgs

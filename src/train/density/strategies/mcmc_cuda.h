@@ -1,4 +1,4 @@
-// CUDA versions of the loops of strategy mcmc, without torch. All are asynchronous.
+// CUDA kernels that apply mcmc_math.h to all rows, without torch. All are asynchronous.
 #pragma once
 
 #include <cuda_runtime_api.h>
