@@ -1,10 +1,10 @@
-// Anti-aliasing after Yu et al. 2024, "Mip-Splatting", on one Gaussian.
+// Anti-aliasing as in Mip-Splatting (Yu et al. 2024), for one Gaussian.
 //
 // 3D smoothing filter (equation 9): the Gaussian is convolved with an isotropic one of standard deviation f, about the
-// size of the finest detail that any photograph can show of it: scales s become sqrt(s^2 + f^2).
-// 2D filter (equation 10): the blur of the projection stays, kCovarianceBlur.
-// Both keep a Gaussian's integral, and so multiply its opacity by the ratio of the determinants' square roots before
-// and after; without that, a Gaussian smaller than a pixel becomes brighter the smaller the image is.
+// size of the finest detail that any photograph can show of it. Its scales s become sqrt(s^2 + f^2).
+// 2D filter (equation 10): the projection is blurred as without anti-aliasing (kCovarianceBlur).
+// Both filters keep a Gaussian's integral: they multiply its opacity by sqrt(determinant before / determinant after).
+// Without that, a Gaussian smaller than a pixel becomes brighter the smaller the image is.
 #pragma once
 
 #include <cmath>
@@ -14,25 +14,26 @@
 
 namespace b3dgs {
 
-/// Smallest ratio of determinants that the 2D filter accounts for. Below it the factor of the opacity is constant, its
-/// square root, and has no gradient.
+/// Lower bound of the 2D filter's ratio of determinants. Below it, the opacity's factor is the square root of the
+/// bound: constant, without a gradient.
 inline constexpr float kMinBlurRatio = 2.5e-5f;
 
-/// A Gaussian's shape behind the 3D filter.
+/// A Gaussian after the 3D filter.
 template <class Real>
 struct Smoothed {
   Vec3<Real> log_scales;   // 0.5 ln(s^2 + f^2)
-  Vec3<Real> share;        // s^2 / (s^2 + f^2), each: d(smoothed log scale) / d(log scale)
+  Vec3<Real> share;        // s^2 / (s^2 + f^2) per axis: d(smoothed log scale) / d(log scale)
   Real log_opacity_ratio;  // ln of the opacity's factor, sum of 0.5 ln(share)
 };
 
+/// Applies the 3D filter; `filter`: its standard deviation f, world units.
 template <class Real>
 B3DGS_HD Smoothed<Real> smooth(Vec3<Real> log_scales, Real filter) {
   using std::exp;
   using std::log;
   Smoothed<Real> smoothed;
   const auto share = [filter](Real log_scale) {
-    // Relative to the scale; bounded, so that the share does not vanish. At the bound nothing is left of the opacity.
+    // Relative to the scale. Bounded, so that the share does not underflow; at the bound, opacity is practically 0.
     constexpr Real kMaxRatio = Real(1e15);
     const Real ratio = filter * exp(-log_scale);
     const Real bounded = ratio < kMaxRatio ? ratio : kMaxRatio;
@@ -45,15 +46,15 @@ B3DGS_HD Smoothed<Real> smooth(Vec3<Real> log_scales, Real filter) {
   return smoothed;
 }
 
-/// Factor by which the 2D filter multiplies the opacity, as the square of it: det(cov without blur) / det(cov), at
-/// least kMinBlurRatio.
+/// Square of the factor by which the 2D filter multiplies the opacity: det(cov without blur) / det(cov), at least
+/// kMinBlurRatio.
 template <class Real>
 B3DGS_HD Real blur_ratio(const Projection<Real>& p) {
   const Real ratio = p.sharp_det / p.det;
   return ratio > Real(kMinBlurRatio) ? ratio : Real(kMinBlurRatio);
 }
 
-/// Gradient through the 2D filter's factor of the opacity. `q` is dL/d(ln alpha), summed over pixels.
+/// Gradient through the factor by which the 2D filter multiplies the opacity. `q`: dL/d(ln alpha), summed over pixels.
 ///
 /// With a, b = spread_x, spread_y, c = a x b, sharp_det = c . c and cov = [a.a, a.b; a.b, b.b] + blur:
 ///   d(ln(sharp_det) / 2) = (b x c . da + c x a . db) / sharp_det

@@ -1,5 +1,5 @@
-// Scores of Gaussians (ScoreArgs): weights and errors as integers, so that sums do not depend on the order of their
-// terms: the same for any schedule, on CPU and GPU.
+// Arithmetic of the scores of Gaussians (ScoreArgs). Weights and errors are added as integers, so that sums do not
+// depend on the order of their terms: they are the same for any schedule, on CPU and GPU.
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,16 @@
 namespace b3dgs {
 
 inline constexpr int kScoreBits = 24;
-inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // in 1
-/// The largest value that one pixel adds to a sum: weights are at most kAlphaMax, errors at most 1.
+inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // units in a value of 1
+/// The largest number of units that one pixel adds to a sum: weights are at most kAlphaMax, errors at most 1.
 inline constexpr std::uint32_t kScoreMax = static_cast<std::uint32_t>(kAlphaMax * kScoreUnits + 0.5f);
 
-/// An error as it counts: within [0, 1].
+/// Limits an error to [0, 1]; NaN becomes 0.
 B3DGS_HD float clamp_error(float error) {
   return error > 0 ? (error < 1 ? error : 1.0f) : 0.0f;
 }
 
-/// A value within [0, kAlphaMax] in units, rounded.
+/// Converts a value within [0, kAlphaMax] to units, rounded to nearest.
 B3DGS_HD std::uint32_t score_units(float value) {
   return static_cast<std::uint32_t>(value * kScoreUnits + 0.5f);
 }

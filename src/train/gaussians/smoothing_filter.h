@@ -1,4 +1,4 @@
-// The 3D smoothing filters of a model's Gaussians (raster/math/antialiasing.h).
+// The 3D smoothing filters of a model's Gaussians (--antialiasing; raster/math/antialiasing.h).
 #pragma once
 
 #include <cstdint>
@@ -9,12 +9,13 @@
 
 namespace b3dgs {
 
-/// Computes the filters of a model for a set of training views.
+/// Computes the filters of all Gaussians from the training views.
 class SmoothingFilter {
  public:
+  /// `near_plane`: world units.
   SmoothingFilter(const std::vector<PinholeView>& views, float near_plane, torch::Device device);
 
-  /// Sets `gaussians.filters`. Asynchronous on a GPU.
+  /// Sets `gaussians.filters` [N], world units. Asynchronous on a GPU.
   void compute(GaussianTensors& gaussians);
 
  private:

@@ -1,6 +1,5 @@
-// The 3D smoothing filter of anti-aliasing (raster/math/antialiasing.h): how fine a detail of each Gaussian the
-// training photographs can show at most (Yu et al. 2024, "Mip-Splatting", section 5.1). The same arithmetic on CPU and
-// GPU.
+// Size of the 3D smoothing filter (raster/math/antialiasing.h), from the finest detail of each Gaussian that any
+// training photograph can show (Mip-Splatting, Yu et al. 2024, section 5.1). The same arithmetic on CPU and GPU.
 #pragma once
 
 #include <cmath>
@@ -12,7 +11,7 @@
 
 namespace b3dgs {
 
-/// What the filter needs to know of a training view.
+/// The part of a training view that the filter needs.
 struct FilterView {
   ViewTransform<float> transform{};
   float width = 0, height = 0;  // px
@@ -29,13 +28,13 @@ struct SmoothingFilterArgs {
   float* largest = nullptr;       // [1] scratch
 };
 
-// A view counts if the centre lies in front of its near plane and in its image, extended by this share of its size on
-// each side: a Gaussian beyond the border may still be seen.
+// A view contains a Gaussian if the mean is beyond the near plane and projects into the image, extended by this
+// fraction of its size on each side, since a Gaussian centred outside the image may still be visible.
 inline constexpr float kFilterMargin = 0.15f;
-// The filter's variance is this share of the square of the finest sampling interval.
+// The filter's variance, as a fraction of the square of the finest pixel size.
 inline constexpr float kFilterVariance = 0.2f;
 
-/// Smallest size of a pixel at the Gaussian's distance, over the views that see it, world units; 0 if none does.
+/// Smallest size of a pixel at Gaussian i's depth, over the views that contain it, world units; 0 if none does.
 B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
   const Vec3f mean = load3(args.means, i);
   float finest = 0;
@@ -54,7 +53,8 @@ B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
   return finest;
 }
 
-/// Standard deviation of the filter. Gaussians that no view sees get that of the largest pixel of all.
+/// Standard deviation of the filter, world units. `finest`: finest_pixel() of the Gaussian; if 0 because no view
+/// contains it, `largest` is used, the largest finest_pixel() of all Gaussians.
 B3DGS_HD float filter_size(float finest, float largest) {
   return std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }

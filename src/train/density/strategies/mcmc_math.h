@@ -18,11 +18,11 @@ B3DGS_HD double sigmoid(double logit) {
   return 1 / (1 + exp(-logit));
 }
 
-// Draws in proportion to opacity. Opacities are rounded to integers, whose sums do not depend on the order of addition:
-// the same rows are drawn for any number of threads, and in every run on a GPU.
+// Draws in proportion to opacity. Opacities are rounded down to integers, whose sums do not depend on the order of
+// addition, so that the same rows are drawn for any number of threads and in every run on a GPU.
 
-/// Opacity in units of 2^-32; at least 1 for live Gaussians, 0 for dead ones. `dead_logit`: the largest logit of a dead
-/// Gaussian. NaN counts as dead.
+/// Opacity in units of 2^-32: at least 1 for live Gaussians, 0 for dead ones. `dead_logit`: opacity logit up to which a
+/// Gaussian is dead. NaN counts as dead.
 B3DGS_HD std::int64_t draw_weight(float logit, float dead_logit) {
   if (!(logit > dead_logit)) return 0;
   const auto weight = static_cast<std::int64_t>(sigmoid(logit) * 0x1p32);
@@ -39,13 +39,13 @@ struct DrawWeightArgs {
 struct DrawArgs {
   std::int64_t n_draws = 0;
   std::int64_t n_rows = 0;
-  const std::int64_t* sums = nullptr;  // [n_rows] of the weights up to and including each row; the last is above 0
+  const std::int64_t* sums = nullptr;  // [n_rows] inclusive prefix sums of the weights; the last is above 0
   RandomKey key{};
-  std::uint64_t first_number = 0;  // draw i uses random number first_number + i
+  std::uint64_t first_number = 0;  // draw i uses random number first_number + i of `key`
   std::int64_t* out = nullptr;     // [n_draws] rows
 };
 
-/// Draw i, with replacement: a row of positive weight.
+/// Draw i, with replacement: a row, with probability proportional to its weight.
 B3DGS_HD std::int64_t draw_row(const DrawArgs& args, std::int64_t i) {
   const auto bits = random_bits(args.key, args.first_number + static_cast<std::uint64_t>(i));
   const std::uint64_t word = (static_cast<std::uint64_t>(bits[0]) << 32) | bits[1];
@@ -66,12 +66,12 @@ B3DGS_HD std::int64_t draw_row(const DrawArgs& args, std::int64_t i) {
   return low;
 }
 
-// A Gaussian of opacity o that is replaced by N copies of itself at the same place (equations 8 and 9):
+// N copies at the same place that replace a Gaussian of opacity o and scales s (equations 8 and 9):
 //   o' = 1 - (1 - o)^(1/N)
 //   s' = s o / sum_{i=1..N} sum_{k=0..i-1} C(i-1, k) (-1)^k o'^(k+1) / sqrt(k+1)
-// N copies then have opacity o together, and about the same image. sum_{i=1..N} C(i-1, k) = C(N, k+1).
+// Together, the copies have opacity o and look about the same. log_shrink() uses sum_{i=1..N} C(i-1, k) = C(N, k+1).
 
-inline constexpr int kMaxCopies = 51;  // larger N count as this
+inline constexpr int kMaxCopies = 51;  // upper limit of N
 
 /// ln s' - ln s for N = n_copies <= kMaxCopies.
 B3DGS_HD double log_shrink(double logit, int n_copies) {
@@ -80,7 +80,7 @@ B3DGS_HD double log_shrink(double logit, int n_copies) {
   using std::log;
   using std::log1p;
   using std::sqrt;
-  // Opacities above 1 - 1e-7 count as that: nearer to 1 the terms, of alternating sign, would cancel each other.
+  // Limits opacity to 1 - 1e-7: closer to 1, the terms of alternating sign would cancel each other.
   constexpr double kLargestLogit = 16;
   const double x = logit < kLargestLogit ? logit : kLargestLogit;
   const double log_clear = -log1p(exp(x));  // ln(1 - o)
@@ -94,7 +94,7 @@ B3DGS_HD double log_shrink(double logit, int n_copies) {
   return log(sigmoid(x) / sum);
 }
 
-/// logit of o'. Without o' itself, which may round to 1: o' / (1 - o') = (1 - o)^(-1/N) - 1.
+/// logit of o'. Does not compute o', which may round to 1, but o' / (1 - o') = (1 - o)^(-1/N) - 1.
 B3DGS_HD double shared_logit(double logit, int n_copies) {
   using std::exp;
   using std::expm1;
@@ -107,15 +107,15 @@ B3DGS_HD double shared_logit(double logit, int n_copies) {
 
 struct ShareArgs {
   std::int64_t n_rows = 0;                 // to write
-  const std::int64_t* rows = nullptr;      // [n_rows] in [0, N): which Gaussian each is a copy of
-  const std::int32_t* n_drawn = nullptr;   // [N] copies of each beside itself
+  const std::int64_t* rows = nullptr;      // [n_rows] in [0, N): the Gaussian that each row copies
+  const std::int32_t* n_drawn = nullptr;   // [N] number of copies of each Gaussian, itself excluded
   const float* logit_opacities = nullptr;  // [N]
   const float* log_scales = nullptr;       // [N, 3]
   float* out_logit_opacities = nullptr;    // [n_rows]
   float* out_log_scales = nullptr;         // [n_rows, 3]
 };
 
-/// Opacity and scales of copy i. A Gaussian that stays alone keeps its bits.
+/// Writes opacity and scales of row i. Those of a Gaussian without copies are kept bit for bit.
 B3DGS_HD void share_row(const ShareArgs& args, std::int64_t i) {
   const std::int64_t row = args.rows[i];
   float logit = args.logit_opacities[row];
@@ -131,7 +131,7 @@ B3DGS_HD void share_row(const ShareArgs& args, std::int64_t i) {
   store3(args.out_log_scales, i, log_scales);
 }
 
-// Noise on the means, by which nearly transparent Gaussians explore (equation 10):
+// Noise on the means, which lets nearly transparent Gaussians explore (equation 10):
 //   mean += rate sigmoid(-100 (o - 0.005)) Sigma eps,   eps ~ N(0, I)
 
 struct MeanNoiseArgs {
@@ -147,15 +147,15 @@ struct MeanNoiseArgs {
 
 inline constexpr double kNoiseSlope = 100, kNoiseOpacity = 0.005;
 
-/// ln of a bound: a coordinate x cannot change if the bound times s^2 e^(-100 (o - 0.005)) is below |x|, where s is the
-/// largest scale. For then |noise| < 2^-25 |x|, less than half the distance to the next float. With random_normal(),
-/// |eps| <= 6.77 sqrt(2) < 9.6. The factor 1.05 covers rounding in the comparison.
+/// ln of a bound: noise cannot change a coordinate x if the bound times s^2 e^(-100 (o - 0.005)) is below |x|, where s
+/// is the largest scale, because then |noise| < 2^-25 |x|, less than half the distance to the next float. With
+/// random_normal(), |eps| <= 6.77 sqrt(2) < 9.6. The factor 1.05 covers rounding in the comparison.
 inline float log_noise_bound(double rate) {
   return static_cast<float>(std::log(1.05 * 9.6 * 0x1p25 * rate));
 }
 
-/// Adds the noise to Gaussian i. Noise too small to change a float is neither drawn nor added, which is the case for
-/// most Gaussians and does not change the result. Computed in double, so that CPU and GPU differ by one ulp at most.
+/// Adds the noise to Gaussian i. Most Gaussians have noise that is too small to change a float: it is neither drawn nor
+/// added, which gives the same result. Computed in double, so that CPU and GPU differ by one ulp at most.
 B3DGS_HD void add_mean_noise(const MeanNoiseArgs& args, std::int64_t i) {
   using std::exp;
   using std::fabs;
