@@ -1,5 +1,5 @@
-// At which part of their size views are rendered and compared: from small to full size, as in DashGaussian (Chen et al.
-// 2025, arXiv 2503.18402), with a schedule that does not look at the photographs.
+// Coarse-to-fine training (--coarse_scale): views grow from reduced to full size, as in DashGaussian (Chen et al. 2025,
+// arXiv 2503.18402), but with a schedule that does not depend on the content of the photographs.
 #pragma once
 
 #include <cstdint>
@@ -8,23 +8,24 @@
 
 namespace b3dgs {
 
-/// In `iteration` (from 1) a view of W x H pixels is trained at W / s x H / s, rounded down. The share of pixels 1 /
-/// s^2 grows linearly from 1 / coarse_scale^2 to 1 at coarse_until, and s is rounded down to a whole number. It changes
-/// only between rounds of density control, after a multiple of densification_interval, so that what a round has
-/// recorded is of one size.
+/// Scale s in `iteration` (counted from 1): a view of W x H pixels is trained at W / s x H / s, rounded down. The
+/// fraction of pixels grows linearly from 1 / coarse_scale^2 to 1 at coarse_until, and s = 1 / sqrt(fraction) is
+/// rounded down to an integer; so full size is reached once the fraction exceeds 1/4. The scale changes only after a
+/// multiple of densification_interval, so that the statistics of a round of density control come from views of one
+/// size.
 inline int coarse_scale_at(const TrainConfig& config, int iteration) {
   const std::int64_t largest = config.coarse_scale, until = config.coarse_until;
   const std::int64_t last_round = std::int64_t{iteration - 1} / config.densification_interval;
   const std::int64_t done = last_round * config.densification_interval;
   if (largest <= 1 || done >= until) return 1;
-  // The largest s with 1 / s^2 >= 1 / S^2 + (1 - 1 / S^2) done / until, in whole numbers.
+  // The largest s with 1 / s^2 >= 1 / S^2 + (1 - 1 / S^2) done / until, in integer arithmetic.
   const std::int64_t squared = largest * largest, share = until + (squared - 1) * done;
   std::int64_t scale = largest;
   while (scale > 1 && scale * scale * share > squared * until) --scale;
   return static_cast<int>(scale);
 }
 
-/// The scale for a view of this size: its shorter side keeps 16 pixels, or full size.
+/// `scale`, lowered for small views: the shorter side keeps at least 16 pixels, or the view its full size.
 inline int coarse_scale_of(int scale, int width, int height) {
   constexpr int kMinSide = 16;  // px; SSIM has a window of 11
   const int side = width < height ? width : height;

@@ -1,14 +1,14 @@
-// From what the user gave to the options in use. Where several layers name an option, the later one decides:
+// Computes the options in use from those that the user gave. If several layers set an option, the last one wins:
 //
-//   1. TrainConfig's own values
+//   1. the defaults of TrainConfig
 //   2. the defaults of the density strategy in use (strategy_defaults())
-//   3. the values of --preset (presets()), which may name the strategy
-//   4. what was given: the file of --config, then the command line
+//   3. the values of --preset (presets()), which may also choose the strategy
+//   4. the options that were given: in the file of --config, then on the command line
 //
-// Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule that was not
-// given itself (Steps::kSchedule, train_config.h) by iterations / the preset's iterations. With `original` they stay
-// as they are, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given or not.
-// Both round to the nearest whole number, but not to 0; 0 stays 0.
+// Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule
+// (Steps::kSchedule) that was not given by iterations / the preset's iterations. With `original`, the schedule is not
+// scaled, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given or not. Both
+// round to the nearest integer, but to no less than 1; 0 stays 0.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -21,20 +21,20 @@
 
 namespace b3dgs {
 
-/// Values by option name (its primary one), each of the option's type.
+/// Values by the option's primary name, each of the option's type.
 using GivenOptions = nlohmann::ordered_json;
 
-/// The training options among those that the command line gives, on top of those in `config_file` (a path, or empty).
+/// The training options given in `config_file` (a path, or empty) and on the command line, which overrides the file.
 /// @throws InputError for an invalid file
 GivenOptions given_options(const CommandLine& line, const std::string& config_file);
 
-/// The options that a row's values name. @throws InputError for an unknown option or a malformed value
+/// Parses the values of a preset or strategy. @throws InputError for an unknown option or a malformed value
 GivenOptions parse_values(const std::vector<OptionValue>& values);
 
 struct OptionLayers {
-  TrainConfig config;  // the options in use; its steps_scaler is 1, since it has been applied
+  TrainConfig config;  // the options in use; steps_scaler has been applied and is 1
   GivenOptions strategy = GivenOptions::object(), preset = GivenOptions::object(), given = GivenOptions::object();
-  double schedule_scale = 1;  // of a preset's schedule, by a given --iterations
+  double schedule_scale = 1;  // by which a given --iterations scaled the preset's schedule
   double steps_scaler = 1;
 };
 
@@ -43,15 +43,15 @@ OptionLayers resolve_options(const GivenOptions& given);
 
 /// Changes the options of a resumed training. Those that are not given keep the checkpoint's values: neither the
 /// preset nor the strategy's defaults are applied again, and schedules do not follow a changed --iterations. A given
-/// --steps_scaler multiplies given options only. So the command line that started a training changes nothing.
-/// @throws InputError if another preset is given, and for a value that is out of range
+/// --steps_scaler multiplies given options only. So repeating the command line that started the training changes
+/// nothing. @throws InputError if another preset is given, and for a value that is out of range
 void apply_at_resume(TrainConfig& config, const GivenOptions& given);
 
-/// As one would type it; "none" for an empty text or list, "on" or "off" for a flag.
+/// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
 std::string option_value_text(const nlohmann::ordered_json& value);
 
-/// Preset, strategy, and the options that differ from TrainConfig's by where they are from: a few lines, each with a
-/// label of 12 columns.
+/// A few lines, each with a label of 12 columns: preset, strategy, and the options that differ from TrainConfig's
+/// defaults, grouped by the layer that set them.
 std::vector<std::string> describe_options(const OptionLayers& layers);
 
 }  // namespace b3dgs

@@ -1,5 +1,5 @@
-// The values of --preset and of --strategy: tables of options and values as they are written on the command line.
-// option_layers.h says which value is used where several name an option.
+// The option values of each --preset, and the defaults of each --strategy, as tables with values in the form of the
+// command line. option_layers.h says which value wins if several set the same option.
 #pragma once
 
 #include <vector>
@@ -16,10 +16,10 @@ struct OptionRow {
   std::vector<OptionValue> values;
 };
 
-/// A row for each name in kPresetNames (train_config.h), in that order. A row may name a strategy.
+/// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy.
 const std::vector<OptionRow>& presets();
 
-/// Values that a density strategy uses in place of TrainConfig's. Strategies without a row use TrainConfig's.
+/// Defaults of density strategies in place of TrainConfig's. Strategies without a row use TrainConfig's.
 const std::vector<OptionRow>& strategy_defaults();
 
 }  // namespace b3dgs

@@ -1,7 +1,7 @@
-// Opacity and scale regularisation, which makes Gaussians that the image does not need transparent and small:
+// Regularisation of opacity and scale, which makes Gaussians that the image does not need transparent and small:
 //   loss += opacity_reg mean(o) + scale_reg mean(s)
-// The means are over the M Gaussians that the view sees (scales: 3 M numbers, world units), so that the weight of a
-// Gaussian does not depend on how many others there are outside the view (Kheradmand et al. 2024 take it over all).
+// The means are over the M Gaussians that the view sees (scales: 3 M numbers, world units), so that the effect on one
+// Gaussian does not depend on how many others are out of view. Kheradmand et al. 2024 average over all Gaussians.
 // The same arithmetic on CPU and GPU.
 #pragma once
 
@@ -17,13 +17,13 @@ struct RegularizationWeights {
   double opacity = 0, scale = 0;
 };
 
-/// Gradients of the loss with respect to the opacity, and to each scale, of a Gaussian that the view sees.
+/// Gradients of these terms with respect to the opacity and to each scale of a Gaussian that the view sees.
 struct RegularizationGrad {
   float opacity = 0, scale = 0;
   B3DGS_HD bool is_zero() const { return opacity == 0 && scale == 0; }
 };
 
-/// `n_seen`: M, the Gaussians that the view sees.
+/// `n_seen`: M, the number of Gaussians that the view sees.
 inline RegularizationGrad regularization_grad(const RegularizationWeights& weights, std::int64_t n_seen) {
   if (n_seen == 0) return {};
   const double n = static_cast<double>(n_seen);

@@ -1,6 +1,6 @@
-// LPIPS (Zhang et al. 2018), a perceptual distance between images, by a network that the user provides: a TorchScript
-// file whose forward(a, b) takes two float images [1, 3, H, W] in [0, 1] and returns one number. Which network it is,
-// and how it scales its inputs, is part of the file; values of different networks cannot be compared.
+// LPIPS (Zhang et al. 2018), a perceptual distance between images, computed by a network that the user provides: a
+// TorchScript file whose forward(a, b) takes two float images [1, 3, H, W] in [0, 1] and returns one number. The file
+// determines the network and how it scales its inputs; values of different networks cannot be compared.
 #pragma once
 
 #include <torch/types.h>
@@ -19,11 +19,12 @@ class LpipsNetwork {
   LpipsNetwork(const std::filesystem::path& file, torch::Device device);
   ~LpipsNetwork();
 
-  /// Distance of a rendered image [H, W, 3], clamped to [0, 1] and rounded to 8 bits, from the photograph. Pixels where
-  /// `valid` is 0 are black in both; null = all are valid. @throws InputError if the network does not return one number
+  /// LPIPS between a rendered image [H, W, 3], clamped to [0, 1] and rounded to 8 bits, and the photograph. Pixels
+  /// where `valid` is 0 are set to black in both; null = all are valid. @throws InputError if the network fails or does
+  /// not return one number
   double distance(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) const;
 
-  /// The file's name, which goes with every value.
+  /// The file's name, to be shown with every value.
   const std::string& name() const { return name_; }
 
  private:
