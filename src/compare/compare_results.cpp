@@ -112,6 +112,7 @@ std::string describe_results(const std::vector<FinalResult>& results) {
 
 std::string results_section(const std::vector<FinalResult>& results, const std::vector<int>& colors) {
   std::vector<html::Row> rows;
+  rows.reserve(results.size());
   std::size_t n_seeds = 0;
   for (const FinalResult& own : results) n_seeds = std::max(n_seeds, static_cast<std::size_t>(own.n_complete));
   for (const FinalResult& own : results) {

@@ -133,7 +133,7 @@ Model make_model(const torch::Tensor& opacities) {
                      torch::logit(opacities), torch::randn({n, 1, 3}),        torch::randn({n, 3, 3})};
   model.adam = make_adam_state(model.gaussians);
   for (GaussianTensors* moments : {&model.adam.m, &model.adam.v}) {
-    for (torch::Tensor* moment : moments->all()) moment->uniform_(1, 2);
+    for (torch::Tensor* moment : moments->all()) *moment = torch::rand_like(*moment) + 1;
   }
   model.statistics = make_density_statistics(n, torch::kCPU);
   return model;
