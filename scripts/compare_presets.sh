@@ -4,7 +4,8 @@
 #
 # Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
 # script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
-# Models are deleted once they are measured; logs and reports stay.
+# Models that this script trained are deleted once they are measured; logs and reports stay. OUTPUT must be new, empty,
+# or of an earlier run of this script.
 #
 # Usage: scripts/compare_presets.sh B3DGS OUTPUT [SCENE...]      without scenes: only prints the table
 # Environment:
@@ -24,18 +25,27 @@ configs=${CONFIGS:-original=--preset original;fast=--preset fast;quality=--prese
 read -ra seeds <<< "${SEEDS:-0 1 2}"
 read -ra options <<< "${OPTIONS:---device cuda}"
 results=$output/results.jsonl
+mark=$output/.made_by_compare_presets
+if [[ -e $output && ! -f $mark ]] && ! { [[ -d $output ]] && [[ -z $(ls -A -- "$output") ]]; }; then
+  echo "compare_presets.sh: error: $output: holds something that this script did not make; name another folder" >&2
+  exit 2
+fi
 mkdir -p -- "$output"
-touch -- "$results"
+touch -- "$mark" "$results"
 SECONDS=0
 is_left=0
 
-# is_known SCENE NAME SEED OPTIONS: whether results.jsonl has this training. Fails if it has it with other options.
+# is_known SCENE NAME SEED OPTIONS PATH: whether results.jsonl has this training. Fails if it has it with other options,
+# or the scene's name for a scene in another folder.
 is_known() {
   python3 - "$results" "$@" << 'PYTHON'
 import json, sys
-path, scene, name, seed, options = sys.argv[1:]
+path, scene, name, seed, options, scene_path = sys.argv[1:]
 for line in open(path):
     run = json.loads(line)
+    if run["scene"] == scene and run["scene_path"] != scene_path:
+        sys.exit(f'compare_presets.sh: error: {path} has a scene {scene} in {run["scene_path"]}, not {scene_path}; '
+                 f'use another OUTPUT, or rename the folder')
     if (run["scene"], run["configuration"], run["seed"]) != (scene, name, int(seed)):
         continue
     if run["options"] != options:
@@ -45,18 +55,18 @@ for line in open(path):
 PYTHON
 }
 
-# record SCENE NAME SEED OPTIONS MODEL: adds the training's end to results.jsonl.
+# record SCENE NAME SEED OPTIONS PATH MODEL: adds the training's end to results.jsonl.
 record() {
   python3 - "$results" "$@" << 'PYTHON'
 import json, sys
-path, scene, name, seed, options, model = sys.argv[1:]
+path, scene, name, seed, options, scene_path, model = sys.argv[1:]
 points = [json.loads(line) for line in open(model + "/train.jsonl")]
 last = [point for point in points if "event" not in point][-1]
 iterations = json.load(open(model + "/config.json"))["iterations"]
 if last["iteration"] != iterations:
     sys.exit(f"compare_presets.sh: error: {model} ended at iteration {last['iteration']} of {iterations}")
-run = {"scene": scene, "configuration": name, "seed": int(seed), "options": options, "iterations": iterations,
-       "seconds": last["elapsed_s"], "gaussians": last["count"], "psnr": last.get("test_psnr"),
+run = {"scene": scene, "scene_path": scene_path, "configuration": name, "seed": int(seed), "options": options,
+       "iterations": iterations, "seconds": last["elapsed_s"], "gaussians": last["count"], "psnr": last.get("test_psnr"),
        "ssim": last.get("test_ssim")}
 with open(path, "a") as file:
     file.write(json.dumps(run) + "\n")
@@ -64,7 +74,8 @@ PYTHON
 }
 
 for scene in "$@"; do
-  scene_name=$(basename "$scene")
+  scene_path=$(realpath -- "$scene")
+  scene_name=$(basename "$scene_path")
   for seed in "${seeds[@]}"; do
     while IFS= read -r -d ';' config; do
       name=${config%%=*}
@@ -74,7 +85,7 @@ for scene in "$@"; do
       fi
       read -ra own <<< "${config#*=}"
       all="${options[*]} ${own[*]}"
-      known=$(is_known "$scene_name" "$name" "$seed" "$all")
+      known=$(is_known "$scene_name" "$name" "$seed" "$all" "$scene_path")
       [[ -z $known ]] || continue
       if [[ -n ${LIMIT_S:-} ]] && ((SECONDS >= LIMIT_S)); then
         is_left=1
@@ -84,7 +95,7 @@ for scene in "$@"; do
       echo "== $scene_name, $name, seed $seed" >&2
       "$b3dgs" train "$scene" -m "$model" --eval --overwrite --quiet --seed "$seed" --checkpoint_minutes 0 \
         "${options[@]}" "${own[@]}" >&2
-      record "$scene_name" "$name" "$seed" "$all" "$model"
+      record "$scene_name" "$name" "$seed" "$all" "$scene_path" "$model"
       [[ ${KEEP:-0} == 1 ]] || rm -rf -- "$model/point_cloud" "$model/checkpoints"
     done <<< "$configs;"
   done
