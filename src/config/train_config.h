@@ -208,11 +208,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"densification_interval"}.in_steps(), c.densification_interval, AtLeast{1},
         "iterations between rounds of density control");
   field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
-        "clone or split Gaussians whose mean screen-space gradient exceeds X");
+        "clone or split Gaussians whose mean screen-space gradient is at least X");
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
         "split Gaussians larger than X x scene extent, clone smaller ones");
   field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1},
-        "remove Gaussians with an opacity below X");
+        "remove Gaussians with an opacity below X; mcmc moves those of at most X instead");
   field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0},
         "remove Gaussians > X x scene extent after opacity_reset_interval steps (0 = none)");
   field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
@@ -226,7 +226,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
         "opacity of the initial Gaussians; not for Gaussians of --init_ply");
   field(Option{"init_scale"}, c.init_scale, Above{0},
-        "initial scale, x mean distance to 3 neighbours; not for Gaussians of --init_ply");
+        "initial scale, x RMS distance to 3 neighbours; not for Gaussians of --init_ply");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
   field(Option{"score_power"}, c.score_power, Above{0}, "balanced: a pixel's error is |difference|^X");
   field(Option{"abs_grad_threshold"}, c.abs_grad_threshold, AtLeast{0},
@@ -234,7 +234,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
         "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
   field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples"}},
-        "balanced: parts cover the parent, keep its covariance, or are samples as in 3DGS");
+        "balanced: the two parts cover the parent, keep its covariance, or are drawn from it");
   field(Option{"budget_power"}, c.budget_power, Above{0},
         "balanced: the count grows to max_gaussians as (share of the time)^X");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
@@ -245,7 +245,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "balanced: no removals by --prune_weight from this iteration on");
   field(Option{"opacity_decay"}, c.opacity_decay, InRange{0.01, 1},
         "balanced: multiply opacities by X in each round (1 = no change)");
-  field(Option{"growth"}, c.growth, InRange{0, 1}, "mcmc: growth of the number of Gaussians per round");
+  field(Option{"growth"}, c.growth, InRange{0, 1},
+        "mcmc: fraction by which the number of Gaussians grows in each round");
   field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
