@@ -70,25 +70,7 @@ TEST_P(RasterizeCpuTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
 }
 
 TEST_P(RasterizeCpuTest, AntialiasedViewsAgreeWithTheDenseReference) {
-  TestScene scene = GetParam().build();
-  // With filters only ellipses: the squares of some larger splats end on the border of a tile within rounding.
-  for (const auto& [binning, with_filters] :
-       {std::pair(kBinnings[1], false), std::pair(kBinnings[2], false), std::pair(kBinnings[0], true)}) {
-    if (with_filters) add_filters(scene);
-    SCOPED_TRACE(testing::Message() << binning.name << (with_filters ? ", with filters" : ""));
-    RenderSettings settings = settings_of(scene);
-    settings.antialiasing = true;
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
-    const Reference reference(scene, settings);
-    ASSERT_TRUE(reference.view.hazards.empty())
-        << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
-    CpuView view(scene, settings);
-    expect_same_image(view, reference.view);
-    expect_same_radii(view.radii(), reference.view);
-    expect_same_gradients(view.backward(reference.grad), reference, reference.gradients);
-    if (HasFailure()) return;  // one failing case is enough
-  }
+  expect_same_antialiased_views<CpuView>(GetParam().build());
 }
 
 TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {

@@ -187,15 +187,7 @@ TEST(CoarseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
   ASSERT_EQ(coarse_scale_at(config, 10), 2);
   ASSERT_EQ(coarse_scale_at(config, 11), 1);
   const Trained whole = train(config, scene, temp / "whole");
-  for (const int stop : {3, 5, 6, 12}) {
-    const std::filesystem::path folder = temp / ("stop" + std::to_string(stop));
-    config.iterations = stop;
-    const Trained first = train(config, scene, folder);
-    config.iterations = 20;
-    const Trained second = train(config, scene, folder, first.result.checkpoint);
-    EXPECT_TRUE(second.ply == whole.ply) << "stopped at " << stop;
-    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "stopped at " << stop;
-  }
+  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 5, 6, 12});
   for (const int threads : {1, 3}) {
     config.threads = threads;
     EXPECT_TRUE(train(config, scene, temp / "again").ply == whole.ply) << threads << " threads";

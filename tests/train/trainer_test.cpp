@@ -44,17 +44,8 @@ TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   ASSERT_TRUE(density_plan(config, 10).densify && density_plan(config, 12).lower_opacities);
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_GT(whole.result.n_gaussians, 150) << "no density control happened";
-  for (const int stop :
-       {3, 10, 12, 19}) {  // before all, at a round of density control, at an opacity reset, at the end
-    const fs::path folder = temp / ("stop" + std::to_string(stop));
-    config.iterations = stop;
-    const Trained first = train(config, scene, folder);
-    config.iterations = 20;
-    const Trained second = train(config, scene, folder, first.result.checkpoint);
-    EXPECT_EQ(second.result.iteration, 20);
-    EXPECT_TRUE(second.ply == whole.ply) << "stopped at " << stop;
-    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "stopped at " << stop;
-  }
+  // before all, at a round of density control, at an opacity reset, at the end
+  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10, 12, 19});
 }
 
 TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {

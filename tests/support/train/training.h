@@ -1,6 +1,9 @@
 // Short trainings, and helpers to compare their results.
 #pragma once
 
+#include <gtest/gtest.h>
+
+#include <initializer_list>
 #include <string>
 
 #include "support/files.h"
@@ -93,6 +96,23 @@ inline Trained train(const TrainConfig& config, const Scene& scene, const std::f
   run.ply = read_bytes(run.result.ply);
   run.checkpoint = timeless_bytes(run.result.checkpoint);
   return run;
+}
+
+/// Stops a training at each of `stops` and resumes it up to config.iterations, in folders below `folder`. Files must be
+/// those of `whole`, which was never interrupted, byte for byte.
+inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, const Trained& whole,
+                                const std::filesystem::path& folder, std::initializer_list<int> stops) {
+  for (const int stop : stops) {
+    SCOPED_TRACE(testing::Message() << "stopped at " << stop);
+    const std::filesystem::path own = folder / ("stop" + std::to_string(stop));
+    TrainConfig stopped = config;
+    stopped.iterations = stop;
+    const Trained first = train(stopped, scene, own);
+    const Trained second = train(config, scene, own, first.result.checkpoint);
+    EXPECT_EQ(second.result.iteration, config.iterations);
+    EXPECT_TRUE(second.ply == whole.ply) << "PLY";
+    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "checkpoint";
+  }
 }
 
 }  // namespace b3dgs::test

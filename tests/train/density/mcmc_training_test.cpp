@@ -92,15 +92,7 @@ TEST(McmcTraining, ResumedEqualsUninterruptedBitForBit) {
   const Trained whole = train(config, scene, temp / "whole");
   const auto n_dead = (opacities_of(whole.result.checkpoint, scene) <= config.prune_opacity).sum().item<int>();
   EXPECT_GT(n_dead, 0) << "no round has anything to move";
-  for (const int stop : {3, 10, 14, 15, 19}) {
-    const fs::path folder = temp / ("stop" + std::to_string(stop));
-    config.iterations = stop;
-    const Trained first = train(config, scene, folder);
-    config.iterations = 20;
-    const Trained second = train(config, scene, folder, first.result.checkpoint);
-    EXPECT_TRUE(second.ply == whole.ply) << "stopped at " << stop;
-    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "stopped at " << stop;
-  }
+  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10, 14, 15, 19});
 }
 
 TEST(McmcTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
