@@ -16,8 +16,8 @@ __global__ void __launch_bounds__(kThreads) finest_pixel_kernel(const SmoothingF
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   const float finest = i < args.n_gaussians ? finest_pixel(args, i) : 0;
   if (i < args.n_gaussians) args.filters[i] = finest;
-  const unsigned largest = __reduce_max_sync(kFullWarp, __float_as_uint(finest));
-  if (lane_id() == 0 && largest > 0) atomicMax(reinterpret_cast<unsigned*>(args.largest), largest);
+  const int largest = warp_max(__float_as_int(finest));
+  if (lane_id() == 0 && largest > 0) atomicMax(reinterpret_cast<int*>(args.largest), largest);
 }
 
 __global__ void __launch_bounds__(kThreads) filter_size_kernel(const SmoothingFilterArgs args) {
