@@ -62,6 +62,8 @@ struct TrainConfig {
   double position_lr_init = 0.00016;     // times the scene extent
   double position_lr_final = 0.0000016;  // times the scene extent
   int position_lr_max_steps = 30000;
+  double lr_final_scale = 1;
+  int lr_decay_from_iter = 0;
   double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
@@ -189,6 +191,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "final learning rate of the means, x scene extent");
   field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
         "iterations over which the learning rate of the means decays");
+  field(Option{"lr_final_scale"}, c.lr_final_scale, Above{0},
+        "the learning rates of all but the means fall to X times their value (1 = constant)");
+  field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
+        "--lr_final_scale: they fall from this iteration to --position_lr_max_steps");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
