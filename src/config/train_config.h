@@ -239,8 +239,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "balanced: split only Gaussians whose mean absolute gradient reaches X");
   field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
         "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
-  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples"}},
-        "balanced: the two parts cover the parent, keep its covariance, or are drawn from it");
+  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples", "preserve"}},
+        "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"budget_power"}, c.budget_power, Above{0},
         "balanced: the count grows to max_gaussians as (share of the time)^X");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
