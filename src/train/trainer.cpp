@@ -91,6 +91,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   }
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
+  if (impl.config.skip_share == 0) impl.state.view_skips = {};
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
