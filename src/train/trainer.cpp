@@ -65,6 +65,12 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
+  const bool grows = config.growth > 0 && config.max_gaussians == 0;
+  if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
+    input_error(
+        "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
+        "give one, such as --max_gaussians 1000000");
+  }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
 

@@ -99,6 +99,7 @@ struct Trainer::Impl {
   /// A round of density control, with fewer or no new Gaussians if memory is short.
   void run_density_round();
   void plan_and_apply_round();
+  GaussianMemory memory_of_gaussian();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   std::optional<std::int64_t> room_for_gaussians();
   /// Whether the hold can end now that there is memory for `room` Gaussians (0 = any number).
