@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Trains every SCENE with every preset and strategy and several seeds, one training after the other, and prints a
-# Markdown table of time, count, PSNR and SSIM: mean, and half the range over seeds.
+# Markdown table of time, count, PSNR and SSIM: mean, and half the range over seeds. Above the table: with which program,
+# on which machine, and at which commit of the repository that this script is in.
 #
 # Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
 # script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
@@ -55,11 +56,14 @@ for line in open(path):
 PYTHON
 }
 
+# The commit that this script is in, as git describe names it; empty without git or outside a repository.
+commit=$(git -C "$(dirname "$0")" describe --always --dirty=+changes 2> /dev/null || true)
+
 # record SCENE NAME SEED OPTIONS PATH MODEL: adds the training's end to results.jsonl.
 record() {
-  python3 - "$results" "$@" << 'PYTHON'
+  python3 - "$results" "$commit" "$@" << 'PYTHON'
 import json, sys
-path, scene, name, seed, options, scene_path, model = sys.argv[1:]
+path, commit, scene, name, seed, options, scene_path, model = sys.argv[1:]
 points = [json.loads(line) for line in open(model + "/train.jsonl")]
 last = [point for point in points if "event" not in point][-1]
 iterations = json.load(open(model + "/config.json"))["iterations"]
@@ -68,6 +72,13 @@ if last["iteration"] != iterations:
 run = {"scene": scene, "scene_path": scene_path, "configuration": name, "seed": int(seed), "options": options,
        "iterations": iterations, "seconds": last["elapsed_s"], "gaussians": last["count"], "psnr": last.get("test_psnr"),
        "ssim": last.get("test_ssim")}
+try:
+    machine = json.load(open(model + "/report/run.json"))["machine"]
+except (OSError, ValueError, KeyError):
+    machine = {}
+run["program"] = machine.get("program")
+run["machine"] = machine.get("gpu") or machine.get("cpu")
+run["commit"] = commit or None
 with open(path, "a") as file:
     file.write(json.dumps(run) + "\n")
 PYTHON
@@ -114,6 +125,16 @@ def spread(values, digits):
     text = f"{sum(values) / len(values):,.{digits}f}"
     return text if len(values) == 1 else text + f" ± {(max(values) - min(values)) / 2:,.{digits}f}"
 
+def listed(key):
+    """The values of all lines, in order; lines of earlier versions of this script have none."""
+    values = []
+    for run in runs:
+        value = run.get(key) or "unknown"
+        if value not in values:
+            values.append(value)
+    return ", ".join(values)
+
+print(f'Program: {listed("program")}. Machine: {listed("machine")}. Commit: {listed("commit")}.\n')
 print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |")
 print("|---|---|---|---|---|---|---|---|")
 done = set()

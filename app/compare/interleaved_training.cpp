@@ -128,7 +128,7 @@ bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& ma
 }
 
 void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
-  turn.eta.add({progress.iteration, progress.elapsed_s, progress.n_gaussians});
+  turn.eta.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
   std::optional<Eta> all = Eta{};
   for (const auto& own : turns_) {
     const std::optional<Eta> eta = own->eta.estimate();

@@ -80,11 +80,12 @@ std::optional<Eta> estimate_eta(const std::deque<EtaSample>& samples, const EtaP
   const double count_sum = count * steps_left + growth * growing * (0.5 * growing + (steps_left - growing));
 
   const StepTime step = fit_step_time(samples);
-  return Eta{step.constant * steps_left + step.slope * count_sum, !growth_is_known};
+  return Eta{step.constant * steps_left + step.slope * count_sum, !growth_is_known || now.view_scale > 1};
 }
 
 void EtaHistory::add(const EtaSample& sample) {
   const int spacing = std::clamp(plan_.iterations / 200, 1, kLargestSpacing);
+  if (!samples_.empty() && samples_.back().view_scale != sample.view_scale) samples_.clear();
   // The newest sample is always kept. The one before it is dropped if it is too close to its predecessor.
   const std::size_t n = samples_.size();
   if (n >= 2 && samples_[n - 1].iteration < samples_[n - 2].iteration + spacing) samples_.pop_back();

@@ -13,6 +13,7 @@ struct EtaSample {
   int iteration = 0;
   double elapsed_s = 0;  // training only, without evaluation and saving
   std::int64_t n_gaussians = 0;
+  int view_scale = 1;  // the step's view had 1 / view_scale of its width and height
 };
 
 /// What is known about the rest of the training.
@@ -24,14 +25,14 @@ struct EtaPlan {
 
 struct Eta {
   double seconds = 0;
-  bool is_lower_bound = false;  // densification has not started, so growth is unknown
+  bool is_lower_bound = false;  // growth is unknown, since densification has not started, or views get larger
 };
 
 /// Models the time per iteration as a + b * count, fitted to the samples (ascending by iteration), and assumes that the
 /// count keeps growing at the rate seen in the samples until `densify_until`. Empty with fewer than two samples.
 std::optional<Eta> estimate_eta(const std::deque<EtaSample>& samples, const EtaPlan& plan);
 
-/// Keeps recent samples at a spacing that depends on the length of the training.
+/// Keeps recent samples at a spacing that depends on the length of the training, all of views of one scale.
 class EtaHistory {
  public:
   explicit EtaHistory(const EtaPlan& plan) : plan_(plan) {}

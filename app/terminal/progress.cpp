@@ -103,7 +103,7 @@ TrainProgressView::TrainProgressView(StatusLine& status, const TrainConfig& conf
       history_({config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians}) {}
 
 void TrainProgressView::operator()(const TrainProgress& progress) {
-  history_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians});
+  history_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
   if (last_line_ == 0) last_line_ = progress.iteration;  // of a resumed training
   const bool is_due =
       progress.iteration >= last_line_ + kPlainLineIterations || progress.iteration == progress.iterations;

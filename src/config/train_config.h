@@ -57,6 +57,8 @@ struct TrainConfig {
   int keep_checkpoints = 2;
   int coarse_scale = 1;      // 1: full size throughout
   int coarse_until = 15000;  // as in DashGaussian: when densification ends
+  double skip_share = 0;
+  int skip_from_iter = 15500;  // as in SkipGS
 
   // Learning rates
   double position_lr_init = 0.00016;     // times the scene extent
@@ -184,6 +186,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
+  field(Option{"skip_share"}, c.skip_share, InRange{0, 0.5},
+        "skip up to X of the steps: of views whose loss was below its running mean (0 = none)");
+  field(Option{"skip_from_iter"}.in_steps(), c.skip_from_iter, AtLeast{0}, "skip no step up to this iteration");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
         "initial learning rate of the means, x scene extent");

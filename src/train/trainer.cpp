@@ -65,6 +65,12 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
+  const bool grows = config.growth > 0 && config.max_gaussians == 0;
+  if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
+    input_error(
+        "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
+        "give one, such as --max_gaussians 1000000");
+  }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
 
@@ -91,6 +97,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   }
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
+  if (impl.config.skip_share == 0) impl.state.view_skips = {};
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);

@@ -26,12 +26,17 @@ void Trainer::Impl::control_density() {
   state.is_density_pending = false;
 }
 
+GaussianMemory Trainer::Impl::memory_of_gaussian() {
+  const bool absolute_gradients = density->plan(std::max(1, state.iteration)).absolute_gradients;
+  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients);
+}
+
 std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
   const std::optional<std::int64_t> limit = memory->limit();
   if (!limit) return std::nullopt;
   const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes();
   const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
-  return largest_count(limits, gaussian_memory(state, view_memory(step_settings()), view_ratios));
+  return largest_count(limits, memory_of_gaussian());
 }
 
 void Trainer::Impl::hold_count(std::int64_t count) {
@@ -132,7 +137,7 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   const std::optional<std::int64_t> limit = impl.memory->limit();
   if (!limit) return std::nullopt;
   if (impl.state.gaussians.size() == 0) impl.initialize_model();
-  const GaussianMemory each = gaussian_memory(impl.state, view_memory(impl.step_settings()), impl.view_ratios);
+  const GaussianMemory each = impl.memory_of_gaussian();
   const double n = static_cast<double>(impl.state.gaussians.size());
   const MemoryUse use = impl.memory->use();
   MemoryForecast forecast;

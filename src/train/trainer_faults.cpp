@@ -44,6 +44,8 @@ void Trainer::Impl::roll_back() {
   state.sh_degree = step_start.sh_degree;
   state.view_order = step_start.view_order;
   if (step_start.loss_average) state.loss_average = *step_start.loss_average;
+  if (step_start.view_loss)
+    state.view_skips.loss_of(step_start.view_loss->first, images.size()) = step_start.view_loss->second;
 }
 
 void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) {

@@ -56,10 +56,12 @@ struct Trainer::Impl {
   /// One step; repeated without the Gaussians that cannot be rendered. Starts with a kernel check if one is due.
   void step();
   void take_step();
+  /// Whether --skip_share skips the step of this iteration, which is then recorded.
+  bool skip_step(int iteration);
   /// The view of this iteration: at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
-  void learn(const TrainView& view);
+  void learn(const TrainView& view, std::int32_t view_index);
   RenderSettings step_settings();
   /// Waits for the loss of the last step and adds it to the average. @throws LossError if it is not finite
   void read_loss();
@@ -77,6 +79,8 @@ struct Trainer::Impl {
     update_filters(/*is_due=*/false);
     return state;
   }
+  /// The filters follow the means, which move slowly.
+  static bool is_filter_iteration(int iteration) { return iteration % 100 == 1; }
   /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
   void update_filters(bool is_due);
 
@@ -95,6 +99,7 @@ struct Trainer::Impl {
   /// A round of density control, with fewer or no new Gaussians if memory is short.
   void run_density_round();
   void plan_and_apply_round();
+  GaussianMemory memory_of_gaussian();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   std::optional<std::int64_t> room_for_gaussians();
   /// Whether the hold can end now that there is memory for `room` Gaussians (0 = any number).
@@ -156,6 +161,7 @@ struct Trainer::Impl {
   struct UnreadLoss {
     int iteration = 0;
     std::string view;
+    std::int32_t view_index = 0;
   };
   std::optional<UnreadLoss> unread_loss;
 
@@ -164,7 +170,8 @@ struct Trainer::Impl {
     int iteration = 0, sh_degree = 0;
     std::int64_t adam_steps = 0;
     ViewOrder view_order;
-    std::optional<double> loss_average;  // once the loss of the step before has been added
+    std::optional<double> loss_average;                          // once the loss of the step before has been added
+    std::optional<std::pair<std::int32_t, ViewLoss>> view_loss;  // of this step's view, once its loss has been added
   };
   StepStart step_start;
   bool is_consistent = true;  // false while, or after, a change to the state was interrupted halfway

@@ -1,4 +1,5 @@
-// One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics.
+// One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics. Steps that --skip_share
+// skips only count: view order, SH degree, schedules and outputs are as if they had been taken.
 //
 // The original 3DGS differs in two places. It runs density control before Adam; that replaces the parameters, so the
 // gradients of such a step are lost. Here they are used. And it skips Adam in the very last iteration; here all
@@ -9,6 +10,7 @@
 #include <cmath>
 
 #include "config/coarse_schedule.h"
+#include "config/view_skips.h"
 #include "core/random.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
@@ -44,13 +46,17 @@ RenderSettings Trainer::Impl::step_settings() {
 
 void Trainer::Impl::read_loss() {
   if (!unread_loss) return;
-  const auto [iteration, view] = *std::exchange(unread_loss, std::nullopt);
+  const auto [iteration, view, view_index] = *std::exchange(unread_loss, std::nullopt);
   const double value = loss.value().loss;
   if (!std::isfinite(value)) {
     throw LossError(
         detail::concat("iteration ", iteration, ", view ", view, ": the loss is ", value, recorder.last_checkpoint()));
   }
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+  if (!may_skip(config, iteration)) return;
+  ViewLoss& losses = state.view_skips.loss_of(view_index, images.size());
+  if (iteration > step_start.iteration) step_start.view_loss = {view_index, losses};
+  losses.add(value);
 }
 
 void Trainer::Impl::update_filters(bool is_due) {
@@ -58,9 +64,7 @@ void Trainer::Impl::update_filters(bool is_due) {
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
-void Trainer::Impl::learn(const TrainView& view) {
-  // The filters follow the means, which move slowly.
-  constexpr int kFilterInterval = 100;
+void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
   const DensityPlan plan = density->plan(state.iteration);
   RenderedView rendered;
   try {
@@ -68,7 +72,7 @@ void Trainer::Impl::learn(const TrainView& view) {
     settings.absolute_gradient = plan.absolute_gradients;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-      update_filters(state.iteration % kFilterInterval == 1);
+      update_filters(is_filter_iteration(state.iteration));
       return stepper.forward(state.gaussians, state.adam, view.camera, settings);
     });
   } catch (const InvalidGaussianError&) {
@@ -88,7 +92,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
   if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
   timer.end();
-  unread_loss = {state.iteration, view.name};
+  unread_loss = {state.iteration, view.name, view_index};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
@@ -125,6 +129,15 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
+bool Trainer::Impl::skip_step(int iteration) {
+  if (!may_skip(config, iteration) || density->plan(iteration).statistics) return false;
+  if (smoothing_filter && is_filter_iteration(iteration)) return false;
+  const std::int32_t view = state.view_order.upcoming(config.seed, images.size(), 1).front();
+  // The same view twice in a row, at the end of an epoch. Whether its loss is known must not depend on the device.
+  if (unread_loss && unread_loss->view_index == view) read_loss();
+  return state.view_skips.skip(view, iteration - config.skip_from_iter, config.skip_share);
+}
+
 TrainView Trainer::Impl::take_view(int iteration) {
   const std::vector<std::int32_t> next =
       state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
@@ -138,15 +151,20 @@ void Trainer::Impl::take_step() {
   // the number of Gaussians, and the next step reallocates.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
   const int iteration = state.iteration + 1;
-  if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
-  timer.begin(Stage::kUpload);
-  const TrainView view = take_view(iteration);
-  timer.end();
+  const bool is_skipped = skip_step(iteration);
+  TrainView view;
+  if (!is_skipped) {
+    if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
+    timer.begin(Stage::kUpload);
+    view = take_view(iteration);
+    timer.end();
+  }
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
-  state.view_order.next(config.seed, images.size());
+  const std::int32_t view_index = state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
-  learn(view);
+  if (is_skipped) return;
+  learn(view, view_index);
   timer.finish();
 }
 
@@ -158,6 +176,7 @@ void Trainer::Impl::step() {
     step_start.adam_steps = state.adam.steps;
     step_start.view_order = state.view_order;
     step_start.loss_average.reset();
+    step_start.view_loss.reset();
     try {
       take_step();
       state.is_density_pending = true;

@@ -95,6 +95,29 @@ TEST(Eta, IsALowerBoundBeforeGrowthWasSeen) {
   EXPECT_LT(eta->seconds, run.remaining_after(400));
 }
 
+TEST(Eta, IsALowerBoundWhileViewsAreReduced) {
+  // A second per iteration from 201 on, a quarter of it before.
+  const EtaPlan plan{1000, 0, 0, 0};
+  EtaHistory history(plan);
+  const auto add_until = [&, next = 1](int iteration) mutable {
+    for (; next <= iteration; ++next) {
+      history.add({next, std::min(next, 200) * 0.25 + std::max(0, next - 200), 5000, next <= 200 ? 2 : 1});
+    }
+  };
+  add_until(200);
+  ASSERT_TRUE(history.estimate());
+  EXPECT_TRUE(history.estimate()->is_lower_bound);
+  EXPECT_NEAR(history.estimate()->seconds, 200, 1e-9);
+  EXPECT_NEAR(history.iterations_per_second(), 4, 1e-9);
+  add_until(201);
+  EXPECT_FALSE(history.estimate()) << "one sample of full size";
+  add_until(202);
+  ASSERT_TRUE(history.estimate());
+  EXPECT_FALSE(history.estimate()->is_lower_bound);
+  EXPECT_NEAR(history.estimate()->seconds, 798, 1e-9) << "reduced views count no more";
+  EXPECT_NEAR(history.iterations_per_second(), 1, 1e-9);
+}
+
 TEST(Eta, AFallingCountIsNotExtrapolated) {
   const EtaPlan plan{1000, 0, 1000, 0};
   std::deque<EtaSample> samples;

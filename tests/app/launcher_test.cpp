@@ -1,4 +1,4 @@
-// The launcher b3dgs, which works without b3dgs-engine; and the demo script.
+// The launcher b3dgs, which works without b3dgs-engine; and scripts that run it.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -51,6 +51,24 @@ TEST(Demo, RefusesAFolderThatItDidNotMake) {
   EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/demo.sh '" + (folder / "mine").string() + "'"), 2);
   EXPECT_NE(test::read_bytes(folder / "out").find("holds something that the demo did not make"), std::string::npos);
   EXPECT_EQ(test::read_bytes(folder / "mine/model/thesis.txt"), "years");
+}
+
+TEST(ComparePresets, NamesProgramMachineAndCommitAboveItsTable) {
+  const test::TempDir folder;
+  const std::string run =
+      R"({"scene": "fox", "scene_path": "/fox", "configuration": "a", "options": "", "iterations": 20, "seconds": 0.5, )"
+      R"("gaussians": 1000, "psnr": 20.5, "ssim": 0.75, "seed": )";
+  test::write_bytes(folder / "results/.made_by_compare_presets", "");
+  test::write_bytes(folder / "results/results.jsonl",
+                    run + "0}\n" + run + R"(1, "program": "b3dgs 1.2.3", "machine": "H200", "commit": "abc1234"})" +
+                        "\n" + run + R"(2, "program": "b3dgs 1.2.3", "machine": "H200", "commit": null})" + "\n");
+  const std::string command = B3DGS_SOURCE "/scripts/compare_presets.sh b3dgs '" + (folder / "results").string() + "'";
+  EXPECT_EQ(run_shell(folder.path(), command), 0);
+  const std::string out = test::read_bytes(folder / "out");
+  EXPECT_EQ(
+      out.rfind("Program: unknown, b3dgs 1.2.3. Machine: unknown, H200. Commit: unknown, abc1234.\n\n| scene |", 0), 0u)
+      << out;
+  EXPECT_NE(out.find("| fox | a | 20 | 3 | 0.50 ± 0.00 |"), std::string::npos) << out;
 }
 
 }  // namespace

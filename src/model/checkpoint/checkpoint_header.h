@@ -7,6 +7,7 @@
 
 #include "config/train_config.h"
 #include "config/view_order.h"
+#include "config/view_skips.h"
 
 namespace b3dgs {
 
@@ -17,6 +18,7 @@ struct CheckpointHeader {
   int sh_degree = 0;             // from 0 to config.sh_degree
   std::int64_t adam_steps = 0;   // from 0 to `iteration`
   ViewOrder view_order;          // indices of the scene's training views, each at most once
+  ViewSkips view_skips;          // empty, or as many views as the scene has; means finite, at least 0 or kUnseen
   double loss_average = 0;       // finite
   double elapsed_s = 0;          // at least 0
   std::string training_id;       // empty in checkpoints of early versions
@@ -25,6 +27,9 @@ struct CheckpointHeader {
   std::int64_t held_at = 0;    // number of Gaussians at which GPU memory stopped their growth; 0: it did not
   nlohmann::ordered_json kernel_selection, scene;
 };
+
+/// The value of the header's key "view_skips", which is missing if the state is empty.
+nlohmann::ordered_json skips_to_json(const ViewSkips& skips);
 
 /// Reads the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of the
 /// wrong type or out of range

@@ -133,20 +133,22 @@ std::vector<std::string> changed_photographs(const Json& header, const Json& fin
 }
 
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
-  return {{"iteration", state.iteration},
-          {"n_gaussians", state.gaussians.size()},
-          {"sh_degree", state.sh_degree},
-          {"adam_steps", state.adam.steps},
-          {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
-          {"loss_average", state.loss_average},
-          {"elapsed_s", state.elapsed_s},
-          {"training_id", state.training_id},
-          {"is_density_pending", state.is_density_pending},
-          {"n_removed", state.n_removed},
-          {"held_at", state.held_at},
-          {"kernel_selection", state.kernel_selection},
-          {"config", config_to_json(config)},
-          {"scene", fingerprint}};
+  Json header{{"iteration", state.iteration},
+              {"n_gaussians", state.gaussians.size()},
+              {"sh_degree", state.sh_degree},
+              {"adam_steps", state.adam.steps},
+              {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
+              {"loss_average", state.loss_average},
+              {"elapsed_s", state.elapsed_s},
+              {"training_id", state.training_id},
+              {"is_density_pending", state.is_density_pending},
+              {"n_removed", state.n_removed},
+              {"held_at", state.held_at},
+              {"kernel_selection", state.kernel_selection},
+              {"config", config_to_json(config)},
+              {"scene", fingerprint}};
+  if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
+  return header;
 }
 
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
@@ -172,6 +174,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.sh_degree = header.sh_degree;
   state.adam.steps = header.adam_steps;
   state.view_order = std::move(header.view_order);
+  state.view_skips = std::move(header.view_skips);
   state.loss_average = header.loss_average;
   state.elapsed_s = header.elapsed_s;
   state.training_id = std::move(header.training_id);

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "config/view_order.h"
+#include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
@@ -19,6 +20,7 @@ struct TrainState {
   AdamState adam;
   DensityStatistics statistics;
   ViewOrder view_order;
+  ViewSkips view_skips;     // with --skip_share
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions
   std::string training_id;  // see training_id.h; empty in checkpoints of early versions

@@ -1,6 +1,6 @@
 // Adds one view to the density statistics, one thread per Gaussian.
 
-#include "core/cuda_check.h"
+#include "core/cuda_rows.cuh"
 #include "train/density/density_statistics_cuda.h"
 
 namespace b3dgs::cuda {
@@ -9,7 +9,7 @@ namespace {
 constexpr int kThreads = 256;
 
 __global__ void __launch_bounds__(kThreads) add_view_kernel(const AddViewArgs args) {
-  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  const std::int64_t i = own_row<kThreads>();
   if (i >= args.n_gaussians || args.radii[i] <= 0) return;
   const float2 grad = reinterpret_cast<const float2*>(args.means2d_grad)[i];
   const float dx = grad.x * args.half_width, dy = grad.y * args.half_height;
@@ -21,9 +21,7 @@ __global__ void __launch_bounds__(kThreads) add_view_kernel(const AddViewArgs ar
 }  // namespace
 
 void add_view(const AddViewArgs& args, cudaStream_t stream) {
-  if (args.n_gaussians == 0) return;
-  add_view_kernel<<<static_cast<unsigned>((args.n_gaussians + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_rows<kThreads>(add_view_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda

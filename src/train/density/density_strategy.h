@@ -27,6 +27,7 @@ namespace b3dgs {
 /// What a strategy does in one iteration.
 struct DensityPlan {
   bool after_step = false;  // after_step() has work to do
+  bool statistics = false;  // after_step() collects statistics of the view: the step must not be skipped
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
   bool absolute_gradients = false;  // after_step() needs ViewStatistics::means2d_abs_grad

@@ -3,7 +3,7 @@
 //     it to the largest of all with one atomic. Positive floats compare like their bit patterns.
 //   Kernel 2: pixel sizes to filters.
 
-#include "core/cuda_check.h"
+#include "core/cuda_rows.cuh"
 #include "raster/cuda/warp.cuh"
 #include "train/gaussians/smoothing_filter_cuda.h"
 
@@ -13,7 +13,7 @@ namespace {
 constexpr int kThreads = 128;
 
 __global__ void __launch_bounds__(kThreads) finest_pixel_kernel(const SmoothingFilterArgs args) {
-  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  const std::int64_t i = own_row<kThreads>();
   const float finest = i < args.n_gaussians ? finest_pixel(args, i) : 0;
   if (i < args.n_gaussians) args.filters[i] = finest;
   const int largest = warp_max(__float_as_int(finest));
@@ -21,7 +21,7 @@ __global__ void __launch_bounds__(kThreads) finest_pixel_kernel(const SmoothingF
 }
 
 __global__ void __launch_bounds__(kThreads) filter_size_kernel(const SmoothingFilterArgs args) {
-  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
+  const std::int64_t i = own_row<kThreads>();
   if (i < args.n_gaussians) args.filters[i] = filter_size(args.filters[i], *args.largest);
 }
 
@@ -30,11 +30,8 @@ __global__ void __launch_bounds__(kThreads) filter_size_kernel(const SmoothingFi
 void compute_filters(const SmoothingFilterArgs& args, cudaStream_t stream) {
   if (args.n_gaussians == 0) return;
   B3DGS_CUDA_CHECK(cudaMemsetAsync(args.largest, 0, sizeof(float), stream));
-  const auto blocks = static_cast<unsigned>((args.n_gaussians + kThreads - 1) / kThreads);
-  finest_pixel_kernel<<<blocks, kThreads, 0, stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  filter_size_kernel<<<blocks, kThreads, 0, stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_rows<kThreads>(finest_pixel_kernel, args, args.n_gaussians, stream);
+  launch_rows<kThreads>(filter_size_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda

@@ -46,16 +46,17 @@ std::int64_t state_bytes(const TrainState& state) {
   return bytes;
 }
 
-GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios) {
+GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
+                               bool absolute_gradients) {
   // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
-  constexpr double kStep = 8 + 32;
+  constexpr double kStep = 8 + 32, kAbsoluteGradient = 8;
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
   std::int64_t largest = 0;
   visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
-  memory.step = kStep;
+  memory.step = kStep + (absolute_gradients ? kAbsoluteGradient : 0);
   // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
   // count does not.
   constexpr double kPairGrowth = 1.25;

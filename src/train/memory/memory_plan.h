@@ -48,7 +48,9 @@ struct GaussianMemory {
   /// The rasterizer's buffers are freed for a round if both do not fit.
   double all() const { return state + step + std::max(view, round); }
 };
-GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios);
+/// `absolute_gradients`: whether steps also compute absolute gradients (RenderSettings::absolute_gradient).
+GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
+                               bool absolute_gradients);
 
 /// Available memory, bytes.
 struct CountLimits {

@@ -47,6 +47,7 @@ void TrainLog::write(const TrainLogLine& line) {
                {"ms", line.ms},
                {"count", line.count},
                {"elapsed_s", line.elapsed_s}};
+  if (line.n_skipped) json["skipped"] = *line.n_skipped;
   if (line.peak_memory_bytes > 0) json["gpu_peak_bytes"] = line.peak_memory_bytes;
   if (line.stages) json["stages_ms"] = stage_json(*line.stages);
   if (line.test_quality) {

@@ -51,6 +51,22 @@ TEST(McmcTraining, GrowsToTheLimit) {
   EXPECT_EQ(counts, (std::vector<std::int64_t>{120, 144, 144, 160, 160, 160}));
 }
 
+TEST(McmcTraining, NeedsALimitOnACpu) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = mcmc_config();
+  config.max_gaussians = 0;
+  try {
+    Trainer(config, scene, ModelFolder(temp / "model"), {});
+    FAIL() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("--max_gaussians 0: expected a limit on a CPU"), std::string::npos)
+        << error.what();
+  }
+  config.growth = 0;
+  EXPECT_EQ(train(config, scene, temp / "model").result.n_gaussians, 120);
+}
+
 TEST(McmcTraining, StartsAboveTheLimitWithoutGrowing) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;

@@ -250,7 +250,8 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||
                 is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
-  plan.after_step = plan.absolute_gradients || plan.score || config.noise_lr > 0;
+  plan.statistics = plan.absolute_gradients || plan.score;
+  plan.after_step = plan.statistics || config.noise_lr > 0;
   return plan;
 }
 

@@ -1,6 +1,6 @@
 // Strategy mcmc on the GPU: one thread per Gaussian or draw.
 
-#include "core/cuda_check.h"
+#include "core/cuda_rows.cuh"
 #include "train/density/strategies/mcmc_cuda.h"
 
 namespace b3dgs::cuda {
@@ -8,53 +8,42 @@ namespace {
 
 constexpr int kThreads = 128;
 
-__device__ __forceinline__ std::int64_t thread_index() {
-  return static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-}
-
 __global__ void __launch_bounds__(kThreads) draw_weights_kernel(const DrawWeightArgs args) {
-  const std::int64_t i = thread_index();
+  const std::int64_t i = own_row<kThreads>();
   if (i < args.n_rows) args.out[i] = draw_weight(args.logit_opacities[i], args.dead_logit);
 }
 
 __global__ void __launch_bounds__(kThreads) draw_rows_kernel(const DrawArgs args) {
-  const std::int64_t i = thread_index();
+  const std::int64_t i = own_row<kThreads>();
   if (i < args.n_draws) args.out[i] = draw_row(args, i);
 }
 
 __global__ void __launch_bounds__(kThreads) share_rows_kernel(const ShareArgs args) {
-  const std::int64_t i = thread_index();
+  const std::int64_t i = own_row<kThreads>();
   if (i < args.n_rows) share_row(args, i);
 }
 
 __global__ void __launch_bounds__(kThreads) mean_noise_kernel(const MeanNoiseArgs args) {
-  const std::int64_t i = thread_index();
+  const std::int64_t i = own_row<kThreads>();
   if (i < args.n_gaussians) b3dgs::add_mean_noise(args, i);
-}
-
-template <class Args>
-void launch(void (*kernel)(Args), const Args& args, std::int64_t n, cudaStream_t stream) {
-  if (n == 0) return;
-  kernel<<<static_cast<unsigned>((n + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace
 
 void compute_draw_weights(const DrawWeightArgs& args, cudaStream_t stream) {
-  launch(draw_weights_kernel, args, args.n_rows, stream);
+  launch_rows<kThreads>(draw_weights_kernel, args, args.n_rows, stream);
 }
 
 void draw_rows(const DrawArgs& args, cudaStream_t stream) {
-  launch(draw_rows_kernel, args, args.n_draws, stream);
+  launch_rows<kThreads>(draw_rows_kernel, args, args.n_draws, stream);
 }
 
 void share_rows(const ShareArgs& args, cudaStream_t stream) {
-  launch(share_rows_kernel, args, args.n_rows, stream);
+  launch_rows<kThreads>(share_rows_kernel, args, args.n_rows, stream);
 }
 
 void add_mean_noise(const MeanNoiseArgs& args, cudaStream_t stream) {
-  launch(mean_noise_kernel, args, args.n_gaussians, stream);
+  launch_rows<kThreads>(mean_noise_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda
