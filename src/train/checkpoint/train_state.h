@@ -9,6 +9,7 @@
 #include "raster/torch/gaussian_tensors.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
+#include "train/poses/pose_state.h"
 
 namespace b3dgs {
 
@@ -18,6 +19,7 @@ struct TrainState {
   GaussianTensors gaussians;
   AdamState adam;
   DensityStatistics statistics;
+  PoseState poses;  // with --pose_opt
   ViewOrder view_order;
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions
