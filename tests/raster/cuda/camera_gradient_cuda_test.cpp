@@ -24,8 +24,8 @@ TEST(CameraGradientCuda, AgreesWithTheCpuOnManySplats) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = large_cloud();
   // Of one sign, so that the sum is large beside what pixels near a decision change.
-  const RenderedViewGrad grad{torch::ones({scene.view.height, scene.view.width, 3}),
-                              torch::ones({scene.view.height, scene.view.width}), {}};
+  const RenderedViewGrad grad{
+      torch::ones({scene.view.height, scene.view.width, 3}), torch::ones({scene.view.height, scene.view.width}), {}};
   for (const bool antialiasing : {false, true}) {
     for (const bool deterministic : {false, true}) {
       SCOPED_TRACE(testing::Message() << "antialiasing " << antialiasing << ", deterministic " << deterministic);
@@ -42,8 +42,8 @@ TEST(CameraGradientCuda, AgreesWithTheCpuOnManySplats) {
       // The three numbers of a rotation, and those of a translation, have one size.
       for (const int first : {0, 3}) {
         const torch::Tensor part = wanted.slice(0, first, first + 3);
-        EXPECT_TRUE(within(found.slice(0, first, first + 3), part, 2e-3 * part.norm().item<double>()))
-            << found << "\n" << wanted;
+        EXPECT_TRUE(within(found.slice(0, first, first + 3), part, 2e-3 * part.norm().item<double>())) << found << "\n"
+                                                                                                       << wanted;
       }
       if (!deterministic) continue;
       CudaView again(scene, settings);

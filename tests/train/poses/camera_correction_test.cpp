@@ -80,18 +80,14 @@ double seen(const Pose& pose) {
 
 TEST(CameraCorrection, GradientAgreesWithFiniteDifferences) {
   const Pose pose = some_pose();
-  const auto of = [](const std::vector<double>& x) {
-    return CameraCorrection{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
-  };
-  for (const std::vector<double>& at :
-       {std::vector<double>(6), std::vector<double>{0.03, -0.02, 0.01, 0.3, -0.2, 0.4},
-        std::vector<double>{0.4, 0.9, -0.5, -0.3, 0.6, 0.1}}) {
+  const auto of = [](const std::vector<double>& x) { return CameraCorrection{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}}; };
+  for (const std::vector<double>& at : {std::vector<double>(6), std::vector<double>{0.03, -0.02, 0.01, 0.3, -0.2, 0.4},
+                                        std::vector<double>{0.4, 0.9, -0.5, -0.3, 0.6, 0.1}}) {
     const auto value = [&](const std::vector<double>& x) { return seen(corrected(pose, of(x))); };
     // With respect to a small motion of the corrected camera.
     const Pose there = corrected(pose, of(at));
-    const std::vector<double> motion =
-        test::numeric_gradient([&](const std::vector<double>& x) { return seen(corrected(there, of(x))); },
-                         std::vector<double>(6));
+    const std::vector<double> motion = test::numeric_gradient(
+        [&](const std::vector<double>& x) { return seen(corrected(there, of(x))); }, std::vector<double>(6));
     const CameraCorrection found = correction_grad(of(at), of(motion));
     EXPECT_TRUE(test::gradients_agree({found.rotation.x, found.rotation.y, found.rotation.z, found.translation.x,
                                        found.translation.y, found.translation.z},
