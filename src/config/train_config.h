@@ -70,6 +70,9 @@ struct TrainConfig {
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
+  bool pose_opt = false;
+  double pose_opt_lr = 0.0005;   // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  int pose_opt_from_iter = 500;  // exclusive
 
   // Loss
   double lambda_dssim = 0.2;
@@ -204,6 +207,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
+  field(Option{"pose_opt"}.common(), c.pose_opt, Any{},
+        "refine the poses of the training cameras; see docs/recipes.md");
+  field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
+        "learning rate of the poses: rotations in rad, translations x scene extent");
+  field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");

@@ -112,6 +112,7 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
   std::int64_t used = 0;
   for (const View& view : views) {
     TrainView& train_view = views_.emplace_back(make_train_view(view));
+    train_view.index = size() - 1;
     images_.push_back(view.image);
     if (!view.valid) continue;
     torch::Tensor& mask = masks[view.valid.get()];
