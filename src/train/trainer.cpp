@@ -40,6 +40,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       rasterizer(device),
       stepper(rasterizer),
       loss(device),
+      appearance(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)),
       density(make_density_strategy(config, scene.extent)),
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
@@ -64,6 +65,9 @@ void check_options(const TrainConfig& config) {
       evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
+  }
+  if (config.train_test_exp && !config.eval) {
+    input_error("--train_test_exp: needs test views; add --eval, or leave it out");
   }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
@@ -91,6 +95,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   }
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
+  impl.prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
@@ -194,7 +199,8 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
   B3DGS_CHECK(impl.recorder.is_log_open(), "evaluate() before run_until()");
   return impl.without_invalid_gaussians([&] {
     return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, views,
-                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered);
+                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, nullptr,
+                          impl.color_evaluation());
   });
 }
 

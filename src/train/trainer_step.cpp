@@ -24,6 +24,7 @@ void Trainer::Impl::initialize_model() {
   state.gaussians = to_tensors(cloud, config.sh_degree, device);
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
+  prepare_appearance();
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
                                  " Gaussians, more than --max_gaussians ", config.max_gaussians,
@@ -58,7 +59,15 @@ void Trainer::Impl::update_filters(bool is_due) {
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
-void Trainer::Impl::learn(const TrainView& view) {
+void Trainer::Impl::prepare_appearance() {
+  if (appearance == nullptr) {
+    state.appearance = {};
+  } else if (!appearance->fits(state.appearance)) {
+    state.appearance = appearance->make_state();
+  }
+}
+
+void Trainer::Impl::learn(const TrainView& view, std::int32_t index) {
   // The filters follow the means, which move slowly.
   constexpr int kFilterInterval = 100;
   const DensityPlan plan = density->plan(state.iteration);
@@ -85,18 +94,25 @@ void Trainer::Impl::learn(const TrainView& view) {
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
-  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
-  if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
+  const torch::Tensor color = appearance ? appearance->apply(state.appearance, index, rendered.color) : rendered.color;
+  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
+  if (appearance) appearance->backward(state.appearance, index, rendered.color, loss.grad().color);
   timer.end();
   unread_loss = {state.iteration, view.name};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
                    {config.opacity_reg, config.scale_reg});
+  if (appearance) {
+    timer.begin(Stage::kOptimizer);
+    appearance->step(index, state.iteration, state.appearance);
+    timer.end();
+  }
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, rendered.color, view.truth,
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, color, view.truth,
                          view.valid, error, &rasterizer},
                         state.gaussians, state.statistics);
     timer.end();
@@ -144,9 +160,9 @@ void Trainer::Impl::take_step() {
   timer.end();
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
-  state.view_order.next(config.seed, images.size());
+  const std::int32_t index = state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
-  learn(view);
+  learn(view, index);
   timer.finish();
 }
 

@@ -36,6 +36,8 @@ Json describe_views(const Scene& scene) {
   return as_read_back(views);
 }
 
+const std::string kAppearance = "appearance.";
+
 /// Calls field(name, tensor) for each tensor of a state, in file order.
 template <class State, class Field>
 void visit_tensors(State& state, Field&& field) {
@@ -48,10 +50,12 @@ void visit_tensors(State& state, Field&& field) {
   const std::vector<std::string> columns = state.statistics.names();
   for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
   if (state.gaussians.filters.defined()) field("gaussians.filters", state.gaussians.filters);
+  visit_appearance(state.appearance, [&](const char* name, auto& tensor) { field(kAppearance + name, tensor); });
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
+void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::int64_t n_views,
+                  const std::string& place) {
   const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
@@ -61,6 +65,7 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const 
     if (is("quats")) wanted = {n, 4};
     if (is("sh0")) wanted = {n, 1, 3};
     if (is("shN")) wanted = {n, rest, 3};
+    if (name.rfind(kAppearance, 0) == 0) wanted = {n_views, 3, 4};
     if (is("view_count") || is("max_radii")) type = torch::kInt32;
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
@@ -74,7 +79,7 @@ void check_values(const TrainState& state, const std::string& place) {
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     if (tensor.scalar_type() == torch::kInt32) {
       check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
-    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum") {
+    } else if (name.rfind("adam_v.", 0) == 0 || name == kAppearance + "v" || name == "statistics.grad_norm_sum") {
       check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
     }
   });
@@ -133,20 +138,22 @@ std::vector<std::string> changed_photographs(const Json& header, const Json& fin
 }
 
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
-  return {{"iteration", state.iteration},
-          {"n_gaussians", state.gaussians.size()},
-          {"sh_degree", state.sh_degree},
-          {"adam_steps", state.adam.steps},
-          {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
-          {"loss_average", state.loss_average},
-          {"elapsed_s", state.elapsed_s},
-          {"training_id", state.training_id},
-          {"is_density_pending", state.is_density_pending},
-          {"n_removed", state.n_removed},
-          {"held_at", state.held_at},
-          {"kernel_selection", state.kernel_selection},
-          {"config", config_to_json(config)},
-          {"scene", fingerprint}};
+  Json header = {{"iteration", state.iteration},
+                 {"n_gaussians", state.gaussians.size()},
+                 {"sh_degree", state.sh_degree},
+                 {"adam_steps", state.adam.steps},
+                 {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
+                 {"loss_average", state.loss_average},
+                 {"elapsed_s", state.elapsed_s},
+                 {"training_id", state.training_id},
+                 {"is_density_pending", state.is_density_pending},
+                 {"n_removed", state.n_removed},
+                 {"held_at", state.held_at},
+                 {"kernel_selection", state.kernel_selection},
+                 {"config", config_to_json(config)},
+                 {"scene", fingerprint}};
+  if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
+  return header;
 }
 
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
@@ -178,13 +185,19 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.is_density_pending = header.is_density_pending;
   state.n_removed = header.n_removed;
   state.held_at = header.held_at;
+  state.appearance.steps = header.appearance_steps;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  const auto is_filters = [](const auto& tensor) { return tensor.first == "gaussians.filters"; };
-  if (std::any_of(file.tensors.begin(), file.tensors.end(), is_filters)) {
-    state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  const auto holds = [&](const std::string& name) {
+    return std::any_of(file.tensors.begin(), file.tensors.end(), [&](const auto& own) { return own.first == name; });
+  };
+  if (holds("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  if (holds(kAppearance + "exposures")) {
+    for (torch::Tensor* tensor : {&state.appearance.exposures, &state.appearance.m, &state.appearance.v}) {
+      *tensor = torch::empty({0}, torch::kFloat32);
+    }
   }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
@@ -195,7 +208,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
-  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
+  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, static_cast<std::int64_t>(scene.train.size()),
+               place);
   check_values(state, place);
   visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
   return checkpoint;
