@@ -14,8 +14,8 @@ namespace b3dgs {
 namespace {
 
 /// Options that must be the same for all configurations, or their times and images would not be comparable.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",  "resolution",      "eval",
-                                   "seed",        "device",     "threads", "white_background"};
+constexpr const char* kShared[] = {"source_path", "model_path", "images",  "resolution",       "eval",
+                                   "seed",        "device",     "threads", "white_background", "train_test_exp"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";

@@ -79,6 +79,12 @@ struct TrainConfig {
   double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
   double scale_reg = 0;    // times their mean scale, world units
 
+  // Appearance of each photograph
+  bool exposure = false;
+  double exposure_lr_init = 0.01;
+  double exposure_lr_final = 0.001;
+  bool train_test_exp = false;
+
   // Density control
   std::string strategy{kDefaultStrategy};
   int densify_from_iter = 500;     // exclusive: first acts at 600
@@ -217,6 +223,14 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "weight of D-SSIM in the loss");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
+
+  field(Option{"exposure"}.group("Appearance of photographs"), c.exposure, Any{},
+        "learn an affine colour transform for each photograph; see docs/recipes.md");
+  field(Option{"exposure_lr_init"}, c.exposure_lr_init, AtLeast{0}, "initial learning rate of --exposure");
+  field(Option{"exposure_lr_final"}, c.exposure_lr_final, AtLeast{0},
+        "learning rate of --exposure in the last iteration");
+  field(Option{"train_test_exp"}, c.train_test_exp, Any{},
+        "measure the right half of test views, with colours fitted to their left half");
 
   field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
         "how Gaussians are added and removed; see docs/recipes.md");

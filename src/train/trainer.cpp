@@ -40,6 +40,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       rasterizer(device),
       stepper(rasterizer),
       loss(device),
+      appearance(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)),
       density(make_density_strategy(config, scene.extent)),
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
@@ -72,6 +73,9 @@ void check_options(const TrainConfig& config) {
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
         "give one, such as --max_gaussians 1000000");
   }
+  if (config.train_test_exp && !config.eval) {
+    input_error("--train_test_exp: needs test views; add --eval, or leave it out");
+  }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
 
@@ -99,6 +103,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   if (impl.config.skip_share == 0) impl.state.view_skips = {};
+  impl.prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
@@ -204,7 +209,8 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
   const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
   return impl.without_invalid_gaussians([&] {
     return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, refined,
-                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered);
+                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, nullptr,
+                          impl.color_evaluation());
   });
 }
 

@@ -16,6 +16,7 @@
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
+#include "train/appearance/appearance_model.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
@@ -62,7 +63,7 @@ struct Trainer::Impl {
   /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
-  void learn(const TrainView& view, std::int32_t view_index);
+  void learn(const TrainView& view);
   RenderSettings step_settings();
   /// Waits for the loss of the last step and adds it to the average; before that, finishes the step of its pose.
   /// @throws LossError if the loss is not finite
@@ -83,6 +84,10 @@ struct Trainer::Impl {
   }
   /// The filters follow the means, which move slowly.
   static bool is_filter_iteration(int iteration) { return iteration % 100 == 1; }
+  /// Makes the state of the appearance model, unless that of a checkpoint fits, and drops what no option asks for.
+  void prepare_appearance();
+  /// How views are to be compared: with their exposures as learned so far.
+  ColorEvaluation color_evaluation() const;
   /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
   void update_filters(bool is_due);
 
@@ -148,6 +153,7 @@ struct Trainer::Impl {
   GaussianStepper stepper;
   ImageLoss loss;
   ErrorImage error_image;
+  const std::unique_ptr<AppearanceModel> appearance;  // null = none
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;

@@ -26,6 +26,7 @@ void Trainer::Impl::initialize_model() {
   state.gaussians = to_tensors(cloud, config.sh_degree, device);
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
+  prepare_appearance();
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
                                  " Gaussians, more than --max_gaussians ", config.max_gaussians,
@@ -65,7 +66,15 @@ void Trainer::Impl::update_filters(bool is_due) {
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
-void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
+void Trainer::Impl::prepare_appearance() {
+  if (appearance == nullptr) {
+    state.appearance = {};
+  } else if (!appearance->fits(state.appearance)) {
+    state.appearance = appearance->make_state();
+  }
+}
+
+void Trainer::Impl::learn(const TrainView& view) {
   const DensityPlan plan = density->plan(state.iteration);
   const bool refines_pose = poses.refines(view.index, state.iteration);
   RenderedView rendered;
@@ -92,20 +101,28 @@ void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
-  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
-  if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
+  const torch::Tensor color =
+      appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
+  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
+  if (appearance) appearance->backward(state.appearance, view.index, rendered.color, loss.grad().color);
   timer.end();
-  unread_loss = {state.iteration, view.name, view_index};
+  unread_loss = {state.iteration, view.name, view.index};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
                    {config.opacity_reg, config.scale_reg});
   if (refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
   if (device.is_cpu()) poses.finish_step();
+  if (appearance) {
+    timer.begin(Stage::kOptimizer);
+    appearance->step(view.index, state.iteration, state.appearance);
+    timer.end();
+  }
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, rendered.color, view.truth,
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, color, view.truth,
                          view.valid, error, &rasterizer},
                         state.gaussians, state.statistics);
     timer.end();
@@ -167,10 +184,10 @@ void Trainer::Impl::take_step() {
   }
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
-  const std::int32_t view_index = state.view_order.next(config.seed, images.size());
+  state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   if (is_skipped) return;
-  learn(view, view_index);
+  learn(view);
   timer.finish();
 }
 

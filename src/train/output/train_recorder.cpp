@@ -75,10 +75,16 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
   const int iteration = source_.state.iteration;
   outputs_.evaluations.emplace_back(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
-  char text[120];
-  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
-  say(text);
+  char text[160];
+  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
+                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
+                evaluation.views.size());
+  std::string message = text;
+  if (evaluation.mean.corrected_psnr) {
+    std::snprintf(text, sizeof text, "; colour-corrected PSNR %.2f dB", *evaluation.mean.corrected_psnr);
+    message += text;
+  }
+  say(message);
 }
 
 double TrainRecorder::step_ms() const {
@@ -107,6 +113,14 @@ void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
   if (!is_end()) return;
   writer_.wait();
   collect_files();
+}
+
+void TrainRecorder::write_exposures(const Exposures& exposures) {
+  const ModelFolder& folder = source_.folder;
+  try_to_write([&] {
+    b3dgs::write_exposures(folder.exposures(source_.state.iteration), exposures);
+    b3dgs::write_exposures(folder.exposures(), exposures);
+  });
 }
 
 void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint) {
