@@ -13,6 +13,7 @@
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
+#include "model/poses_json.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -79,6 +80,11 @@ Scene scene_of_cameras(const LoadedModel& model) {
   return scene;
 }
 
+/// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
+void refine_poses(LoadedModel& model) {
+  if (fs::exists(model.folder.poses())) apply_refined_poses(model.folder.poses(), model.scene.train);
+}
+
 /// How the views of a scene differ from those in cameras.json.
 struct SceneDifference {
   bool views = false;  // their number, names or poses
@@ -116,6 +122,7 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
   apply_options(model, options);
   model.scene = open_scene(scene_options(model.config), status);
+  refine_poses(model);
   return model;
 }
 
@@ -125,6 +132,7 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   apply_options(model, options);
   const bool has_cameras = fs::exists(model.folder.cameras());
   model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
+  refine_poses(model);
   return model;
 }
 

@@ -64,10 +64,15 @@ struct TrainConfig {
   double position_lr_init = 0.00016;     // times the scene extent
   double position_lr_final = 0.0000016;  // times the scene extent
   int position_lr_max_steps = 30000;
+  double lr_final_scale = 1;
+  int lr_decay_from_iter = 0;
   double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
+  bool pose_opt = false;
+  double pose_opt_lr = 0.0005;   // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  int pose_opt_from_iter = 500;  // exclusive
 
   // Loss
   double lambda_dssim = 0.2;
@@ -194,10 +199,19 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "final learning rate of the means, x scene extent");
   field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
         "iterations over which the learning rate of the means decays");
+  field(Option{"lr_final_scale"}, c.lr_final_scale, Above{0},
+        "the learning rates of all but the means fall to X times their value (1 = constant)");
+  field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
+        "--lr_final_scale: they fall from this iteration to --position_lr_max_steps");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
+  field(Option{"pose_opt"}.common(), c.pose_opt, Any{},
+        "refine the poses of the training cameras; see docs/recipes.md");
+  field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
+        "learning rate of the poses: rotations in rad, translations x scene extent");
+  field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
@@ -238,8 +252,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "balanced: split only Gaussians whose mean absolute gradient reaches X");
   field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
         "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
-  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples"}},
-        "balanced: the two parts cover the parent, keep its covariance, or are drawn from it");
+  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples", "preserve"}},
+        "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"budget_power"}, c.budget_power, Above{0},
         "balanced: the count grows to max_gaussians as (share of the time)^X");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},

@@ -71,9 +71,9 @@ std::string fault_of(const Camera& camera) {
 
 }  // namespace
 
-nlohmann::ordered_json cameras_to_json(const Scene& scene) {
+nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train) {
   Json cameras = Json::array();
-  for (const std::vector<View>* views : {&scene.test, &scene.train}) {
+  for (const std::vector<View>* views : {&test, &train}) {
     for (const View& view : *views) cameras.push_back(camera_to_json(cameras.size(), view));
   }
   return cameras;

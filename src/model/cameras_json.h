@@ -17,7 +17,7 @@ struct NamedCamera {
 
 /// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
 /// the image. Test views come first.
-nlohmann::ordered_json cameras_to_json(const Scene& scene);
+nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train);
 
 /// Cameras in the order of the file, with or without a principal point. @throws InputError if the file is missing or
 /// damaged

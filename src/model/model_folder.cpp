@@ -12,6 +12,7 @@
 #include "model/cameras_json.h"
 #include "model/formats/ply.h"
 #include "model/photographs.h"
+#include "model/poses_json.h"
 
 namespace b3dgs {
 namespace {
@@ -114,10 +115,20 @@ void ModelFolder::write_training_id(const std::string& id) const {
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
   write_point_ply(root_ / "input.ply", scene.points);
-  write_json(cameras(), cameras_to_json(scene), -1);
+  write_json(cameras(), cameras_to_json(scene.test, scene.train), -1);
   write_json(photographs(), photograph_fingerprints(scene), -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json(root_ / "config.json", config_to_json(config), 2);
+}
+
+void ModelFolder::write_poses(const Scene& scene, const std::vector<View>& refined_train) const {
+  write_json(cameras(), cameras_to_json(scene.test, refined_train), -1);
+  write_json(poses(), poses_to_json(scene.train, refined_train), 1);
+}
+
+void ModelFolder::remove_poses() const {
+  std::error_code error;  // ignored: reported when it is read
+  fs::remove(poses(), error);
 }
 
 bool ModelFolder::has_config() const {

@@ -30,6 +30,7 @@ class ModelFolder {
   std::filesystem::path ply(int iteration) const;         // point_cloud/iteration_N/point_cloud.ply
   std::filesystem::path checkpoint(int iteration) const;  // checkpoints/iteration_N.b3dgs
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
+  std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (poses_json.h)
   std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
@@ -46,6 +47,11 @@ class ModelFolder {
 
   /// Writes input.ply, cameras.json (test cameras first), photographs.json, cfg_args and config.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
+
+  /// Writes cameras.json with the refined poses of the training views, and poses.json. @throws IoError
+  void write_poses(const Scene& scene, const std::vector<View>& refined_train) const;
+  /// Removes poses.json, if there is one.
+  void remove_poses() const;
 
   /// Whether there is a config.json: a training was started here.
   bool has_config() const;

@@ -72,8 +72,12 @@ struct RenderSettings {
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
   bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
   bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
+  bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
   StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
 };
+
+/// Numbers of a gradient with respect to the camera's pose (math/camera_grad.h): rotation, then translation.
+inline constexpr int kCameraGradients = 6;
 
 /// The rendered view.
 struct ImageArrays {

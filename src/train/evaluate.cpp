@@ -47,7 +47,8 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
     images.push_back(view.image);
   }
   Image8 truth;
-  read_in_order(images, reading_threads(gaussians.means.is_cpu()), [&](std::size_t i, const std::uint8_t* rgb) {
+  const ReadingLoad load = gaussians.means.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kNothing;
+  read_in_order(images, reading_threads(load), [&](std::size_t i, const std::uint8_t* rgb) {
     const View& view = views[i];
     truth.width = view.camera.width;
     truth.height = view.camera.height;

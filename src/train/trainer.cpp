@@ -49,6 +49,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       reducer(device),
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
+      poses(this->config, scene, state.poses),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
   if (config.antialiasing) {
     std::vector<PinholeView> views;
@@ -199,8 +200,10 @@ int Trainer::iteration() const {
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   Impl& impl = *impl_;
   B3DGS_CHECK(impl.recorder.is_log_open(), "evaluate() before run_until()");
+  impl.read_loss();
+  const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
   return impl.without_invalid_gaussians([&] {
-    return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, views,
+    return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, refined,
                           evaluation_settings(impl.config, impl.state.sh_degree), on_rendered);
   });
 }

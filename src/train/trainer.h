@@ -72,7 +72,8 @@ class Trainer {
   /// Last iteration done.
   int iteration() const;
 
-  /// Renders `views` with the current model and computes their PSNR and SSIM. Call run_until() first.
+  /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
+  /// Call run_until() first.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
   /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError

@@ -29,6 +29,7 @@
 #include "train/memory/memory_source.h"
 #include "train/optimizer/gaussian_step.h"
 #include "train/output/train_recorder.h"
+#include "train/poses/pose_refiner.h"
 #include "train/selection/kernel_chooser.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
@@ -58,12 +59,13 @@ struct Trainer::Impl {
   void take_step();
   /// Whether --skip_share skips the step of this iteration, which is then recorded.
   bool skip_step(int iteration);
-  /// The view of this iteration: at a part of its size with --coarse_scale.
+  /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view, std::int32_t view_index);
   RenderSettings step_settings();
-  /// Waits for the loss of the last step and adds it to the average. @throws LossError if it is not finite
+  /// Waits for the loss of the last step and adds it to the average; before that, finishes the step of its pose.
+  /// @throws LossError if the loss is not finite
   void read_loss();
   /// Times the blending kernels before the step of `iteration`, if that is due. Does not change the training state.
   void check_kernels(int iteration);
@@ -92,6 +94,8 @@ struct Trainer::Impl {
   void log_kernel_times();
   ImageQuality evaluate_test_views();
   void write_ply();
+  /// cameras.json and poses.json, with the refined poses.
+  void write_poses();
   void write_checkpoint();
 
   // trainer_density.cpp
@@ -151,6 +155,7 @@ struct Trainer::Impl {
   StageTimer timer;
   TimeAccount time;
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
+  PoseRefiner poses;
   TrainRecorder recorder;
   ViewRatios view_ratios;
   bool growth_has_failed = false;  // in this session, although memory had seemed sufficient

@@ -31,6 +31,10 @@ void Trainer::Impl::begin() {
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
   claim_folder();
   folder.write_inputs(config, scene);
+  write_poses();
+  if (config.pose_opt && scene.train.size() < 3) {
+    recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
+  }
   recorder.open_log();
   if (!resumed.empty()) {
     recorder.log_event(state.iteration, "resumed",
@@ -96,6 +100,12 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 void Trainer::Impl::write_ply() {
   recorder.report_progress("saving");
   recorder.write_ply(flushed_state().gaussians);
+  recorder.try_to_write([&] { write_poses(); });
+}
+
+void Trainer::Impl::write_poses() {
+  if (!state.poses.is_defined()) return folder.remove_poses();
+  folder.write_poses(scene, with_refined_poses(scene.train, scene.train, state.poses));
 }
 
 void Trainer::Impl::write_checkpoint() {

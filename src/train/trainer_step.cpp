@@ -45,6 +45,7 @@ RenderSettings Trainer::Impl::step_settings() {
 }
 
 void Trainer::Impl::read_loss() {
+  poses.finish_step();
   if (!unread_loss) return;
   const auto [iteration, view, view_index] = *std::exchange(unread_loss, std::nullopt);
   const double value = loss.value().loss;
@@ -66,10 +67,12 @@ void Trainer::Impl::update_filters(bool is_due) {
 
 void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
   const DensityPlan plan = density->plan(state.iteration);
+  const bool refines_pose = poses.refines(view.index, state.iteration);
   RenderedView rendered;
   try {
     RenderSettings settings = step_settings();
     settings.absolute_gradient = plan.absolute_gradients;
+    settings.camera_gradient = refines_pose;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
       update_filters(is_filter_iteration(state.iteration));
@@ -97,6 +100,8 @@ void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
                    {config.opacity_reg, config.scale_reg});
+  if (refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
+  if (device.is_cpu()) poses.finish_step();
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
@@ -141,7 +146,8 @@ bool Trainer::Impl::skip_step(int iteration) {
 TrainView Trainer::Impl::take_view(int iteration) {
   const std::vector<std::int32_t> next =
       state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
-  const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  view.camera = poses.camera(view.index);
   const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
   return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);
 }

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -57,6 +58,31 @@ TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
   const LoadedModel model = load_model(options_, status_);
   EXPECT_EQ(model.config.device, "cpu");
   EXPECT_EQ(image_settings(model).tile.height, default_tile("cpu").height);
+}
+
+TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
+  const auto position = [](const LoadedModel& model) { return model.scene.train.at(2).camera.center(); };
+  const auto given = position(load_model(options_, status_));
+  const Outcome trained =
+      run_b3dgs({"train", path("scene"), "-m", path("model"), "--overwrite", "--eval", "--iterations", "9",
+                 "--pose_opt", "--pose_opt_from_iter", "0", "--pose_opt_lr", "0.01", "--device", "cpu", "--quiet"});
+  ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  const auto poses = nlohmann::json::parse(read_bytes(folder_ / "model/poses.json"));
+  ASSERT_GT(poses.at(2).at("moved").get<double>(), 0.001);
+  const auto refined = position(load_model_cameras(options_, status_));  // from cameras.json
+  EXPECT_GT(std::hypot(refined[0] - given[0], refined[1] - given[1], refined[2] - given[2]), 0.001);
+  fs::rename(folder_ / "scene", folder_ / "moved");
+  options_.source_path = path("moved");
+  options_.resolution = 2;
+  for (const LoadedModel& model : {load_model(options_, status_), load_model_cameras(options_, status_)}) {
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(position(model)[axis], refined[axis], 1e-9);
+    EXPECT_EQ(results_variant(model, options_), "r2");
+  }
+  make_scene("other", "2");  // with the same names of photographs, but other poses
+  options_.source_path = path("other");
+  const auto of_other = position(load_model(options_, status_));
+  fs::remove(folder_ / "model/poses.json");
+  EXPECT_EQ(of_other, position(load_model(options_, status_)));
 }
 
 TEST_F(TrainedModel, ImagesKeepNothingForABackwardPass) {

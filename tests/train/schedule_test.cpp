@@ -38,6 +38,23 @@ TEST(LearningRate, OfMeansGrowsWithTheExtent) {
   EXPECT_NEAR(rates[5], 0.000125, 1e-18);
 }
 
+TEST(LearningRate, OfAllButTheMeansFallsToTheFinalScale) {
+  TrainConfig config;
+  const AdamRates constant = adam_rates(config, 5.0, 1);
+  config.lr_final_scale = 0.01;
+  config.lr_decay_from_iter = 10000;
+  for (const auto& [iteration, scale] : {std::pair{1, 1.0}, {10000, 1.0}, {20000, 0.1}, {30000, 0.01}, {35000, 0.01}}) {
+    const AdamRates rates = adam_rates(config, 5.0, iteration);
+    for (std::size_t group = 1; group < rates.size(); ++group) {
+      EXPECT_NEAR(rates[group], scale * constant[group], 1e-12 * constant[group]) << iteration << ", group " << group;
+    }
+  }
+  EXPECT_EQ(adam_rates(config, 5.0, 30000)[0], adam_rates(TrainConfig{}, 5.0, 30000)[0]) << "means have their own";
+  config.lr_decay_from_iter = 40000;
+  EXPECT_EQ(adam_rates(config, 5.0, 29999)[1], constant[1]) << "nothing left to decay over";
+  EXPECT_NEAR(adam_rates(config, 5.0, 30000)[1], 0.01 * constant[1], 1e-18);
+}
+
 TEST(ViewOrder, UsesEveryViewOnceBeforeAnyTwice) {
   ViewOrder order;
   std::set<std::vector<std::int32_t>> rounds;

@@ -42,4 +42,7 @@ void absolute_gradients(const AbsoluteGradientArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);
 
+/// Gradient with respect to the camera's pose; args.grad is not used. `out`: [kCameraGradients].
+void camera_gradient(const ProjectBackwardArgs& args, double* out);
+
 }  // namespace b3dgs::cpu

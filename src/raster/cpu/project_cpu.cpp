@@ -5,6 +5,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
+#include "raster/cpu/slot_sums.h"
 #include "raster/math/gaussian_grad.h"
 #include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
@@ -46,24 +47,6 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
                         scale.x, ", ", scale.y, ", ", scale.z, "), rotation (", quat.x, ", ", quat.y, ", ", quat.z,
                         ", ", quat.w, "), opacity logit ", g.logit_opacities[i], ", colour (", g.sh0[3 * i], ", ",
                         g.sh0[3 * i + 1], ", ", g.sh0[3 * i + 2], ")"));
-}
-
-/// Sums the gradients of a splat's pairs in the order of their slots.
-SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
-  SplatGrad sum{};
-  for (const SplatGrad* part = first; part != last; ++part) {
-    sum.q += part->q;
-    sum.q_x += part->q_x;
-    sum.q_y += part->q_y;
-    sum.q_xx += part->q_xx;
-    sum.q_xy += part->q_xy;
-    sum.q_yy += part->q_yy;
-    sum.red += part->red;
-    sum.green += part->green;
-    sum.blue += part->blue;
-    sum.depth += part->depth;
-  }
-  return sum;
 }
 
 }  // namespace

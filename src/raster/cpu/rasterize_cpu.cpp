@@ -2,6 +2,8 @@
 
 #include "raster/cpu/rasterize_cpu.h"
 
+#include <array>
+
 #include "core/check.h"
 #include "raster/args_check.h"
 #include "raster/cpu/buffer.h"
@@ -35,6 +37,8 @@ struct Rasterizer::Impl {
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
   bool absolute_gradient = false, has_absolute_gradients = false;
+  bool camera_gradient = false, has_camera_gradient = false;
+  std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
 
   BlendForwardArgs blend_args() const {
     return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
@@ -65,6 +69,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.stages = settings.stages;
   s.absolute_gradient = settings.absolute_gradient;
   s.has_absolute_gradients = false;
+  s.camera_gradient = settings.camera_gradient;
+  s.has_camera_gradient = false;
 
   begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
@@ -94,8 +100,11 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
                   s.last_ids.data(), grad, pair_grads, pair_abs});
   s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
-  project_backward({gaussians, s.view, s.sh_degree, s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads, out,
-                    s.antialiasing});
+  const ProjectBackwardArgs args{gaussians,           s.view,     s.sh_degree, s.splats.data(), s.n_splats,
+                                 s.bins.slot_offsets, pair_grads, out,         s.antialiasing};
+  project_backward(args);
+  if (s.camera_gradient) cpu::camera_gradient(args, s.camera_gradients.data());
+  s.has_camera_gradient = s.camera_gradient;
   end_stage(s.stages);
 }
 
@@ -115,6 +124,12 @@ void Rasterizer::absolute_gradients(float* out) const {
   B3DGS_CHECK(s.has_absolute_gradients,
               "absolute_gradients() without a forward() with absolute_gradient and its backward()");
   cpu::absolute_gradients({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_abs.data(), out});
+}
+
+const double* Rasterizer::camera_gradient() const {
+  B3DGS_CHECK(impl_->has_camera_gradient,
+              "camera_gradient() without a forward() with camera_gradient and its backward()");
+  return impl_->camera_gradients.data();
 }
 
 void Rasterizer::score(const float* error, const ScoreArrays& out) {

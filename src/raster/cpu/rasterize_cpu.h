@@ -35,6 +35,10 @@ class Rasterizer {
   /// seen. Of the last backward(), after a forward() with absolute_gradient.
   void absolute_gradients(float* out) const;
 
+  /// [kCameraGradients] gradient with respect to the camera's pose (math/camera_grad.h), of the last backward(), after
+  /// a forward() with camera_gradient.
+  const double* camera_gradient() const;
+
   /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs). Overwrites
   /// memory of backward(), so that it allocates nothing after one.
   void score(const float* error, const ScoreArrays& out);

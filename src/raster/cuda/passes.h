@@ -212,4 +212,14 @@ struct ProjectBackwardCudaArgs {
 };
 void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context);
 
+/// Gradient with respect to the camera's pose (math/camera_grad.h).
+struct CameraGradientArgs {
+  ProjectBackwardCudaArgs backward{};  // its `grad` is not used
+  std::int64_t n_splats = 0;           // M
+  double* parts = nullptr;             // [kCameraGradientParts, kCameraGradients] scratch, a sum per block
+  double* out = nullptr;               // [kCameraGradients] out
+};
+inline constexpr int kCameraGradientParts = 1024;
+void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context);
+
 }  // namespace b3dgs::cuda

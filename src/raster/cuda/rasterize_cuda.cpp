@@ -72,6 +72,7 @@ struct Rasterizer::Impl {
   ForwardScratch forward_scratch;
   PassScratch pass_scratch;
   DeviceBuffer<SplatGradSum> splat_grads, pair_grads;
+  DeviceBuffer<double> camera_parts, camera_gradients;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
   StreamMark counts_copied;
@@ -83,6 +84,7 @@ struct Rasterizer::Impl {
   BackwardKernel backward_kernel{};
   bool deterministic = false;
   bool absolute_gradient = false, has_absolute_gradients = false;
+  bool camera_gradient = false, has_camera_gradient = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
@@ -105,12 +107,16 @@ struct Rasterizer::Impl {
     allocate_bucket_ends(context);
     splat_grads.resize(n_splats, context);
     if (deterministic) pair_grads.resize(binned.bins.n_pairs, context);
+    if (camera_gradient) {
+      camera_parts.resize(kCameraGradientParts * kCameraGradients, context);
+      camera_gradients.resize(kCameraGradients, context);
+    }
   }
   template <class Visit>
   void visit_buffers(Visit&& visit) {
     visit(splats), visit(extents), visit(radii), visit(n_tiles), visit(last_ids), visit(depth_bits), visit(counts);
     visit(part_color), visit(part_depth), visit(transmittance), visit(splat_grads), visit(pair_grads);
-    visit(pass_scratch);
+    visit(pass_scratch), visit(camera_parts), visit(camera_gradients);
     forward_scratch.visit_buffers(visit);
     bin_buffers.visit_buffers(visit);
   }
@@ -207,6 +213,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.deterministic = settings.deterministic;
   s.absolute_gradient = settings.absolute_gradient;
   s.has_absolute_gradients = false;
+  s.camera_gradient = settings.camera_gradient;
+  s.has_camera_gradient = false;
   if (settings.keep_for_backward) {
     s.parts.color = s.part_color.resize(s.n_bucket_pixels(), context);
     if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
@@ -231,6 +239,12 @@ ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussia
   ProjectBackwardCudaArgs args{
       gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, s.splat_grads.data()};
   args.antialiasing = s.antialiasing;
+  s.has_camera_gradient = s.camera_gradient;
+  if (s.camera_gradient) {
+    begin_stage(s.stages, Stage::kProjectBackward);
+    cuda::camera_gradient({args, s.n_splats, s.camera_parts.data(), s.camera_gradients.data()}, context);
+    end_stage(s.stages);
+  }
   return args;
 }
 
@@ -264,6 +278,12 @@ void Rasterizer::absolute_gradients(float* out, const LaunchContext& context) co
   B3DGS_CHECK(s.has_absolute_gradients,
               "absolute_gradients() without a forward() with absolute_gradient and its backward()");
   cuda::absolute_gradients({s.n_gaussians, s.n_splats, s.binned.splats, s.splat_grads.data(), out}, context);
+}
+
+const double* Rasterizer::camera_gradient() const {
+  B3DGS_CHECK(impl_->has_camera_gradient,
+              "camera_gradient() without a forward() with camera_gradient and its backward()");
+  return impl_->camera_gradients.data();
 }
 
 void Rasterizer::score(const float* error, const ScoreArrays& out, const LaunchContext& context) {

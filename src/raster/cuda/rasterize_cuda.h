@@ -26,8 +26,8 @@ class Rasterizer {
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
                 const LaunchContext& context);
 
-  /// The first half of backward(): the backward blend. Returns the arguments of project_backward() without the gradient
-  /// arrays; valid until the next forward().
+  /// The first half of backward(): the backward blend and, if wanted, the gradient with respect to the camera. Returns
+  /// the arguments of project_backward() without the gradient arrays; valid until the next forward().
   ProjectBackwardCudaArgs backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                          const LaunchContext& context);
 
@@ -41,6 +41,10 @@ class Rasterizer {
   /// [N, 2] out, device memory: for each Gaussian the sums over pixels of |dL/dx| and |dL/dy| of its projected centre,
   /// 1/px; 0 if not seen. Of the last backward blend, after a forward() with absolute_gradient.
   void absolute_gradients(float* out, const LaunchContext& context) const;
+
+  /// [kCameraGradients] device memory: gradient with respect to the camera's pose (math/camera_grad.h), of the last
+  /// backward_blend(), after a forward() with camera_gradient.
+  const double* camera_gradient() const;
 
   /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs); device
   /// arrays. Overwrites splat_grads(), so that after a forward() with keep_for_backward it allocates nothing.

@@ -66,6 +66,7 @@ struct Rasterizer::Impl {
   ViewStatistics statistics;
   std::int64_t n_gaussians = 0;    // of the last forward()
   bool absolute_gradient = false;  // of its settings
+  bool camera_gradient = false;
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                        cuda::ColorPass* colors) {
@@ -78,6 +79,7 @@ struct Rasterizer::Impl {
                           rendered.alpha.data_ptr<float>()};
     n_gaussians = arrays.n_gaussians;
     absolute_gradient = settings.absolute_gradient;
+    camera_gradient = settings.camera_gradient;
     if (device.is_cpu()) {
       B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
       cpu.forward(arrays, view, settings, out);
@@ -113,6 +115,14 @@ struct Rasterizer::Impl {
 #endif
   }
 
+  /// After the backward pass.
+  void add_camera_gradient() {
+    statistics.camera_grad = torch::Tensor();
+    if (!camera_gradient) return;
+    statistics.camera_grad = torch::from_blob(const_cast<double*>(camera_gradients()), {kCameraGradients},
+                                              rendered.color.options().dtype(torch::kFloat64));
+  }
+
   void score(const float* error, const ScoreArrays& out) {
     if (device.is_cpu()) return cpu.score(error, out);
 #if B3DGS_TORCH_CUDA
@@ -142,6 +152,13 @@ struct Rasterizer::Impl {
     if (cuda != nullptr) return cuda->radii();
 #endif
     return cpu.radii();
+  }
+
+  const double* camera_gradients() const {
+#if B3DGS_TORCH_CUDA
+    if (cuda != nullptr) return cuda->camera_gradient();
+#endif
+    return cpu.camera_gradient();
   }
 
   /// Checks gradients against the view of the last forward().
@@ -201,6 +218,7 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
   if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
+  impl_->add_camera_gradient();
   return statistics;
 }
 
@@ -219,6 +237,7 @@ ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const
     const ViewStatistics& statistics = impl.make_statistics(arrays.n_gaussians);
     rest.grad.means2d = statistics.means2d_grad.data_ptr<float>();
     if (impl.absolute_gradient) impl.absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
+    impl.add_camera_gradient();
     return statistics;
   }
 #endif

@@ -30,6 +30,10 @@ struct ViewStatistics {
   // [N, 2] sums over pixels of |dL/dx| and |dL/dy| of the projected centre, 1/px. Undefined unless the settings had
   // absolute_gradient.
   torch::Tensor means2d_abs_grad;
+  // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/camera_grad.h): rotation
+  // (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
+  // camera_gradient.
+  torch::Tensor camera_grad;
 };
 
 /// What Rasterizer::score() adds to (ScoreArrays).

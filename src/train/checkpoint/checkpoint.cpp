@@ -36,6 +36,8 @@ Json describe_views(const Scene& scene) {
   return as_read_back(views);
 }
 
+constexpr const char* kCorrections = "poses.corrections";
+
 /// Calls field(name, tensor) for each tensor of a state, in file order.
 template <class State, class Field>
 void visit_tensors(State& state, Field&& field) {
@@ -48,10 +50,21 @@ void visit_tensors(State& state, Field&& field) {
   const std::vector<std::string> columns = state.statistics.names();
   for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
   if (state.gaussians.filters.defined()) field("gaussians.filters", state.gaussians.filters);
+  if (state.poses.is_defined()) {
+    field(kCorrections, state.poses.corrections);
+    field("poses.adam_m", state.poses.adam_m);
+    field("poses.adam_v", state.poses.adam_v);
+    field("poses.steps", state.poses.steps);
+  }
+}
+
+bool is_of_poses(const std::string& name) {
+  return name.rfind("poses.", 0) == 0;
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
+void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::int64_t n_views,
+                  const std::string& place) {
   const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
@@ -61,7 +74,11 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const 
     if (is("quats")) wanted = {n, 4};
     if (is("sh0")) wanted = {n, 1, 3};
     if (is("shN")) wanted = {n, rest, 3};
-    if (is("view_count") || is("max_radii")) type = torch::kInt32;
+    if (is("view_count") || is("max_radii") || is("steps")) type = torch::kInt32;
+    if (is_of_poses(name)) {
+      wanted = {n_views};
+      if (!is("steps")) wanted.push_back(kCameraGradients);
+    }
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
                   torch::IntArrayRef(wanted), " ", type);
@@ -74,8 +91,10 @@ void check_values(const TrainState& state, const std::string& place) {
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     if (tensor.scalar_type() == torch::kInt32) {
       check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
-    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum") {
+    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum" || name == "poses.adam_v") {
       check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
+    } else if (name == kCorrections && !torch::isfinite(tensor).all().item<bool>()) {
+      input_error(place, ": tensor ", name, " has values that are not finite");
     }
   });
 }
@@ -153,7 +172,10 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
 
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
   std::vector<std::pair<std::string, torch::Tensor>> tensors;
-  visit_tensors(state, [&](const std::string& name, const torch::Tensor& t) { tensors.emplace_back(name, t); });
+  // Poses are in host memory, but the tensors of a checkpoint are written from one device.
+  visit_tensors(state, [&](const std::string& name, const torch::Tensor& t) {
+    tensors.emplace_back(name, is_of_poses(name) ? t.to(state.gaussians.means.device()) : t);
+  });
   return tensors;
 }
 
@@ -185,10 +207,11 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  const auto is_filters = [](const auto& tensor) { return tensor.first == "gaussians.filters"; };
-  if (std::any_of(file.tensors.begin(), file.tensors.end(), is_filters)) {
-    state.gaussians.filters = torch::empty({0}, torch::kFloat32);
-  }
+  const auto has = [&](const std::string& name) {
+    return std::any_of(file.tensors.begin(), file.tensors.end(), [&](const auto& t) { return t.first == name; });
+  };
+  if (has("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  if (has(kCorrections)) state.poses = PoseState::make(/*n_views=*/0);
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {
@@ -198,9 +221,12 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
-  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
+  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, static_cast<std::int64_t>(scene.train.size()),
+               place);
   check_values(state, place);
-  visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
+  visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
+    if (!is_of_poses(name)) tensor = tensor.to(device);
+  });
   return checkpoint;
 }
 

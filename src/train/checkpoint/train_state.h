@@ -10,6 +10,7 @@
 #include "raster/torch/gaussian_tensors.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
+#include "train/poses/pose_state.h"
 
 namespace b3dgs {
 
@@ -19,6 +20,7 @@ struct TrainState {
   GaussianTensors gaussians;
   AdamState adam;
   DensityStatistics statistics;
+  PoseState poses;  // with --pose_opt
   ViewOrder view_order;
   ViewSkips view_skips;     // with --skip_share
   double loss_average = 0;  // 0.4 x new + 0.6 x old

@@ -8,9 +8,19 @@
 
 namespace b3dgs {
 
-int reading_threads(bool cpu_is_busy) {
+int reading_threads(ReadingLoad load) {
   constexpr int kMost = 24;  // decoding a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1 ms
-  return cpu_is_busy ? 1 : std::clamp(thread_count() - 1, 1, kMost);
+  const int n_threads = thread_count();
+  switch (load) {
+    case ReadingLoad::kCpuTraining:
+      return 1;
+    // The thread that launches kernels loses time to others on its core, and cores have two hardware threads each.
+    case ReadingLoad::kGpuTraining:
+      return std::clamp(std::max(std::min(n_threads - 1, 7), n_threads / 2), 1, kMost);
+    case ReadingLoad::kNothing:
+      break;
+  }
+  return std::clamp(n_threads - 1, 1, kMost);
 }
 
 ImageReader::ImageReader(Setup setup) : setup_(std::move(setup)), slots_(n_buffers()), buffers_(setup_.buffers.size()) {
@@ -37,6 +47,7 @@ void ImageReader::stop() {
 }
 
 void ImageReader::expect(const std::vector<std::int32_t>& images) {
+  std::size_t n_unread = 0;
   std::vector<std::int32_t> wanted;
   for (std::size_t i = 0; i < images.size() && wanted.size() < buffers_.size(); ++i) {
     if (std::find(wanted.begin(), wanted.end(), images[i]) == wanted.end()) wanted.push_back(images[i]);
@@ -49,9 +60,14 @@ void ImageReader::expect(const std::vector<std::int32_t>& images) {
       if (!buffer.is_written) buffer.content = kNone;  // otherwise the thread that is writing sets it
     }
     order_.clear();
-    for (const std::int32_t image : wanted) order_.push_back(slots_.slot_of(image));
+    for (const std::int32_t image : wanted) {
+      order_.push_back(slots_.slot_of(image));
+      const Buffer& buffer = buffers_[static_cast<std::size_t>(order_.back())];
+      if (!buffer.is_written && buffer.content != buffer.wanted) ++n_unread;
+    }
   }
-  work_.notify_all();
+  // A thread for each image; to wake all of them at every step would hold up the training thread.
+  for (std::size_t i = 0; i < std::min(n_unread, threads_.size()); ++i) work_.notify_one();
 }
 
 bool ImageReader::is_read(std::int32_t image) const {

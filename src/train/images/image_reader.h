@@ -15,8 +15,11 @@
 
 namespace b3dgs {
 
-/// Number of reading threads: few if training itself keeps the CPU busy.
-int reading_threads(bool cpu_is_busy);
+/// What else the program does while photographs are read.
+enum class ReadingLoad { kNothing, kGpuTraining, kCpuTraining };
+
+/// Number of reading threads beside that load.
+int reading_threads(ReadingLoad load);
 
 /// Used by one thread at a time. Its own threads end with it.
 class ImageReader {

@@ -112,6 +112,7 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
   std::int64_t used = 0;
   for (const View& view : views) {
     TrainView& train_view = views_.emplace_back(make_train_view(view));
+    train_view.index = size() - 1;
     images_.push_back(view.image);
     if (!view.valid) continue;
     torch::Tensor& mask = masks[view.valid.get()];
@@ -152,7 +153,7 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
 void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress) {
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const std::int32_t i : stays) images.push_back(images_[static_cast<std::size_t>(i)]);
-  read_in_order(images, reading_threads(false), [&](std::size_t done, const std::uint8_t* rgb) {
+  read_in_order(images, reading_threads(ReadingLoad::kNothing), [&](std::size_t done, const std::uint8_t* rgb) {
     TrainView& view = views_[static_cast<std::size_t>(stays[done])];
     view.truth = truth_at(rgb, view, torch::kCPU).to(device_);
     ++n_resident_;
@@ -168,7 +169,7 @@ void ImageStore::start_streaming() {
   auto streamed = std::make_unique<Streamed>();
   ImageReader::Setup setup;
   setup.images = all;
-  setup.n_threads = reading_threads(device_.is_cpu());
+  setup.n_threads = reading_threads(device_.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kGpuTraining);
   if (device_.is_cpu()) {
     streamed->buffers = std::make_unique<ImageBuffers>(streamed_images);
     setup.buffers = streamed->buffers->pointers();

@@ -21,6 +21,7 @@ namespace b3dgs {
 
 struct TrainView {
   std::string name;
+  std::int32_t index = 0;  // in Scene::train
   PinholeView camera{};
   torch::Tensor truth;       // [H, W, 3] uint8
   torch::Tensor valid;       // [H, W] uint8, 0 = pixel is ignored; undefined = all pixels count

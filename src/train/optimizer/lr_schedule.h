@@ -16,12 +16,27 @@ inline double log_linear_rate(double initial, double final, int max_steps, int s
   return std::exp((1 - t) * std::log(initial) + t * std::log(final));
 }
 
+/// What the learning rates of all parameters but the means are multiplied by: 1 until `lr_decay_from_iter`, from there
+/// log-linearly down to `lr_final_scale` at `position_lr_max_steps`.
+inline double lr_scale(const TrainConfig& config, int iteration) {
+  if (config.lr_final_scale == 1) return 1;
+  const int from = config.lr_decay_from_iter, to = config.position_lr_max_steps;
+  if (to <= from) return iteration < to ? 1 : config.lr_final_scale;
+  return log_linear_rate(1, config.lr_final_scale, to - from, std::max(0, iteration - from));
+}
+
 /// Learning rates of an iteration (counted from 1), in the order of GaussianTensors. `extent` is the scene's, world
 /// units.
 inline AdamRates adam_rates(const TrainConfig& config, double extent, int iteration) {
   const double means = extent * log_linear_rate(config.position_lr_init, config.position_lr_final,
                                                 config.position_lr_max_steps, iteration);
-  return {means, config.scaling_lr, config.rotation_lr, config.opacity_lr, config.feature_lr, config.feature_lr / 20};
+  const double scale = lr_scale(config, iteration);
+  return {means,
+          scale * config.scaling_lr,
+          scale * config.rotation_lr,
+          scale * config.opacity_lr,
+          scale * config.feature_lr,
+          scale * config.feature_lr / 20};
 }
 
 }  // namespace b3dgs

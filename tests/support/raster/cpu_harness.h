@@ -103,6 +103,12 @@ class CpuView {
     return out;
   }
 
+  /// Of the last backward(), [6] double.
+  torch::Tensor camera_gradient() const {
+    return torch::from_blob(const_cast<double*>(rasterizer_.camera_gradient()), {kCameraGradients}, torch::kFloat64)
+        .clone();
+  }
+
   /// Adds to `scores`, four tensors [N].
   void score(const torch::Tensor& error, const GaussianScores& scores) {
     rasterizer_.score(error.data_ptr<float>(), {scores.error_sum.data_ptr<float>(), scores.weight_sum.data_ptr<float>(),

@@ -69,6 +69,12 @@ class CudaView {
     return to_host(out, {n, 2});
   }
 
+  /// Of the last backward(), [6] double.
+  torch::Tensor camera_gradient() const {
+    const std::vector<double> values = download(rasterizer_.camera_gradient(), kCameraGradients);
+    return torch::tensor(values, torch::kFloat64);
+  }
+
   /// Adds to `scores`, four tensors [N] in host memory.
   void score(const torch::Tensor& error, const GaussianScores& scores) {
     const DeviceArray<float> image = to_device(error),

@@ -45,10 +45,34 @@ torch::Tensor rotations(const torch::Tensor& quats) {
   return torch::eye(3, torch::kFloat64) + 2.0 * w * cross + 2.0 * torch::matmul(cross, cross);
 }
 
+/// The pose of a view, with its motion.
+struct DensePose {
+  torch::Tensor rotation, translation, center;  // [3, 3], [3], [3]
+
+  DensePose(const PinholeView& view, const torch::Tensor& motion)
+      : rotation(matrix3(view.rotation)), translation(vector3(view.translation)), center(vector3(view.center)) {
+    if (!motion.defined()) return;
+    const torch::Tensor zero = torch::zeros({}, torch::kFloat64), x = motion[0], y = motion[1], z = motion[2];
+    const torch::Tensor turn = torch::matrix_exp(torch::stack({zero, -z, y, z, zero, -x, -y, x, zero}).view({3, 3}));
+    rotation = torch::matmul(turn, rotation);
+    translation = torch::mv(turn, translation) + motion.slice(0, 3);
+    center = -torch::mv(rotation.t(), translation);
+  }
+};
+
+torch::Tensor weighted_sum(const DenseView& view, const RenderedViewGrad& grad) {
+  torch::Tensor sum = torch::zeros({}, torch::kFloat64);
+  for (const auto& [image, image_grad] :
+       {std::pair(view.color, grad.color), std::pair(view.depth, grad.depth), std::pair(view.alpha, grad.alpha)}) {
+    if (image_grad.defined()) sum = sum + (image * image_grad.to(torch::kFloat64)).sum();
+  }
+  return sum;
+}
+
 /// [N, 3] colours before the clamp at 0.
 torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& means, const torch::Tensor& rows,
-                        const PinholeView& view, int degree) {
-  const torch::Tensor offset = means - vector3(view.center);
+                        const torch::Tensor& camera_center, int degree) {
+  const torch::Tensor offset = means - camera_center;
   const torch::Tensor basis = dense_sh_basis(offset / offset.norm(2, 1, true), degree);
   const torch::Tensor coefficients = torch::cat({gaussians.sh0, gaussians.shN}, 1)
                                          .index_select(0, rows)
@@ -173,13 +197,15 @@ GaussianTensors to_dense_leaves(const GaussianTensors& gaussians) {
   return leaves;
 }
 
-DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings) {
+DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings,
+                       const torch::Tensor& motion) {
   const std::int64_t width = view.width, height = view.height;
   HazardList hazards;
   DenseView out;
 
   // Centres, and the rows that are seen, nearest first.
-  const torch::Tensor all_centers = torch::matmul(leaves.means, matrix3(view.rotation).t()) + vector3(view.translation);
+  const DensePose pose(view, motion);
+  const torch::Tensor all_centers = torch::matmul(leaves.means, pose.rotation.t()) + pose.translation;
   const torch::Tensor all_depths = column(all_centers, 2).detach();
   const torch::Tensor all_rows = torch::arange(leaves.size(), torch::kInt64);
   hazards.add("near plane", is_near(all_depths, settings.near_plane), all_rows);
@@ -226,7 +252,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   }
   const torch::Tensor spread =
       torch::matmul(rotations(leaves.quats.index_select(0, rows)), torch::diag_embed(filtered_scales));
-  const torch::Tensor half = torch::matmul(torch::matmul(jacobian, matrix3(view.rotation)), spread);
+  const torch::Tensor half = torch::matmul(torch::matmul(jacobian, pose.rotation), spread);
   const torch::Tensor sharp_covariance = torch::matmul(half, half.transpose(1, 2));
   const torch::Tensor covariance = sharp_covariance + kBlur * torch::eye(2, torch::kFloat64);
   const torch::Tensor xx = covariance.index({Slice(), 0, 0});
@@ -239,7 +265,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
     opacity = opacity * ratio.clamp_min(kMinRatio).sqrt();
   }
 
-  const torch::Tensor raw_colors = sh_colors(leaves, means, rows, view, settings.sh_degree);
+  const torch::Tensor raw_colors = sh_colors(leaves, means, rows, pose.center, settings.sh_degree);
   hazards.add("colour clamp", (raw_colors.detach().abs() < kDecisionBand).any(1), rows);
   const torch::Tensor colors = raw_colors.clamp_min(0.0);
 
@@ -324,12 +350,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
 }
 
 DenseGradients dense_gradients(const GaussianTensors& leaves, const DenseView& view, const RenderedViewGrad& grad) {
-  torch::Tensor loss = torch::zeros({}, torch::kFloat64);
-  for (const auto& [image, image_grad] :
-       {std::pair(view.color, grad.color), std::pair(view.depth, grad.depth), std::pair(view.alpha, grad.alpha)}) {
-    if (image_grad.defined()) loss = loss + (image * image_grad.to(torch::kFloat64)).sum();
-  }
-
+  const torch::Tensor loss = weighted_sum(view, grad);
   std::vector<torch::Tensor> inputs;
   for (const torch::Tensor* group : leaves.all()) inputs.push_back(*group);
   inputs.push_back(view.means2d);
@@ -347,6 +368,16 @@ DenseGradients dense_gradients(const GaussianTensors& leaves, const DenseView& v
   for (torch::Tensor* group : out.parameters.all()) *group = found[i++];
   out.means2d = found[i];
   return out;
+}
+
+torch::Tensor dense_motion_gradient(const torch::Tensor& motion, const DenseView& view, const RenderedViewGrad& grad) {
+  const torch::Tensor loss = weighted_sum(view, grad);
+  torch::Tensor found;
+  if (loss.requires_grad()) {
+    found = torch::autograd::grad({loss}, {motion}, /*grad_outputs=*/{}, /*retain_graph=*/true, /*create_graph=*/false,
+                                  /*allow_unused=*/true)[0];
+  }
+  return found.defined() ? found : torch::zeros_like(motion).detach();
 }
 
 }  // namespace b3dgs::test

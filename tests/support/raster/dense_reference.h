@@ -19,6 +19,8 @@
 //   skip, stop      alpha < 1/255 is skipped; the Gaussian that would bring the transmittance below 1e-4 ends the pixel
 //                   and is not blended
 //   colour          SH of the direction from the camera centre to the mean, + 0.5, at least 0
+//   motion          if given, moves the camera: c = exp([w]) (R mean + t) + v with the matrix exponential of the cross
+//                   product with w, and the camera centre where c is 0
 // Decisions (order, skip, stop, clamps) depend on values and have no gradient.
 #pragma once
 
@@ -68,12 +70,17 @@ GaussianTensors to_dense_leaves(const GaussianTensors& gaussians);
 
 /// Renders `leaves`, double tensors in the shapes of GaussianTensors. `settings.kernel` is ignored. `settings.tile`
 /// matters only for `seen` and for Culling::kSquare, where a Gaussian reaches only the pixels of the tiles
-/// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image.
-DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings);
+/// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image. `motion`: [6] double,
+/// w (rad) and v (world units); undefined: none.
+DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings,
+                       const torch::Tensor& motion = {});
 
 /// Gradients of sum(color * grad.color) + sum(depth * grad.depth) + sum(alpha * grad.alpha); an undefined tensor means
 /// zero. Can be called several times for the same view.
 DenseGradients dense_gradients(const GaussianTensors& leaves, const DenseView& view, const RenderedViewGrad& grad);
+
+/// The gradient of the same sum with respect to `motion`, a leaf that `view` was rendered with.
+torch::Tensor dense_motion_gradient(const torch::Tensor& motion, const DenseView& view, const RenderedViewGrad& grad);
 
 /// Real spherical harmonics up to `degree` at unit vectors [N, 3]: [N, (degree + 1)^2], with the Condon-Shortley sign,
 /// in the order (0,0), (1,-1), (1,0), (1,1), (2,-2), ...

@@ -39,6 +39,7 @@ struct TinySceneOptions {
   int n_gaussians = 120;
   int n_views = 8;
   int width = 60, height = 44;  // px
+  float log_scale = -2.2f;      // mean of the Gaussians' log scales
   bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
@@ -51,7 +52,7 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {
     const auto color = random_uniform(key, 3 * i + 2);
     for (int axis = 0; axis < 3; ++axis) {
       truth.means.push_back(0.45f * place[axis]);
-      truth.log_scales.push_back(-2.2f + 0.3f * shape[axis]);
+      truth.log_scales.push_back(options.log_scale + 0.3f * shape[axis]);
       points.positions.push_back(truth.means.back() + 0.03f * shape[(axis + 1) % 3]);
       points.colors.push_back(static_cast<std::uint8_t>(255 * color[axis]));
       truth.sh0.push_back((color[axis] - 0.5f) / 0.2820948f);

@@ -26,6 +26,7 @@ TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
   config.strategy = "balanced";
   config.max_gaussians = 9000;
   config.abs_grad_threshold = 0.5;
+  config.densification_interval = 500;
   for (const std::string parents : {"draw", "top"}) {
     for (const std::string split : {"cover", "moments", "samples"}) {
       SCOPED_TRACE(parents + ", " + split);

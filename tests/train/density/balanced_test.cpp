@@ -178,6 +178,48 @@ TEST(BalancedStrategy, SplitsAlongTheLongestAxis) {
   }
 }
 
+/// Root mean square of the difference between the images of a parent and of its two parts, composited, relative to the
+/// parent's image. Seen along the shortest axis.
+double split_image_error(const std::string& rule, double opacity) {
+  Model model = make_model(1);
+  model.gaussians.means.zero_();
+  model.gaussians.log_scales.copy_(torch::tensor({{1.0f, 0.8f, 0.1f}}).log());
+  model.gaussians.quats.copy_(torch::tensor({{1.0f, 0.0f, 0.0f, 0.0f}}));
+  model.gaussians.logit_opacities.fill_(std::log(opacity / (1 - opacity)));
+  TrainConfig config = balanced_config();
+  config.split = rule;
+  const DensityRound round = plan_round(config, model, kLastRound);
+  const auto alpha = [](const torch::Tensor& mean, const torch::Tensor& log_scale, double logit, double x, double y) {
+    const double u = (x - mean[0].item<double>()) / std::exp(log_scale[0].item<double>()),
+                 v = (y - mean[1].item<double>()) / std::exp(log_scale[1].item<double>());
+    return std::exp(-0.5 * (u * u + v * v)) / (1 + std::exp(-logit));
+  };
+  double difference = 0, total = 0;
+  for (double x = -4; x <= 4; x += 0.25) {
+    for (double y = -4; y <= 4; y += 0.25) {
+      const double parent = alpha(model.gaussians.means[0], model.gaussians.log_scales[0],
+                                  model.gaussians.logit_opacities[0].item<double>(), x, y);
+      double transmittance = 1;
+      for (const int part : {0, 1}) {
+        transmittance *= 1 - alpha(round.edit.new_means[part], round.edit.new_log_scales[part],
+                                   round.edit.new_logit_opacities[part].item<double>(), x, y);
+      }
+      difference += std::pow(1 - transmittance - parent, 2);
+      total += parent * parent;
+    }
+  }
+  return std::sqrt(difference / total);
+}
+
+TEST(BalancedStrategy, PartsThatPreserveTheImageDo) {
+  for (const double opacity : {0.02, 0.3, 0.6, 0.9, 0.99}) {
+    SCOPED_TRACE(opacity);
+    EXPECT_LT(split_image_error("preserve", opacity), 0.02 + 0.09 * opacity);
+    EXPECT_GT(split_image_error("moments", opacity), 0.2);
+    EXPECT_GT(split_image_error("cover", opacity), 0.7);
+  }
+}
+
 TEST(BalancedStrategy, SplitsIntoSamplesOfTheParentIfAsked) {
   const std::int64_t n = 3000;
   Model model = make_model(n);

@@ -45,21 +45,26 @@ B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
 
 /// Where the two parts of a split Gaussian are placed (--split).
 enum class SplitRule {
-  kCover,    // on the longest axis; together they cover the parent's +-3 sigma (0.45 + 0.55 = 1)
-  kMoments,  // on the longest axis; their mixture has the parent's mean and covariance (0.8^2 + 0.6^2 = 1)
-  kSamples,  // at random samples of the parent, 1.6 times smaller, as in the original 3DGS
+  kCover,     // on the longest axis; together they cover the parent's +-3 sigma (0.45 + 0.55 = 1)
+  kMoments,   // on the longest axis; their mixture has the parent's mean and covariance (0.8^2 + 0.6^2 = 1)
+  kSamples,   // at random samples of the parent, 1.6 times smaller, as in the original 3DGS
+  kPreserve,  // on the longest axis, close enough to render like the parent; preserves the covariance too
 };
 
-/// Distance of a part from its parent, in standard deviations along the longest axis; and what the parent's longest
-/// axis, other axes and opacity are multiplied by.
+/// Distance of a part from its parent, in standard deviations along the longest axis; what the parent's longest axis
+/// and other axes are multiplied by; and what its opacity o is multiplied by: opacity + per_opacity o.
 struct SplitShape {
-  double distance, longest, others, opacity;
+  double distance, longest, others, opacity, per_opacity;
 };
 
+/// kPreserve: the opacities of the parts that come closest to the parent's image, with both parts and the parent
+/// composited, are 0.577 o for small o and 0.683 o for o = 1; a line fits those between to 2 %. The difference to the
+/// parent's image, root mean square, is then 2 to 11 % of the image; it is 24 to 28 % with kMoments, 77 % with kCover.
 B3DGS_HD SplitShape split_shape(SplitRule rule) {
-  if (rule == SplitRule::kCover) return {0.45 * 3, 0.55, 0.893, 0.6};
-  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6};  // keeps the integral
-  return {0, 1 / 1.6, 1 / 1.6, 1};
+  if (rule == SplitRule::kCover) return {0.45 * 3, 0.55, 0.893, 0.6, 0};
+  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6, 0};  // keeps the integral
+  if (rule == SplitRule::kPreserve) return {0.5, 0.86602540378443865, 1, 0.57735026918962576, 0.107};  // 1/2, sqrt(3)/2
+  return {0, 1 / 1.6, 1 / 1.6, 1, 0};
 }
 
 struct PartArgs {
@@ -103,7 +108,8 @@ B3DGS_HD void make_part(const PartArgs& args, std::int64_t i) {
     const double factor = axis == longest ? split.longest : split.others;
     args.out_log_scales[3 * i + axis] = static_cast<float>(log_scale[axis] + std::log(factor));
   }
-  const double opacity = split.opacity / (1 + std::exp(-static_cast<double>(args.logit_opacities[row])));
+  const double parent_opacity = 1 / (1 + std::exp(-static_cast<double>(args.logit_opacities[row])));
+  const double opacity = parent_opacity * (split.opacity + split.per_opacity * parent_opacity);
   args.out_logit_opacities[i] =
       split.opacity == 1 ? args.logit_opacities[row] : static_cast<float>(std::log(opacity / (1 - opacity)));
 }

@@ -96,6 +96,7 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
 SplitRule split_rule(const std::string& name) {
   if (name == "cover") return SplitRule::kCover;
   if (name == "moments") return SplitRule::kMoments;
+  if (name == "preserve") return SplitRule::kPreserve;
   B3DGS_CHECK(name == "samples", "unknown split: ", name);
   return SplitRule::kSamples;
 }

@@ -1,0 +1,26 @@
+// Sum of the gradients of a splat's pairs.
+#pragma once
+
+#include "raster/args.h"
+
+namespace b3dgs::cpu {
+
+/// In the order of the slots, [first, last).
+inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
+  SplatGrad sum{};
+  for (const SplatGrad* part = first; part != last; ++part) {
+    sum.q += part->q;
+    sum.q_x += part->q_x;
+    sum.q_y += part->q_y;
+    sum.q_xx += part->q_xx;
+    sum.q_xy += part->q_xy;
+    sum.q_yy += part->q_yy;
+    sum.red += part->red;
+    sum.green += part->green;
+    sum.blue += part->blue;
+    sum.depth += part->depth;
+  }
+  return sum;
+}
+
+}  // namespace b3dgs::cpu

@@ -1,0 +1,90 @@
+// Correction of a camera's pose, and the gradient with respect to it. In double: cameras are few.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/vec.h"
+#include "scene/cameras/camera.h"
+
+namespace b3dgs {
+
+using Vec3d = Vec3<double>;
+using Mat3d = Mat3<double>;
+
+/// Moves a camera in its own frame: x_camera = exp(rotation) (R x_world + t) + translation. The camera turns about its
+/// centre by |rotation|, and its centre moves by |translation|.
+struct CameraCorrection {
+  Vec3d rotation{0, 0, 0};     // rotation vector: axis times angle, rad
+  Vec3d translation{0, 0, 0};  // world units
+};
+
+/// The largest corrections that are learned.
+struct CorrectionLimits {
+  double angle = 0;     // rad
+  double distance = 0;  // world units
+};
+
+namespace detail {
+
+/// The functions of an angle in Rodrigues' formulas: sin(a) / a, (1 - cos(a)) / a^2 and (a - sin(a)) / a^3.
+struct AngleRatios {
+  double sine, cosine, rest;
+};
+
+inline AngleRatios angle_ratios(double square) {
+  if (square < 1e-6) {  // Taylor series; the next terms are below 1e-15
+    return {1 - square / 6 + square * square / 120, 0.5 - square / 24 + square * square / 720,
+            1.0 / 6 - square / 120 + square * square / 5040};
+  }
+  const double angle = std::sqrt(square);
+  return {std::sin(angle) / angle, (1 - std::cos(angle)) / square, (angle - std::sin(angle)) / (angle * square)};
+}
+
+inline Vec3d at_most(Vec3d v, double limit) {
+  const double length = std::sqrt(dot(v, v));
+  return length > limit ? (limit / length) * v : v;
+}
+
+}  // namespace detail
+
+/// exp(rotation) v.
+inline Vec3d rotate(Vec3d rotation, Vec3d v) {
+  const detail::AngleRatios ratios = detail::angle_ratios(dot(rotation, rotation));
+  const Vec3d turned = cross(rotation, v);
+  return v + ratios.sine * turned + ratios.cosine * cross(rotation, turned);
+}
+
+inline Pose corrected(const Pose& pose, const CameraCorrection& correction) {
+  Pose result;
+  for (std::size_t column = 0; column < 3; ++column) {
+    const Vec3d turned =
+        rotate(correction.rotation, {pose.rotation[column], pose.rotation[3 + column], pose.rotation[6 + column]});
+    result.rotation[column] = turned.x;
+    result.rotation[3 + column] = turned.y;
+    result.rotation[6 + column] = turned.z;
+  }
+  const std::array<double, 3>& t = pose.translation;
+  const Vec3d moved = rotate(correction.rotation, {t[0], t[1], t[2]}) + correction.translation;
+  result.translation = {moved.x, moved.y, moved.z};
+  return result;
+}
+
+/// Gradient with respect to the correction. `motion` is the gradient with respect to a small motion of the corrected
+/// camera, x_camera -> x_camera + w x x_camera + v (raster/math/camera_grad.h), with w and v as its two members.
+///
+/// A change of the rotation by dr is w = J dr with J the left Jacobian of SO(3), and moves only what the rotation acts
+/// on, not the translation u: v = u x w. The gradient is J^T (dL/dw + dL/dv x u).
+inline CameraCorrection correction_grad(const CameraCorrection& at, const CameraCorrection& motion) {
+  const detail::AngleRatios ratios = detail::angle_ratios(dot(at.rotation, at.rotation));
+  const Vec3d turn = motion.rotation + cross(motion.translation, at.translation);
+  const Vec3d crossed = cross(at.rotation, turn);
+  return {turn - ratios.cosine * crossed + ratios.rest * cross(at.rotation, crossed), motion.translation};
+}
+
+inline CameraCorrection limited(const CameraCorrection& correction, const CorrectionLimits& limits) {
+  return {detail::at_most(correction.rotation, limits.angle), detail::at_most(correction.translation, limits.distance)};
+}
+
+}  // namespace b3dgs

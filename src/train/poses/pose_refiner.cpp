@@ -1,0 +1,129 @@
+#include "train/poses/pose_refiner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "core/check.h"
+#include "model/raster_input.h"
+#include "train/optimizer/adam_args.h"
+#include "train/optimizer/lr_schedule.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/poses/camera_grad_reader.h"
+#endif
+
+namespace b3dgs {
+
+PoseState PoseState::make(std::int64_t n_views) {
+  const torch::Tensor zeros = torch::zeros({n_views, kCameraGradients}, torch::kFloat32);
+  return {zeros, zeros.clone(), zeros.clone(), torch::zeros({n_views}, torch::kInt32)};
+}
+
+CameraCorrection PoseState::correction(std::size_t view) const {
+  const float* const row = corrections.data_ptr<float>() + kCameraGradients * view;
+  return {{row[0], row[1], row[2]}, {row[3], row[4], row[5]}};
+}
+
+std::vector<View> with_refined_poses(std::vector<View> views, const std::vector<View>& train, const PoseState& state) {
+  if (!state.is_defined()) return views;
+  std::map<std::string, Pose> refined;
+  for (std::size_t i = 0; i < train.size(); ++i) {
+    refined[train[i].name] = corrected(train[i].camera.cam_from_world, state.correction(i));
+  }
+  for (View& view : views) {
+    if (const auto found = refined.find(view.name); found != refined.end()) view.camera.cam_from_world = found->second;
+  }
+  return views;
+}
+
+CorrectionLimits pose_limits(double extent) {
+  constexpr double kDegree = 3.14159265358979323846 / 180;
+  return {3 * kDegree, 0.03 * extent};
+}
+
+struct PoseRefiner::Reader {
+#if B3DGS_TORCH_CUDA
+  cuda::CameraGradReader reader;
+#endif
+};
+
+PoseRefiner::PoseRefiner(const TrainConfig& config, const Scene& scene, PoseState& state)
+    : config_(config), scene_(scene), state_(state) {}
+PoseRefiner::~PoseRefiner() = default;
+
+bool PoseRefiner::refines(std::int32_t view, int iteration) const {
+  const auto last = static_cast<std::int32_t>(scene_.train.size()) - 1;
+  return config_.pose_opt && iteration > config_.pose_opt_from_iter && view > 0 && view < last;
+}
+
+PinholeView PoseRefiner::camera(std::int32_t view) {
+  if (unfinished_ && unfinished_->view == view) finish_step();
+  Camera camera = scene_.train[static_cast<std::size_t>(view)].camera;
+  if (state_.is_defined()) {
+    camera.cam_from_world = corrected(camera.cam_from_world, state_.correction(static_cast<std::size_t>(view)));
+  }
+  return to_pinhole_view(camera);
+}
+
+void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad) {
+  B3DGS_CHECK(!unfinished_, "add_gradient() before finish_step()");
+  B3DGS_CHECK(camera_grad.defined() && camera_grad.numel() == kCameraGradients,
+              "no gradient with respect to the camera");
+  const double* const values = camera_grad.data_ptr<double>();
+#if B3DGS_TORCH_CUDA
+  if (camera_grad.is_cuda()) {
+    if (reader_ == nullptr) reader_ = std::make_unique<Reader>();
+    reader_->reader.copy(values, torch_launch_context().stream);
+    unfinished_ = {view, iteration};
+    return;
+  }
+#endif
+  std::copy_n(values, kCameraGradients, grad_.begin());
+  unfinished_ = {view, iteration};
+}
+
+void PoseRefiner::finish_step() {
+  if (!unfinished_) return;
+  const Unfinished step = *std::exchange(unfinished_, std::nullopt);
+#if B3DGS_TORCH_CUDA
+  if (reader_ != nullptr) grad_ = reader_->reader.wait();
+#endif
+  take_step(step.view, step.iteration, grad_);
+}
+
+void PoseRefiner::take_step(std::int32_t view, int iteration, const std::array<double, kCameraGradients>& grad) {
+  if (!std::all_of(grad.begin(), grad.end(), [](double value) { return std::isfinite(value); })) return;
+  if (!state_.is_defined()) state_ = PoseState::make(static_cast<std::int64_t>(scene_.train.size()));
+  const CameraCorrection before = state_.correction(static_cast<std::size_t>(view));
+  const CameraCorrection g = correction_grad(before, {{grad[0], grad[1], grad[2]}, {grad[3], grad[4], grad[5]}});
+  const double gradients[kCameraGradients]{g.rotation.x,    g.rotation.y,    g.rotation.z,
+                                           g.translation.x, g.translation.y, g.translation.z};
+  // Each view has its own number of steps, so that its first one is as large as those of other views.
+  const std::int32_t t = ++state_.steps.data_ptr<std::int32_t>()[view];
+  const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
+  const double rate =
+      log_linear_rate(config_.pose_opt_lr, 0.01 * config_.pose_opt_lr, config_.position_lr_max_steps, iteration);
+  const std::int64_t row = std::int64_t{kCameraGradients} * view;
+  float* const m = state_.adam_m.data_ptr<float>() + row;
+  float* const v = state_.adam_v.data_ptr<float>() + row;
+  double move[kCameraGradients];
+  for (int k = 0; k < kCameraGradients; ++k) {
+    m[k] = static_cast<float>(kAdamBeta1 * m[k] + (1 - kAdamBeta1) * gradients[k]);
+    v[k] = static_cast<float>(kAdamBeta2 * v[k] + (1 - kAdamBeta2) * gradients[k] * gradients[k]);
+    const double size = k < 3 ? rate : rate * scene_.extent;
+    move[k] = size * (m[k] / bias1) / (std::sqrt(v[k] / bias2) + kAdamEpsilon);
+  }
+  const CameraCorrection after = limited(
+      {before.rotation - Vec3d{move[0], move[1], move[2]}, before.translation - Vec3d{move[3], move[4], move[5]}},
+      pose_limits(scene_.extent));
+  const double values[kCameraGradients]{after.rotation.x,    after.rotation.y,    after.rotation.z,
+                                        after.translation.x, after.translation.y, after.translation.z};
+  float* const corrections = state_.corrections.data_ptr<float>() + row;
+  for (int k = 0; k < kCameraGradients; ++k) corrections[k] = static_cast<float>(values[k]);
+}
+
+}  // namespace b3dgs
