@@ -5,10 +5,11 @@
 #include <iostream>
 #include <optional>
 
-#include "app/commands.h"
 #include "app/model.h"
+#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "model/photographs.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"

@@ -5,11 +5,11 @@
 #include <memory>
 #include <optional>
 
-#include "app/commands.h"
 #include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/record_run.h"
 #include "app/terminal/progress.h"
+#include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "config/option_layers.h"
 #include "config/preset_help.h"

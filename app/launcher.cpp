@@ -1,6 +1,6 @@
-// b3dgs: prints the general help and the version by itself, since LibTorch takes 0.4 s to load. For everything else it
-// executes b3dgs-engine from its own folder, after setting how OpenMP threads wait: LibTorch's OpenMP runtime reads
-// that setting while it is loaded.
+// b3dgs: prints the general help and the version by itself. For everything else it executes another program from its
+// own folder: b3dgs-engine, which loads LibTorch for 0.4 s or more, or b3dgs-tools for the commands that do not need
+// it. Before that, it sets how OpenMP threads wait: OpenMP's runtime reads that setting while it is loaded.
 #include <unistd.h>
 
 #include <cerrno>
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "app/commands.h"
+#include "app/tools/commands.h"
 #include "core/version.h"
 
 namespace b3dgs {
@@ -46,13 +46,22 @@ void let_waiting_threads_sleep() {
   if (std::getenv("GOMP_SPINCOUNT") == nullptr) setenv("OMP_WAIT_POLICY", "passive", /*overwrite=*/0);
 }
 
-ExitCode run_engine(char* const* argv) {
+/// The program that has the command. b3dgs-tools also rejects unknown commands.
+const char* program_of(const std::string& command) {
+  if (command == "help-markdown") return "b3dgs-engine";  // of scripts/update_options.sh: options of all commands
+  for (const CommandName& row : kCommandNames) {
+    if (command == row.name) return row.needs_torch ? "b3dgs-engine" : "b3dgs-tools";
+  }
+  return "b3dgs-tools";
+}
+
+ExitCode run_command(char* const* argv) {
   std::error_code error;
   let_waiting_threads_sleep();
-  const fs::path engine = fs::read_symlink("/proc/self/exe", error).parent_path() / "b3dgs-engine";
-  execv(engine.c_str(), argv);
+  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1]);
+  execv(program.c_str(), argv);
   return fail(
-      "cannot start " + engine.string() + " (" + std::strerror(errno) + "); build or copy it together with b3dgs",
+      "cannot start " + program.string() + " (" + std::strerror(errno) + "); build or copy it together with b3dgs",
       kFailed);
 }
 
@@ -72,9 +81,9 @@ int main(int argc, char** argv) {
     char option[] = "--help";
     words.push_back(option);
     words.push_back(nullptr);
-    return run_engine(words.data());
+    return run_command(words.data());
   }
   if (word == "--help" || word == "-h" || word == "help") return answer(general_help());
   if (word == "--version") return answer(std::string("b3dgs ") + version() + "\n");
-  return run_engine(argv);
+  return run_command(argv);
 }

@@ -1,44 +1,23 @@
-// b3dgs-engine, which launcher.cpp starts: runs a subcommand and turns exceptions into an error message and exit code.
-#include <algorithm>
-#include <cstring>
-#include <exception>
+// b3dgs-engine, which launcher.cpp starts: runs a subcommand.
 #include <iostream>
 #include <iterator>
 #include <map>
 #include <memory>
-#include <new>
 #include <sstream>
 #include <string>
 #include <vector>
 
-#include "app/commands.h"
+#include "app/tools/commands.h"
+#include "app/tools/run_program.h"
 #include "config/preset_help.h"
-#include "core/check.h"
-#include "core/options/nearest_name.h"
 
 namespace b3dgs {
 namespace {
-
-using RunCommand = int (*)(const std::vector<std::string>& words);
 
 /// In the order of kCommandNames.
 constexpr RunCommand kCommands[] = {run_train, run_eval,    run_render, run_info,
                                     run_synth, run_compare, run_report, run_bench};
 static_assert(std::size(kCommands) == std::size(kCommandNames));
-
-enum ExitCode { kFailed = 1, kBadInput = 2 };
-
-[[noreturn]] void reject_command(const std::string& word) {
-  std::vector<std::string> names;
-  std::string list;
-  for (const CommandName& command : kCommandNames) {
-    names.emplace_back(command.name);
-    list += (list.empty() ? "" : ", ") + names.back();
-  }
-  const std::string nearest = nearest_name(word, names);
-  input_error("unknown command \"", word, "\"; ",
-              nearest.empty() ? "expected one of " + list : "did you mean " + nearest + "?");
-}
 
 /// What the commands print for --help-markdown.
 std::string option_tables() {
@@ -90,41 +69,9 @@ int run(const std::vector<std::string>& words) {
   reject_command(name);
 }
 
-int report(const std::string& message, ExitCode code) {
-  std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
-  std::cerr << "error: " << line << '\n';
-  return code;
-}
-
-int report_out_of_memory(const std::string& what) {
-  return report(what.substr(0, what.find('\n')) +
-                    "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), cache fewer images on the GPU "
-                    "(--image_cache_gb 1), or free memory and resume from the last checkpoint (--resume auto)",
-                kFailed);
-}
-
 }  // namespace
 }  // namespace b3dgs
 
 int main(int argc, char** argv) {
-  using namespace b3dgs;
-  try {
-    const int code = run(std::vector<std::string>(argv + 1, argv + std::max(1, argc)));
-    std::cout.flush();
-    if (!std::cout) io_error("cannot write to standard output");
-    return code;
-  } catch (const InputError& error) {
-    return report(error.what(), kBadInput);
-  } catch (const IoError& error) {
-    return report(error.what(), kBadInput);
-  } catch (const OutOfMemoryError& error) {
-    return report_out_of_memory(error.what());
-  } catch (const std::bad_alloc&) {
-    return report_out_of_memory("out of memory");
-  } catch (const std::exception& error) {
-    // LibTorch's messages if GPU memory and host memory run out.
-    if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("out of GPU memory");
-    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("out of memory");
-    return report(error.what(), kFailed);
-  }
+  return b3dgs::run_program(argc, argv, b3dgs::run);
 }

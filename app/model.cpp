@@ -15,6 +15,7 @@
 #include "model/formats/splat_formats.h"
 #include "model/poses_json.h"
 #include "train/device.h"
+#include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/threads.h"
 
@@ -116,13 +117,6 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 }
 
 }  // namespace
-
-Scene open_scene(const SceneOptions& options, StatusLine& status) {
-  Scene scene = load_scene(options, show_loading(status));
-  status.clear();
-  for (const std::string& warning : scene.warnings) status.warn(warning);
-  return scene;
-}
 
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);

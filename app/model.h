@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "app/terminal/progress.h"
+#include "app/status/status_line.h"
 #include "config/train_config.h"
 #include "core/config.h"
 #include "model/formats/splat_cloud.h"
@@ -56,9 +56,6 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
 /// Loads a PLY, and the views of the scene `options.source_path` without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
-
-/// Calls load_scene() and shows its progress and warnings.
-Scene open_scene(const SceneOptions& options, StatusLine& status);
 
 SceneOptions scene_options(const TrainConfig& config);
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "app/bench/bench_devices.h"
-#include "app/commands.h"
+#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/parallel.h"

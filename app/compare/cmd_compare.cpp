@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <iostream>
 
-#include "app/commands.h"
 #include "app/compare/interleaved_training.h"
 #include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/terminal/progress.h"
+#include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "compare/comparison.h"
 #include "config/option_layers.h"

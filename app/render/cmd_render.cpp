@@ -4,12 +4,13 @@
 #include <iostream>
 #include <utility>
 
-#include "app/commands.h"
 #include "app/model.h"
 #include "app/render/camera_path.h"
 #include "app/render/depth_colors.h"
+#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "scene/images/image_io.h"
 #include "train/device.h"
 #include "train/evaluate.h"

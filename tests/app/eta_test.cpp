@@ -99,7 +99,7 @@ TEST(Eta, IsALowerBoundWhileViewsAreReduced) {
   // A second per iteration from 201 on, a quarter of it before.
   const EtaPlan plan{1000, 0, 0, 0};
   EtaHistory history(plan);
-  const auto add_until = [&, next = 1](int iteration) mutable {
+  auto add_until = [&, next = 1](int iteration) mutable {
     for (; next <= iteration; ++next) {
       history.add({next, std::min(next, 200) * 0.25 + std::max(0, next - 200), 5000, next <= 200 ? 2 : 1});
     }

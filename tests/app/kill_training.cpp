@@ -21,7 +21,7 @@
 #include <thread>
 #include <vector>
 
-#include "app/commands.h"
+#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/files/remove_tree.h"
 #include "model/formats/ply.h"

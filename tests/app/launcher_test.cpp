@@ -1,4 +1,4 @@
-// The launcher b3dgs, which works without b3dgs-engine; and scripts that run it.
+// The launcher b3dgs, which works without the programs that it starts; and scripts that run it.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -21,7 +21,7 @@ int run_shell(const fs::path& folder, const std::string& command) {
   return WEXITSTATUS(status);
 }
 
-TEST(Launcher, AnswersWithoutTheEngine) {
+TEST(Launcher, AnswersWithoutTheOtherPrograms) {
   const test::TempDir folder;
   fs::copy(B3DGS_PROGRAM, folder / "b3dgs");
   const std::string program = (folder / "b3dgs").string();
@@ -32,6 +32,29 @@ TEST(Launcher, AnswersWithoutTheEngine) {
   EXPECT_EQ(run_shell(folder.path(), program + " train"), 1);
   EXPECT_NE(test::read_bytes(folder / "out").find("error: cannot start " + (folder / "b3dgs-engine").string()),
             std::string::npos);
+  EXPECT_EQ(run_shell(folder.path(), program + " info"), 1);
+  EXPECT_NE(test::read_bytes(folder / "out").find("error: cannot start " + (folder / "b3dgs-tools").string()),
+            std::string::npos);
+}
+
+TEST(Launcher, CommandsThatNeedNoTorchWorkWithoutTheEngine) {
+  const test::TempDir folder;
+  const fs::path built = fs::path(B3DGS_PROGRAM).parent_path();
+  for (const char* name : {"b3dgs", "b3dgs-tools"}) fs::copy(built / name, folder / name);
+  const std::string program = (folder / "b3dgs").string(), scene = (folder / "scene").string();
+  const auto expect = [&](const std::string& words, int code, const char* text) {
+    EXPECT_EQ(run_shell(folder.path(), program + " " + words), code) << words;
+    const std::string out = test::read_bytes(folder / "out");
+    EXPECT_NE(out.find(text), std::string::npos) << words << ": " << out;
+  };
+  expect("synth orbit " + scene + " --views 4 --width 48 --height 36 --points 200 --quiet", 0,
+         "4 images of 48 x 36 px");
+  expect("info " + scene, 0, "4");
+  expect("info " + scene + "/truth.ply", 0, "Gaussians");
+  expect("help report", 0, "Rewrite report.html");
+  expect("report " + scene, 2, "error: neither a model folder nor a comparison");
+  expect("trian", 2, "error: unknown command \"trian\"; did you mean train?");
+  expect("eval", 1, "error: cannot start");
 }
 
 TEST(Launcher, ThreadsSleepWhileTheyWaitUnlessTheUserSaysOtherwise) {

@@ -13,6 +13,7 @@
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
+#include "train/evaluate.h"
 
 namespace b3dgs {
 namespace {

@@ -75,7 +75,8 @@ TEST(Install, TheInstalledProgramRuns) {
   const std::string command = "cmake --install '" B3DGS_BUILD "' --prefix '" + (temp / "here").string() + "' > '" +
                               (temp / "log").string() + "' 2>&1";
   ASSERT_EQ(std::system(command.c_str()), 0) << test::read_bytes(temp / "log");
-  for (const char* name : {"bin/b3dgs", "bin/b3dgs-engine"}) EXPECT_TRUE(fs::exists(temp / "here" / name)) << name;
+  for (const char* name : {"bin/b3dgs", "bin/b3dgs-engine", "bin/b3dgs-tools"})
+    EXPECT_TRUE(fs::exists(temp / "here" / name)) << name;
   const std::string program = (temp / "here/bin/b3dgs").string();
   EXPECT_EQ(std::system(("'" + program + "' train --help > '" + (temp / "help").string() + "'").c_str()), 0);
   EXPECT_NE(test::read_bytes(temp / "help").find("--iterations"), std::string::npos);

@@ -126,4 +126,14 @@ void verify_sections(FileReader& file, const CheckpointLayout& layout) {
   }
 }
 
+Json read_checkpoint_header(const std::filesystem::path& path) {
+  FileReader file(path);
+  return read_checkpoint_layout(file).header;
+}
+
+void verify_checkpoint_file(const std::filesystem::path& path) {
+  FileReader file(path);
+  verify_sections(file, read_checkpoint_layout(file));
+}
+
 }  // namespace b3dgs

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -49,5 +50,11 @@ void check_crc(const FileReader& file, const CheckpointSection& section, std::ui
 
 /// Checks the tensors after read_checkpoint_layout(). @throws InputError if a checksum is wrong
 void verify_sections(FileReader& file, const CheckpointLayout& layout);
+
+/// Reads only the header, including "tensors". Sizes are checked, tensors are not read. @throws InputError
+nlohmann::ordered_json read_checkpoint_header(const std::filesystem::path& path);
+
+/// Reads the whole file and verifies all checksums. @throws InputError with the reason if it is damaged
+void verify_checkpoint_file(const std::filesystem::path& path);
 
 }  // namespace b3dgs

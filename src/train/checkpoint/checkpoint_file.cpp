@@ -107,14 +107,4 @@ CheckpointFile read_checkpoint_file(const std::filesystem::path& path) {
   return content;
 }
 
-Json read_checkpoint_header(const std::filesystem::path& path) {
-  FileReader file(path);
-  return read_checkpoint_layout(file).header;
-}
-
-void verify_checkpoint_file(const std::filesystem::path& path) {
-  FileReader file(path);
-  verify_sections(file, read_checkpoint_layout(file));
-}
-
 }  // namespace b3dgs

@@ -21,6 +21,7 @@
 #include <torch/types.h>
 
 #include "core/files/atomic_file.h"
+#include "model/checkpoint/checkpoint_layout.h"  // read_checkpoint_header(), verify_checkpoint_file()
 
 namespace b3dgs {
 
@@ -68,11 +69,5 @@ void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFi
 
 /// Reads and checks the whole file. @throws InputError with the reason if it is damaged
 CheckpointFile read_checkpoint_file(const std::filesystem::path& path);
-
-/// Reads only the header, including "tensors". Sizes are checked, tensors are not read. @throws InputError
-nlohmann::ordered_json read_checkpoint_header(const std::filesystem::path& path);
-
-/// Reads the whole file and verifies all checksums. @throws InputError with the reason if it is damaged
-void verify_checkpoint_file(const std::filesystem::path& path);
 
 }  // namespace b3dgs

@@ -2,7 +2,7 @@
 #include <filesystem>
 #include <iostream>
 
-#include "app/commands.h"
+#include "app/tools/commands.h"
 #include "compare/comparison.h"
 #include "core/check.h"
 #include "core/options/command_line.h"

@@ -1,5 +1,5 @@
 // The subcommands. Each parses the words after its name, calls the libraries and reports: results to standard output,
-// progress and warnings to standard error. Errors are thrown; main() turns them into a message and an exit code.
+// progress and warnings to standard error. Errors are thrown; run_program.h turns them into a message and an exit code.
 #pragma once
 
 #include <string>
@@ -10,16 +10,17 @@ namespace b3dgs {
 struct CommandName {
   const char* name;
   const char* help;
+  bool needs_torch = true;
 };
 
 inline constexpr CommandName kCommandNames[] = {
     {"train", "train a COLMAP scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
-    {"info", "describe a scene folder, model folder, PLY or checkpoint"},
-    {"synth", "write a synthetic COLMAP scene"},
+    {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
+    {"synth", "write a synthetic COLMAP scene", false},
     {"compare", "train a scene with several configurations; compare time and quality"},
-    {"report", "rewrite report.html of a training or a comparison"},
+    {"report", "rewrite report.html of a training or a comparison", false},
     {"bench", "time kernels, rendering passes and training steps"},
 };
 

@@ -7,20 +7,20 @@
 #include <fstream>
 #include <iostream>
 
-#include "app/commands.h"
-#include "app/model.h"
-#include "app/terminal/progress.h"
+#include "app/status/status_line.h"
+#include "app/tools/commands.h"
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
+#include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
+#include "model/checkpoint/checkpoint_layout.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "scene/colmap/colmap.h"
 #include "scene/scene.h"
-#include "train/checkpoint/checkpoint_file.h"
 
 namespace b3dgs {
 namespace {

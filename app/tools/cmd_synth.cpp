@@ -2,10 +2,11 @@
 #include <iostream>
 #include <utility>
 
-#include "app/commands.h"
-#include "app/terminal/progress.h"
+#include "app/status/status_line.h"
+#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "data_synth/synth_writer.h"
 
 namespace b3dgs {

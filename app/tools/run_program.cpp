@@ -1,0 +1,67 @@
+#include "app/tools/run_program.h"
+
+#include <algorithm>
+#include <cstring>
+#include <exception>
+#include <iostream>
+#include <new>
+
+#include "app/tools/commands.h"
+#include "core/check.h"
+#include "core/options/nearest_name.h"
+
+namespace b3dgs {
+namespace {
+
+enum ExitCode { kFailed = 1, kBadInput = 2 };
+
+int report(const std::string& message, ExitCode code) {
+  std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
+  std::cerr << "error: " << line << '\n';
+  return code;
+}
+
+int report_out_of_memory(const std::string& what) {
+  return report(what.substr(0, what.find('\n')) +
+                    "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), cache fewer images on the GPU "
+                    "(--image_cache_gb 1), or free memory and resume from the last checkpoint (--resume auto)",
+                kFailed);
+}
+
+}  // namespace
+
+void reject_command(const std::string& word) {
+  std::vector<std::string> names;
+  std::string list;
+  for (const CommandName& command : kCommandNames) {
+    names.emplace_back(command.name);
+    list += (list.empty() ? "" : ", ") + names.back();
+  }
+  const std::string nearest = nearest_name(word, names);
+  input_error("unknown command \"", word, "\"; ",
+              nearest.empty() ? "expected one of " + list : "did you mean " + nearest + "?");
+}
+
+int run_program(int argc, char** argv, const std::function<int(const std::vector<std::string>& words)>& run) {
+  try {
+    const int code = run(std::vector<std::string>(argv + 1, argv + std::max(1, argc)));
+    std::cout.flush();
+    if (!std::cout) io_error("cannot write to standard output");
+    return code;
+  } catch (const InputError& error) {
+    return report(error.what(), kBadInput);
+  } catch (const IoError& error) {
+    return report(error.what(), kBadInput);
+  } catch (const OutOfMemoryError& error) {
+    return report_out_of_memory(error.what());
+  } catch (const std::bad_alloc&) {
+    return report_out_of_memory("out of memory");
+  } catch (const std::exception& error) {
+    // LibTorch's messages if GPU memory and host memory run out.
+    if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("out of GPU memory");
+    if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("out of memory");
+    return report(error.what(), kFailed);
+  }
+}
+
+}  // namespace b3dgs
