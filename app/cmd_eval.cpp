@@ -103,8 +103,8 @@ class SplitEvaluator {
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    Evaluation evaluation =
-        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered, lpips_);
+    Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
+                                           on_rendered, lpips_, renderer_.background);
     status_.clear();
     std::cout << split << " views\n";
     print_table(evaluation);

@@ -16,9 +16,11 @@
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
+#include "train/background/background.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
+#include "train/depth/depth_priors.h"
 #include "train/device.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/images/image_store.h"
@@ -58,6 +60,8 @@ struct Trainer::Impl {
   void take_step();
   /// The view of this iteration: at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
+  /// The gradient of the depth loss with respect to the render of a view; undefined if it has no depth map.
+  torch::Tensor depth_gradient(const TrainView& view, const RenderedView& rendered);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view);
   RenderSettings step_settings();
@@ -139,6 +143,8 @@ struct Trainer::Impl {
   GaussianStepper stepper;
   ImageLoss loss;
   ErrorImage error_image;
+  BackgroundGradient background_gradient;
+  std::optional<DepthPriors> depth_priors;  // with --depths
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;
@@ -149,6 +155,7 @@ struct Trainer::Impl {
   TrainRecorder recorder;
   ViewRatios view_ratios;
   bool growth_has_failed = false;  // in this session, although memory had seemed sufficient
+  std::int32_t view_index = 0;     // of the training view of the current step
   std::int64_t view_bytes = 0;     // of the rasterizer's buffers after the last view
   TrainResult result;
 

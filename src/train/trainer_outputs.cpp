@@ -78,7 +78,8 @@ ImageQuality Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
     return evaluate_views(rasterizer, flushed_state().gaussians, scene.test,
-                          evaluation_settings(config, state.sh_degree));
+                          evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr,
+                          state.background.coefficients);
   });
   recorder.add_evaluation(evaluation, evaluation_source(config, scene.test, "test"));
   return evaluation.mean;
@@ -95,7 +96,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 
 void Trainer::Impl::write_ply() {
   recorder.report_progress("saving");
-  recorder.write_ply(flushed_state().gaussians);
+  recorder.write_ply(flushed_state().gaussians, state.background);
 }
 
 void Trainer::Impl::write_checkpoint() {

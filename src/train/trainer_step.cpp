@@ -24,6 +24,7 @@ void Trainer::Impl::initialize_model() {
   state.gaussians = to_tensors(cloud, config.sh_degree, device);
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
+  state.background = make_background(learned_background_degree(config), device);
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
                                  " Gaussians, more than --max_gaussians ", config.max_gaussians,
@@ -34,6 +35,7 @@ void Trainer::Impl::initialize_model() {
 RenderSettings Trainer::Impl::step_settings() {
   RenderSettings settings = kernels.apply(evaluation_settings(config, state.sh_degree));
   settings.stages = &timer;
+  settings.inverse_depth = settings.depth_gradient = depth_priors.has_value();
   if (config.random_background) {
     const auto color =
         random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
@@ -85,14 +87,21 @@ void Trainer::Impl::learn(const TrainView& view) {
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
+  add_background(state.background.coefficients, view.camera, rendered);
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
   if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
+  RenderedViewGrad grad = loss.grad();
+  if (state.background.is_defined()) {
+    grad.alpha = background_gradient.compute(state.background, view.camera, rendered, grad.color);
+  }
+  if (depth_priors) grad.depth = depth_gradient(view, rendered);
   timer.end();
   unread_loss = {state.iteration, view.name};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
+      stepper.step(adam_rates(config, scene.extent, state.iteration), grad, state.gaussians, state.adam, &timer,
                    {config.opacity_reg, config.scale_reg});
+  if (state.background.is_defined()) background_gradient.step(config.background_lr, state.background);
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
@@ -101,6 +110,14 @@ void Trainer::Impl::learn(const TrainView& view) {
                         state.gaussians, state.statistics);
     timer.end();
   }
+}
+
+torch::Tensor Trainer::Impl::depth_gradient(const TrainView& view, const RenderedView& rendered) {
+  if (!depth_priors->has(view_index)) return {};
+  const double weight =
+      log_linear_rate(config.depth_l1_weight_init, config.depth_l1_weight_final, config.iterations, state.iteration);
+  return depth_priors->gradient(view_index, rendered.depth, view.valid, view.n_valid,
+                                images.stored_view(view_index).valid, weight);
 }
 
 BlendInput Trainer::Impl::kernel_check_input() {
@@ -129,6 +146,7 @@ TrainView Trainer::Impl::take_view(int iteration) {
   const std::vector<std::int32_t> next =
       state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
   const TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  view_index = next.front();
   const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
   return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);
 }

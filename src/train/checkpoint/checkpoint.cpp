@@ -48,11 +48,21 @@ void visit_tensors(State& state, Field&& field) {
   const std::vector<std::string> columns = state.statistics.names();
   for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
   if (state.gaussians.filters.defined()) field("gaussians.filters", state.gaussians.filters);
+  if (state.background.is_defined()) {
+    field("background.coefficients", state.background.coefficients);
+    field("background.adam_m", state.background.m);
+    field("background.adam_v", state.background.v);
+  }
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const std::string& place) {
-  const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
+void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, const std::string& place) {
+  const std::int64_t rest = sh_coefficient_count(config.sh_degree) - 1;
+  const int background_degree = learned_background_degree(config);
+  if (state.background.is_defined() != (background_degree >= 0)) {
+    input_error(place, ": --background is ", config.background, ", but the checkpoint has ",
+                state.background.is_defined() ? "a" : "no", " learned background; the file is damaged");
+  }
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
     torch::ScalarType type = torch::kFloat32;
@@ -61,6 +71,7 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, const 
     if (is("quats")) wanted = {n, 4};
     if (is("sh0")) wanted = {n, 1, 3};
     if (is("shN")) wanted = {n, rest, 3};
+    if (name.rfind("background.", 0) == 0) wanted = {sh_coefficient_count(background_degree), 3};
     if (is("view_count") || is("max_radii")) type = torch::kInt32;
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
@@ -74,7 +85,7 @@ void check_values(const TrainState& state, const std::string& place) {
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     if (tensor.scalar_type() == torch::kInt32) {
       check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
-    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum") {
+    } else if (name.rfind("adam_v.", 0) == 0 || name == "background.adam_v" || name == "statistics.grad_norm_sum") {
       check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
     }
   });
@@ -133,20 +144,22 @@ std::vector<std::string> changed_photographs(const Json& header, const Json& fin
 }
 
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
-  return {{"iteration", state.iteration},
-          {"n_gaussians", state.gaussians.size()},
-          {"sh_degree", state.sh_degree},
-          {"adam_steps", state.adam.steps},
-          {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
-          {"loss_average", state.loss_average},
-          {"elapsed_s", state.elapsed_s},
-          {"training_id", state.training_id},
-          {"is_density_pending", state.is_density_pending},
-          {"n_removed", state.n_removed},
-          {"held_at", state.held_at},
-          {"kernel_selection", state.kernel_selection},
-          {"config", config_to_json(config)},
-          {"scene", fingerprint}};
+  Json header{{"iteration", state.iteration},
+              {"n_gaussians", state.gaussians.size()},
+              {"sh_degree", state.sh_degree},
+              {"adam_steps", state.adam.steps},
+              {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},
+              {"loss_average", state.loss_average},
+              {"elapsed_s", state.elapsed_s},
+              {"training_id", state.training_id},
+              {"is_density_pending", state.is_density_pending},
+              {"n_removed", state.n_removed},
+              {"held_at", state.held_at},
+              {"kernel_selection", state.kernel_selection},
+              {"config", config_to_json(config)},
+              {"scene", fingerprint}};
+  if (state.background.is_defined()) header["background_steps"] = state.background.steps;
+  return header;
 }
 
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
@@ -182,9 +195,14 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  const auto is_filters = [](const auto& tensor) { return tensor.first == "gaussians.filters"; };
-  if (std::any_of(file.tensors.begin(), file.tensors.end(), is_filters)) {
-    state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  const auto has_tensor = [&](const char* name) {
+    return std::any_of(file.tensors.begin(), file.tensors.end(),
+                       [&](const auto& tensor) { return tensor.first == name; });
+  };
+  if (has_tensor("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  if (has_tensor("background.coefficients")) {
+    state.background.coefficients = torch::empty({0}, torch::kFloat32);
+    state.background.steps = header.background_steps;
   }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
@@ -195,7 +213,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
-  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, place);
+  check_shapes(state, header.n_gaussians, checkpoint.config, place);
   check_values(state, place);
   visit_tensors(state, [&](const std::string&, torch::Tensor& tensor) { tensor = tensor.to(device); });
   return checkpoint;

@@ -7,6 +7,7 @@
 
 #include "config/view_order.h"
 #include "raster/torch/gaussian_tensors.h"
+#include "train/background/background.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
 
@@ -18,6 +19,7 @@ struct TrainState {
   GaussianTensors gaussians;
   AdamState adam;
   DensityStatistics statistics;
+  BackgroundState background;  // with --background learned or sky
   ViewOrder view_order;
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions

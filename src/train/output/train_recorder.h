@@ -77,7 +77,8 @@ class TrainRecorder {
   // PLYs and checkpoints. They are written in the background, unless this is the end: after the last iteration, or
   // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
   void set_ending(bool is_ending) { is_ending_ = is_ending; }
-  void write_ply(const GaussianTensors& gaussians);
+  /// With background.json beside the PLY if there is a learned background.
+  void write_ply(const GaussianTensors& gaussians, const BackgroundState& background = {});
   /// The last PLY is that of this iteration, written by an earlier session.
   void use_existing_ply() { outputs_.ply = source_.folder.ply(source_.state.iteration); }
   /// `whole` is the state without deferred updates, with the elapsed time.
