@@ -20,7 +20,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kStandardKernel : config.kernel;
   const std::string backward_name = backward_is_open ? kStandardBackwardKernel : config.backward_kernel;
-  const float background = config.white_background ? 1.0f : 0.0f;
+  const float background = has_white_background(config) ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
   settings.sh_degree = sh_degree;
@@ -75,7 +75,7 @@ void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::o
 
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
-                          const ColorEvaluation& colors) {
+                          const ColorEvaluation& colors, const torch::Tensor& background) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
@@ -94,6 +94,7 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
+    add_background(background, to_pinhole_view(view.camera), rendered);
     const ImageQuality quality = compare_view(view, truth, colors, rendered, lpips);
     add_to_mean(quality.lpips, views.size(), evaluation.mean.lpips);
     add_to_mean(quality.corrected_psnr, views.size(), evaluation.mean.corrected_psnr);

@@ -10,6 +10,7 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
+#include "train/background/background.h"
 #include "train/quality/color_fit.h"
 #include "train/quality/lpips.h"
 #include "train/quality/metrics.h"
@@ -42,8 +43,10 @@ ColorEvaluation color_evaluation(const TrainConfig& config);
 using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
 
 /// Renders each view with `settings` and compares it with its photograph. Views keep their order. `lpips`: may be null.
+/// `background`: the coefficients of a learned background (add_background()), or undefined.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {});
+                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
+                          const torch::Tensor& background = {});
 
 }  // namespace b3dgs

@@ -91,7 +91,8 @@ ImageQuality Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
     return evaluate_views(rasterizer, flushed_state().gaussians, scene.test,
-                          evaluation_settings(config, state.sh_degree), {}, nullptr, color_evaluation());
+                          evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr, color_evaluation(),
+                          state.background.coefficients);
   });
   recorder.add_evaluation(evaluation, evaluation_source(config, scene.test, "test"));
   return evaluation.mean;
@@ -111,7 +112,7 @@ void Trainer::Impl::write_ply() {
   if (state.appearance.exposures.defined()) {
     recorder.write_exposures(named_exposures(state.appearance.exposures, scene.train));
   }
-  recorder.write_ply(flushed_state().gaussians);
+  recorder.write_ply(flushed_state().gaussians, state.background);
   recorder.try_to_write([&] { write_poses(); });
 }
 

@@ -58,6 +58,11 @@ void visit_tensors(State& state, Field&& field) {
     field("poses.steps", state.poses.steps);
   }
   visit_appearance(state.appearance, [&](const char* name, auto& tensor) { field(kAppearance + name, tensor); });
+  if (state.background.is_defined()) {
+    field("background.coefficients", state.background.coefficients);
+    field("background.adam_m", state.background.m);
+    field("background.adam_v", state.background.v);
+  }
 }
 
 bool is_of_poses(const std::string& name) {
@@ -65,9 +70,14 @@ bool is_of_poses(const std::string& name) {
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::int64_t n_views,
+void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
                   const std::string& place) {
-  const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
+  const std::int64_t rest = sh_coefficient_count(config.sh_degree) - 1;
+  const int background_degree = learned_background_degree(config);
+  if (state.background.is_defined() != (background_degree >= 0)) {
+    input_error(place, ": --background is ", config.background, ", but the checkpoint has ",
+                state.background.is_defined() ? "a" : "no", " learned background; the file is damaged");
+  }
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
     torch::ScalarType type = torch::kFloat32;
@@ -82,6 +92,7 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::i
       if (!is("steps")) wanted.push_back(kCameraGradients);
     }
     if (name.rfind(kAppearance, 0) == 0) wanted = {n_views, 3, 4};
+    if (name.rfind("background.", 0) == 0) wanted = {sh_coefficient_count(background_degree), 3};
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
                   torch::IntArrayRef(wanted), " ", type);
@@ -95,7 +106,7 @@ void check_values(const TrainState& state, const std::string& place) {
     if (tensor.scalar_type() == torch::kInt32) {
       check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
     } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum" || name == "poses.adam_v" ||
-               name == kAppearance + "v") {
+               name == kAppearance + "v" || name == "background.adam_v") {
       check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
     } else if (name == kCorrections && !torch::isfinite(tensor).all().item<bool>()) {
       input_error(place, ": tensor ", name, " has values that are not finite");
@@ -172,6 +183,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"scene", fingerprint}};
   if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
+  if (state.background.is_defined()) header["background_steps"] = state.background.steps;
   return header;
 }
 
@@ -223,6 +235,10 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
       *tensor = torch::empty({0}, torch::kFloat32);
     }
   }
+  if (holds("background.coefficients")) {
+    state.background.coefficients = torch::empty({0}, torch::kFloat32);
+    state.background.steps = header.background_steps;
+  }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {
@@ -232,8 +248,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
-  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, static_cast<std::int64_t>(scene.train.size()),
-               place);
+  check_shapes(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
   check_values(state, place);
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (!is_of_poses(name)) tensor = tensor.to(device);

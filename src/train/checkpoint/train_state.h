@@ -9,6 +9,7 @@
 #include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/appearance/appearance_state.h"
+#include "train/background/background.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
 #include "train/poses/pose_state.h"
@@ -23,6 +24,7 @@ struct TrainState {
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
   AppearanceState appearance;
+  BackgroundState background;  // with --background learned or sky
   ViewOrder view_order;
   ViewSkips view_skips;     // with --skip_share
   double loss_average = 0;  // 0.4 x new + 0.6 x old

@@ -5,6 +5,7 @@
 
 #include "config/coarse_schedule.h"
 #include "model/disk_space.h"
+#include "model/formats/background_json.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
@@ -105,8 +106,17 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
   return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
 }
 
-void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
+void TrainRecorder::write_ply(const GaussianTensors& gaussians, const BackgroundState& background) {
   const int iteration = source_.state.iteration;
+  const std::filesystem::path background_file = background_path(source_.folder.ply(iteration));
+  if (background.is_defined()) {  // first, so that no PLY is without it
+    const torch::Tensor values = background.coefficients.cpu();
+    const float* const begin = values.data_ptr<float>();
+    try_to_write([&] { write_background_json(background_file, {{begin, begin + values.numel()}}); });
+  } else {
+    std::error_code error;  // one from an earlier session at this iteration; usually there is none
+    std::filesystem::remove(background_file, error);
+  }
   outputs_.n_saved = gaussians.size();
   writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
                     has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
