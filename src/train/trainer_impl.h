@@ -62,7 +62,7 @@ struct Trainer::Impl {
   /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
-  void learn(const TrainView& view, std::int32_t view_index);
+  void learn(const TrainView& view);
   RenderSettings step_settings();
   /// Waits for the loss of the last step and adds it to the average; before that, finishes the step of its pose.
   /// @throws LossError if the loss is not finite

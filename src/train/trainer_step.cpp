@@ -65,7 +65,7 @@ void Trainer::Impl::update_filters(bool is_due) {
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
-void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
+void Trainer::Impl::learn(const TrainView& view) {
   const DensityPlan plan = density->plan(state.iteration);
   const bool refines_pose = poses.refines(view.index, state.iteration);
   RenderedView rendered;
@@ -95,7 +95,7 @@ void Trainer::Impl::learn(const TrainView& view, std::int32_t view_index) {
   loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
   if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
   timer.end();
-  unread_loss = {state.iteration, view.name, view_index};
+  unread_loss = {state.iteration, view.name, view.index};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
@@ -167,10 +167,10 @@ void Trainer::Impl::take_step() {
   }
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
-  const std::int32_t view_index = state.view_order.next(config.seed, images.size());
+  state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   if (is_skipped) return;
-  learn(view, view_index);
+  learn(view);
   timer.finish();
 }
 
