@@ -73,7 +73,8 @@ TEST(SkippingTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) 
       config.iterations = 48;
       config.skip_share = 0.4;
       config.skip_from_iter = 8;
-      config.antialiasing = n_views == 8;
+      config.antialiasing = config.pose_opt = n_views == 8;
+      config.pose_opt_from_iter = 5;
       const Trained whole = train(config, scene, folder / "whole");
       EXPECT_GE(n_skipped(whole.result.checkpoint), 3);
       test::expect_exact_resume(config, scene, whole, folder, {5, 14, 27, 40});
