@@ -66,6 +66,9 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
+  if (config.exposure && config.bilateral_grid) {
+    input_error("--exposure and --bilateral_grid cannot be used together; the grid includes what an exposure does");
+  }
   if (config.train_test_exp && !config.eval) {
     input_error("--train_test_exp: needs test views; add --eval, or leave it out");
   }

@@ -94,6 +94,7 @@ void Trainer::Impl::learn(const TrainView& view, std::int32_t index) {
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
+  if (appearance) appearance->begin_step(index, state.iteration, state.appearance);
   const torch::Tensor color = appearance ? appearance->apply(state.appearance, index, rendered.color) : rendered.color;
   loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));
   if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
