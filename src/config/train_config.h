@@ -88,6 +88,9 @@ struct TrainConfig {
   bool exposure = false;
   double exposure_lr_init = 0.01;
   double exposure_lr_final = 0.001;
+  bool bilateral_grid = false;
+  double bilateral_grid_lr = 0.002;
+  double bilateral_grid_tv = 10;  // weight of the total variation
   bool train_test_exp = false;
 
   // Density control
@@ -241,6 +244,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"exposure_lr_init"}, c.exposure_lr_init, AtLeast{0}, "initial learning rate of --exposure");
   field(Option{"exposure_lr_final"}, c.exposure_lr_final, AtLeast{0},
         "learning rate of --exposure in the last iteration");
+  field(Option{"bilateral_grid"}, c.bilateral_grid, Any{},
+        "learn a bilateral grid of colour transforms for each photograph");
+  field(Option{"bilateral_grid_lr"}, c.bilateral_grid_lr, AtLeast{0}, "highest learning rate of --bilateral_grid");
+  field(Option{"bilateral_grid_tv"}, c.bilateral_grid_tv, AtLeast{0},
+        "add X x total variation of the photograph's bilateral grid to the loss");
   field(Option{"train_test_exp"}, c.train_test_exp, Any{},
         "measure the right half of test views, with colours fitted to their left half");
 
