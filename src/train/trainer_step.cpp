@@ -128,7 +128,9 @@ void Trainer::Impl::learn(const TrainView& view) {
     appearance->step(view.index, state.iteration, state.appearance);
     timer.end();
   }
-  if (state.background.is_defined()) background_gradient.step(config.background_lr, state.background);
+  if (state.background.is_defined()) {
+    background_gradient.step(lr_scale(config, state.iteration) * config.background_lr, state.background);
+  }
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();

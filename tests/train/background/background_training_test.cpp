@@ -128,7 +128,8 @@ TEST(BackgroundTraining, ThePlyAndItsBackgroundRenderAsTheModel) {
   const torch::Tensor background = torch::tensor(values).view({-1, 3});
   Rasterizer rasterizer(torch::kCPU);
   const RenderSettings settings = evaluation_settings(config, trainer.sh_degree());
-  EXPECT_EQ(evaluate_views(rasterizer, gaussians, scene.train, settings, {}, nullptr, background).mean.psnr, of_model);
+  EXPECT_EQ(evaluate_views(rasterizer, gaussians, scene.train, settings, {}, nullptr, {}, background).mean.psnr,
+            of_model);
   EXPECT_LT(evaluate_views(rasterizer, gaussians, scene.train, settings).mean.psnr, of_model - 1);
 }
 

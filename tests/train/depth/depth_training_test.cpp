@@ -1,6 +1,7 @@
-// Training with depth priors: exact resume.
+// Training with depth priors: that depths become better, and exact resume.
 #include <gtest/gtest.h>
 
+#include "model/formats/ply.h"
 #include "support/temp_dir.h"
 #include "support/train/depth_maps.h"
 #include "support/train/training.h"
@@ -10,6 +11,57 @@ namespace {
 
 using test::train;
 using test::Trained;
+
+/// Mean over the pixels of the views of the error of the inverse depth.
+double depth_error(const Trained& run, const std::vector<View>& views, const GaussianTensors& truth) {
+  const GaussianTensors model = to_tensors(read_splat_ply(run.result.ply), 0, torch::kCPU);
+  double sum = 0;
+  for (const View& view : views) {
+    sum +=
+        (test::inverse_depth(model, view.camera) - test::inverse_depth(truth, view.camera)).abs().mean().item<double>();
+  }
+  return sum / static_cast<double>(views.size());
+}
+
+TEST(DepthTraining, DepthsBecomeBetter) {
+  const test::TempDir temp;
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  GaussianTensors truth;
+  Scene scene = test::make_tiny_scene(options, &truth);
+  TrainConfig config;
+  config.init_ply = (temp / "start.ply").string();  // not the points that are on the surfaces
+  write_point_ply(config.init_ply, scene.points);
+  test::add_depth_maps(scene, truth, temp / "depths", 1e-5, 0);
+  config.iterations = config.position_lr_max_steps = 600;
+  config.position_lr_init = 1.6e-3;
+  config.position_lr_final = 1.6e-4;
+  config.seed = 3;
+  config.sh_degree = 0;
+  config.densify_from_iter = config.opacity_reset_interval = 1000;
+  config.kernel = "shared-memory";
+  config.test_iterations = {};
+  config.stats_interval = 0;
+  config.depth_l1_weight_final = 1;  // few iterations
+  TrainConfig with_depths = config;
+  with_depths.depths = (temp / "depths").string();
+
+  const Trained without = train(config, scene, temp / "without"), with = train(with_depths, scene, temp / "with");
+  const double held_out = depth_error(without, scene.test, truth);
+  EXPECT_LT(depth_error(with, scene.test, truth), 0.9 * held_out) << held_out;
+
+  // Two views do not determine depths.
+  scene.train.resize(2);
+  const Trained two_without = train(config, scene, temp / "two_without");
+  const Trained two_with = train(with_depths, scene, temp / "two_with");
+  const double trained = depth_error(two_without, scene.train, truth);
+  EXPECT_LT(depth_error(two_with, scene.train, truth), 0.7 * trained) << trained;
+
+  // With a weight of 0, maps are not read.
+  with_depths.depth_l1_weight_init = with_depths.depth_l1_weight_final = 0;
+  with_depths.depths = "nowhere";
+  EXPECT_TRUE(train(with_depths, scene, temp / "no_weight").ply == two_without.ply);
+}
 
 TEST(DepthTraining, ResumedEqualsUninterruptedBitForBit) {
   const test::TempDir temp;
