@@ -13,6 +13,7 @@
 #include "model/photographs.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
+#include "train/appearance/exposure_json.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 
@@ -50,6 +51,10 @@ std::string table_row(const std::string& name, int name_columns, const ImageQual
   char row[64];
   std::snprintf(row, sizeof row, "  %8.3f  %7.4f", quality.psnr, quality.ssim);
   std::string cells = row;
+  if (quality.corrected_psnr) {
+    std::snprintf(row, sizeof row, "  %8.3f", *quality.corrected_psnr);
+    cells += row;
+  }
   if (quality.lpips) {
     std::snprintf(row, sizeof row, "  %7.4f", *quality.lpips);
     cells += row;
@@ -74,12 +79,35 @@ void print_table(const Evaluation& evaluation) {
   const int name_columns = static_cast<int>(columns);
   std::string heading = "view";
   heading.resize(columns, ' ');
-  std::cout << heading << "   PSNR dB     SSIM" << (evaluation.lpips_network.empty() ? "" : "    LPIPS") << "\n";
+  std::cout << heading << "   PSNR dB     SSIM" << (evaluation.mean.corrected_psnr ? "   CC PSNR" : "")
+            << (evaluation.lpips_network.empty() ? "" : "    LPIPS") << "\n";
   for (const ViewQuality& view : evaluation.views) {
     std::cout << table_row(view.name, name_columns, view.quality) << "\n";
   }
   std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), name_columns, evaluation.mean) << "\n";
+  if (evaluation.mean.corrected_psnr) {
+    std::cout << "CC PSNR: colour-corrected, with the colours of each render fitted to its photograph\n";
+  }
   if (!evaluation.lpips_network.empty()) std::cout << "LPIPS by the network " << evaluation.lpips_network << "\n";
+}
+
+/// What is done about exposure in the views of a split.
+ColorEvaluation split_colors(const LoadedModel& model, bool is_test, bool is_other_scene, StatusLine& status) {
+  ColorEvaluation colors = color_evaluation(model.config);
+  colors.fit_left_half = colors.fit_left_half && is_test;
+  if (!model.config.exposure || is_test || is_other_scene) return colors;
+  const std::filesystem::path file = model.folder.exposures(model.iteration);
+  if (std::filesystem::exists(file)) {
+    colors.exposures = read_exposures(file);
+  } else {
+    status.warn(file.string() + " is missing; training views are compared without their learned exposures");
+  }
+  return colors;
+}
+
+std::string describe(const ColorEvaluation& colors) {
+  if (!colors.exposures.empty()) return ", with their learned exposures";
+  return colors.fit_left_half ? ", right half, with colours fitted to the left half (--train_test_exp)" : "";
 }
 
 class SplitEvaluator {
@@ -90,7 +118,8 @@ class SplitEvaluator {
                  const LpipsNetwork* lpips, StatusLine& status)
       : model_(model), key_(key), renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
 
-  Evaluation run(const std::vector<View>& views, const std::string& split) {
+  /// `colors`: how to treat exposure.
+  Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors) {
     const std::filesystem::path folder = model_.folder.root() / split / key_;
     const ProgressFn progress = show_loading(status_);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
@@ -104,10 +133,10 @@ class SplitEvaluator {
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    Evaluation evaluation =
-        evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings, on_rendered, lpips_);
+    const Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
+                                                 on_rendered, lpips_, colors, renderer_.background);
     status_.clear();
-    std::cout << split << " views\n";
+    std::cout << split << " views" << describe(colors) << "\n";
     print_table(evaluation);
     if (save_images_) {
       write_view_names(folder, views);
@@ -166,7 +195,8 @@ int run_eval(const std::vector<std::string>& words) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
     if (!is_other_scene) check_photographs(model, views, status);
-    const Evaluation evaluation = evaluator.run(views, name);
+    const Evaluation evaluation =
+        evaluator.run(views, name, split_colors(model, name == "test", is_other_scene, status));
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;
     model.folder.write_results(key, evaluation, source);

@@ -14,6 +14,7 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/poses_json.h"
+#include "train/background/background.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -49,7 +50,15 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   model.iteration = choose_iteration(model.folder, options.iteration);
   model.config = model.folder.read_config();
   model.splats = read_splat_ply(model.folder.ply(model.iteration));
+  model.background = read_background_json(background_path(model.folder.ply(model.iteration)));
   return model;
+}
+
+void warn_of_missing_background(const LoadedModel& model, StatusLine& status) {
+  if (learned_background_degree(model.config) < 0 || model.background) return;
+  status.warn(detail::concat("no learned background: ", background_path(model.folder.ply(model.iteration)).string(),
+                             " not found, although the model was trained with --background ", model.config.background,
+                             "; rendering on black"));
 }
 
 /// Applies the options that may differ from those of the training.
@@ -120,6 +129,7 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
+  warn_of_missing_background(model, status);
   apply_options(model, options);
   model.scene = open_scene(scene_options(model.config), status);
   refine_poses(model);
@@ -129,6 +139,7 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
   const bool is_as_trained = options.source_path.empty() && options.resolution == 0;
+  warn_of_missing_background(model, status);
   apply_options(model, options);
   const bool has_cameras = fs::exists(model.folder.cameras());
   model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
@@ -142,6 +153,7 @@ LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, Sta
   }
   LoadedModel model;
   model.splats = read_splats(ply);
+  model.background = read_background_json(background_path(ply));
   apply_options(model, options);
   model.scene = open_cameras(model.config, status);
   return model;
@@ -157,7 +169,18 @@ RenderSettings image_settings(const LoadedModel& model) {
 ModelRenderer::ModelRenderer(const LoadedModel& model, const torch::Device& device)
     : gaussians(to_tensors(model.splats, model.splats.sh_degree, device)),
       settings(image_settings(model)),
-      rasterizer(device) {}
+      rasterizer(device) {
+  if (!model.background) return;
+  const std::vector<float>& values = model.background->coefficients;
+  background = torch::tensor(values).view({-1, 3}).to(device);
+  settings.background = {0, 0, 0};
+}
+
+RenderedView ModelRenderer::render(const PinholeView& view) {
+  RenderedView rendered = rasterizer.forward(gaussians, view, settings);
+  add_background(background, view, rendered);
+  return rendered;
+}
 
 std::string results_variant(const LoadedModel& model, const ModelOptions& options) {
   if (options.source_path.empty() && options.resolution == 0) return "";
@@ -185,7 +208,8 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.images = config.images;
   options.resolution = config.resolution;
   options.eval = config.eval;
-  options.white_background = config.white_background;
+  options.white_background = has_white_background(config);
+  options.tracks = !config.depths.empty();
   options.host_memory_gb = config.host_memory_gb;
   return options;
 }

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/status/status_line.h"
 #include "config/train_config.h"
 #include "core/config.h"
+#include "model/formats/background_json.h"
 #include "model/formats/splat_cloud.h"
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
@@ -44,6 +46,7 @@ struct LoadedModel {
   ModelFolder folder{""};
   int iteration = 0;  // 0 if loaded from a single PLY
   SplatCloud splats;
+  std::optional<BackgroundSh> background;  // of background.json beside the PLY
   Scene scene;
 };
 
@@ -66,7 +69,11 @@ RenderSettings image_settings(const LoadedModel& model);
 struct ModelRenderer {
   ModelRenderer(const LoadedModel& model, const torch::Device& device);
 
+  /// Renders the view with the background. The result is valid until the next call.
+  RenderedView render(const PinholeView& view);
+
   GaussianTensors gaussians;
+  torch::Tensor background;  // coefficients for add_background(); undefined without a learned background
   RenderSettings settings;
   Rasterizer rasterizer;
 };

@@ -18,6 +18,7 @@ struct SynthConfig {
   int views = 0;
   int width = 0, height = 0;  // px
   int sh_degree = 3;
+  double exposure_jitter = 0;
   double skew = 1;
   std::string truth = "surfaces";
 };
@@ -37,6 +38,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthConfig>> visit
   field(Option{"height"}, c.height, InRange{0, 16384}, "image height, px (0 = 240 for orbit, 540 for street)");
   field(Option{"sh_degree"}, c.sh_degree, InRange{0, 3},
         "SH degree of orbit's Gaussians; if above 0, some of the solids are glossy");
+  field(Option{"exposure_jitter"}, c.exposure_jitter, InRange{0, 2},
+        "give each image a random gain and tint, up to a factor of exp(X) and exp(X / 2)");
   field(Option{"skew"}, c.skew, Above{0},
         "depths in street; 1: log-uniform, > 1: more points far away, < 1: more nearby");
   field(Option{"truth"}, c.truth, OneOf{{"surfaces", "points"}},

@@ -1,6 +1,9 @@
 #include "data_synth/synth_writer.h"
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -9,6 +12,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
+#include "core/random.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
@@ -75,12 +79,27 @@ ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   return model;
 }
 
+/// As another camera setting would show the image: each channel multiplied by exp(X (u + t / 2)), where u (one for the
+/// image) and t (one for each channel) are uniform in [-1, 1]; clipped at white.
+void jitter_exposure(const SynthConfig& config, std::size_t index, Image8& image) {
+  const RandomKey key{config.seed, RandomStream::kExposureJitter, 0};
+  const std::array<float, 4> random = random_uniform(key, index);
+  for (std::size_t c = 0; c < 3; ++c) {
+    const double gain = std::exp(config.exposure_jitter * ((2.0 * random[3] - 1) + (random[c] - 0.5)));
+    for (std::size_t i = c; i < image.pixels.size(); i += 3) {
+      image.pixels[i] = static_cast<std::uint8_t>(std::min(255.0, std::floor(gain * image.pixels[i] + 0.5)));
+    }
+  }
+}
+
 void write_files(const fs::path& folder, const SynthConfig& config, const SynthScene& scene,
                  const std::function<void(std::size_t, std::size_t)>& on_image) {
   write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
   write_splats(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
-    write_image(folder / "images" / image_name(i, config), render_truth(scene.truth, scene.cameras[i]));
+    Image8 image = render_truth(scene.truth, scene.cameras[i]);
+    if (config.exposure_jitter > 0) jitter_exposure(config, i, image);
+    write_image(folder / "images" / image_name(i, config), image);
     if (on_image) on_image(i + 1, scene.cameras.size());
   }
   const ColmapFormat format = config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;

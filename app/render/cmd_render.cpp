@@ -120,8 +120,7 @@ int run_render(const std::vector<std::string>& words) {
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const RenderedView rendered =
-        renderer.rasterizer.forward(renderer.gaussians, to_pinhole_view(cameras[i]), renderer.settings);
+    const RenderedView rendered = renderer.render(to_pinhole_view(cameras[i]));
     write_image(folder / "renders" / image_name(i), to_image8(rendered.color));
     if (options.depth) {
       write_image(folder / "depth" / image_name(i), color_depth(rendered.depth, rendered.alpha, range));

@@ -14,8 +14,8 @@ namespace b3dgs {
 namespace {
 
 /// Options that must be the same for all configurations, or their times and images would not be comparable.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",  "resolution",      "eval",
-                                   "seed",        "device",     "threads", "white_background"};
+constexpr const char* kShared[] = {"source_path", "model_path", "images",           "resolution",     "eval",  "seed",
+                                   "device",      "threads",    "white_background", "train_test_exp", "depths"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";
@@ -160,6 +160,11 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
   const nlohmann::ordered_json base_values = config_to_json(base);
   for (const char* const option : kShared) shared[option] = base_values.at(option);
   config_from_json(configuration.config, shared, /*place=*/"");
+  if (has_white_background(configuration.config) != has_white_background(base)) {
+    input_error("--configs ", entry, ": background=", configuration.config.background,
+                " changes how transparent photographs are read, which must be the same for all configurations; set "
+                "--background white for all");
+  }
   return configuration;
 }
 

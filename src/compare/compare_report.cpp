@@ -308,6 +308,7 @@ std::string quality_section(const Comparison& comparison) {
   }
   if (body.empty()) return html::paragraph("Quality has not been measured yet.", "soft");
   body += html::paragraph(quality_criterion(summary), "soft");
+  if (comparison.configurations.front().config.train_test_exp) body += html::paragraph(kMeasuredHalf, "soft");
   const std::vector<ChartSeries> psnr = curves(first_runs(comparison), &LogPoint::test_psnr);
   if (psnr.empty()) {
     return body + html::paragraph("No test views were held out (--no_eval), so there is no PSNR.", "soft");

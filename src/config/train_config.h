@@ -30,6 +30,7 @@ struct TrainConfig {
   int resolution = -1;
   bool eval = false;
   std::string init_ply;
+  std::string depths;
   std::string device = "auto";
   // -1: up to half of the free GPU memory, which leaves the other half to the Gaussians. A few hundred photographs at
   // the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside it are uploaded ahead of use.
@@ -41,6 +42,7 @@ struct TrainConfig {
   int sh_degree = 3;
   bool white_background = false;
   bool random_background = false;
+  std::string background = "auto";
   bool antialiasing = false;
   double near_plane = 0.2;  // world units
 
@@ -73,11 +75,20 @@ struct TrainConfig {
   bool pose_opt = false;
   double pose_opt_lr = 0.0005;   // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
   int pose_opt_from_iter = 500;  // exclusive
+  double background_lr = 0.01;   // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
   double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
   double scale_reg = 0;    // times their mean scale, world units
+  double depth_l1_weight_init = 1;
+  double depth_l1_weight_final = 0.01;
+
+  // Appearance of each photograph
+  bool exposure = false;
+  double exposure_lr_init = 0.01;
+  double exposure_lr_final = 0.001;
+  bool train_test_exp = false;
 
   // Density control
   std::string strategy{kDefaultStrategy};
@@ -149,6 +160,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"eval"}.common(), c.eval, Any{}, "hold out every 8th view, by sorted name, for testing");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY of Gaussians or points instead of the scene's points");
+  field(Option{"depths", 'd'}, c.depths, Any{}, "folder of inverse depth maps, 16-bit PNGs named like the photographs");
   field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
         OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
@@ -162,6 +174,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
+  field(Option{"background"}, c.background, OneOf{{"auto", "black", "white", "learned", "sky"}},
+        "learned: one colour; sky: a colour by viewing direction; auto: black, -w: white");
   field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
         "filter Gaussians, for renders at other sizes and distances than the photographs'");
   field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
@@ -212,11 +226,24 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
         "learning rate of the poses: rotations in rad, translations x scene extent");
   field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
+  field(Option{"background_lr"}, c.background_lr, AtLeast{0}, "learning rate of --background learned and sky");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
+  field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
+        "initial weight of the error against --depths in the loss");
+  field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},
+        "its weight at the last iteration; changes exponentially between");
+
+  field(Option{"exposure"}.group("Appearance of photographs"), c.exposure, Any{},
+        "learn an affine colour transform for each photograph; see docs/recipes.md");
+  field(Option{"exposure_lr_init"}, c.exposure_lr_init, AtLeast{0}, "initial learning rate of --exposure");
+  field(Option{"exposure_lr_final"}, c.exposure_lr_final, AtLeast{0},
+        "learning rate of --exposure in the last iteration");
+  field(Option{"train_test_exp"}, c.train_test_exp, Any{},
+        "measure the right half of test views, with colours fitted to their left half");
 
   field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
         "how Gaussians are added and removed; see docs/recipes.md");
@@ -291,6 +318,21 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
   field(Option{"kernel_times_interval"}.in_steps(Steps::kOutput).group("Kernels"), c.kernel_times_interval, AtLeast{0},
         "log all candidates' times every N iterations (0 = never)");
+}
+
+/// Whether renders, and photographs with transparency, have a white background.
+inline bool has_white_background(const TrainConfig& config) {
+  return config.white_background || config.background == "white";
+}
+
+/// SH degree of a background that is learned with the scene: 0 is one colour. -1: it is not learned.
+inline int learned_background_degree(const TrainConfig& config) {
+  return config.background == "learned" ? 0 : config.background == "sky" ? 4 : -1;
+}
+
+/// Whether depth maps are part of the loss.
+inline bool uses_depths(const TrainConfig& config) {
+  return !config.depths.empty() && (config.depth_l1_weight_init > 0 || config.depth_l1_weight_final > 0);
 }
 
 /// Whether the forward kernel is chosen by timing.

@@ -26,7 +26,15 @@ B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> co
 }
 
 /// Numbers of different streams are independent.
-enum class RandomStream : std::uint32_t { kViewOrder, kBackground, kSplit, kRelocation, kMeanNoise, kParents };
+enum class RandomStream : std::uint32_t {
+  kViewOrder,
+  kBackground,
+  kSplit,
+  kRelocation,
+  kMeanNoise,
+  kParents,
+  kExposureJitter
+};
 
 struct RandomKey {
   std::int64_t seed = 0;

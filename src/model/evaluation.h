@@ -10,7 +10,8 @@ namespace b3dgs {
 struct ImageQuality {
   double psnr = 0;  // dB
   double ssim = 0;
-  std::optional<double> lpips{};  // by Evaluation::lpips_network
+  std::optional<double> corrected_psnr{};  // dB, of the render with its colours fitted to the photograph
+  std::optional<double> lpips{};           // by Evaluation::lpips_network
 };
 
 struct ViewQuality {
@@ -21,6 +22,7 @@ struct ViewQuality {
 struct Evaluation {
   std::vector<ViewQuality> views;
   ImageQuality mean;
+  bool fits_left_half = false;  // only right halves were measured, with colours fitted to the left ones
   std::string lpips_network{};  // file name; empty: LPIPS was not computed
 };
 

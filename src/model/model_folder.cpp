@@ -76,8 +76,10 @@ std::string cfg_args(const TrainConfig& config) {
   std::ostringstream text;
   text << "Namespace(sh_degree=" << config.sh_degree << ", source_path=" << python_string(config.source_path)
        << ", model_path=" << python_string(config.model_path) << ", images=" << python_string(config.images)
-       << ", depths='', resolution=" << config.resolution << ", white_background=" << boolean(config.white_background)
-       << ", train_test_exp=False, data_device='cpu', eval=" << boolean(config.eval) << ")";
+       << ", depths=" << python_string(config.depths) << ", resolution=" << config.resolution
+       << ", white_background=" << boolean(has_white_background(config))
+       << ", train_test_exp=" << boolean(config.train_test_exp) << ", data_device='cpu', eval=" << boolean(config.eval)
+       << ")";
   return text.str();
 }
 
@@ -85,6 +87,10 @@ std::string cfg_args(const TrainConfig& config) {
 
 fs::path ModelFolder::ply(int iteration) const {
   return root_ / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
+}
+
+fs::path ModelFolder::exposures(int iteration) const {
+  return ply(iteration).replace_filename("exposure.json");
 }
 
 fs::path ModelFolder::checkpoint(int iteration) const {
@@ -184,6 +190,12 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
     psnr[view.name] = view.quality.psnr;
   }
   per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
+  if (evaluation.fits_left_half) means[key]["train_test_exp"] = true;
+  if (evaluation.mean.corrected_psnr) {
+    means[key]["CC_PSNR"] = *evaluation.mean.corrected_psnr;
+    Json& corrected = per_view[key]["CC_PSNR"] = Json::object();
+    for (const ViewQuality& view : evaluation.views) corrected[view.name] = view.quality.corrected_psnr.value();
+  }
   if (evaluation.mean.lpips) {
     means[key]["LPIPS"] = *evaluation.mean.lpips;
     means[key]["lpips_network"] = evaluation.lpips_network;

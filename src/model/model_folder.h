@@ -32,6 +32,8 @@ class ModelFolder {
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
   std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (poses_json.h)
   std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
+  std::filesystem::path exposures() const { return root_ / "exposure.json"; }       // of the last PLY
+  std::filesystem::path exposures(int iteration) const;                             // beside the PLY
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
   /// Iterations with a PLY, or with a checkpoint file (valid or not), ascending.

@@ -71,6 +71,7 @@ struct RenderSettings {
   bool antialiasing = false;        // see antialiasing.h
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
   bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
+  bool inverse_depth = false;       // the depth image is the sum of weight over camera-space z, 1 / world units
   bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
   bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
   StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
@@ -82,7 +83,8 @@ inline constexpr int kCameraGradients = 6;
 /// The rendered view.
 struct ImageArrays {
   float* color = nullptr;  // [H, W, 3] RGB, not clamped
-  float* depth = nullptr;  // [H, W] sum of weight times camera-space z (world units), not divided by alpha
+  float* depth = nullptr;  // [H, W] sum of weight times camera-space z (world units), not divided by alpha; or
+                           // RenderSettings::inverse_depth
   float* alpha = nullptr;  // [H, W] 1 - final transmittance
 };
 

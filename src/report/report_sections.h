@@ -22,6 +22,11 @@ struct LabeledRun {
   int color = 0;  // of the palette
 };
 
+/// A remark on PSNR and SSIM with --train_test_exp.
+inline constexpr const char* kMeasuredHalf =
+    "PSNR and SSIM are those of the right half of each test view, with colours fitted to its left half "
+    "(--train_test_exp).";
+
 /// One curve per run that has values of this field.
 std::vector<ChartSeries> curves(const std::vector<LabeledRun>& runs, std::optional<double> LogPoint::*field);
 /// Numbers of Gaussians.

@@ -30,9 +30,10 @@ const LogPoint* last_evaluation(const TrainHistory& history) {
 
 /// ", PSNR 27.31 dB on test views"; without test views, of the training views that are shown; "" if neither was
 /// evaluated.
-std::string quality_text(const TrainHistory& history, const RunInfo& info) {
+std::string quality_text(const TrainConfig& config, const TrainHistory& history, const RunInfo& info) {
   if (const LogPoint* evaluated = last_evaluation(history)) {
-    std::string text = print_to_string(", PSNR %.2f dB on test views", *evaluated->test_psnr);
+    std::string text = print_to_string(", PSNR %.2f dB on %stest views", *evaluated->test_psnr,
+                                       config.train_test_exp ? "the right half of " : "");
     if (evaluated->iteration < history.last_iteration()) {
       text += " at iteration " + format_count(evaluated->iteration);
     }
@@ -54,7 +55,7 @@ std::string headline(const TrainConfig& config, const TrainHistory& history, con
               ? "not finished, " + format_count(last.iteration) + " of " + format_count(config.iterations) +
                     " iterations in " + time_text(last.elapsed_s)
               : "trained in " + time_text(last.elapsed_s);
-  text += quality_text(history, info);
+  text += quality_text(config, history, info);
   return last.count ? text + ", " + format_count(*last.count) + " Gaussians" : text;
 }
 
@@ -68,7 +69,7 @@ std::string limit_text(const TrainHistory& history) {
                          hold.reason + ").");
 }
 
-std::string quality_section(const LabeledRun& run) {
+std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
   const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
   const std::string no_psnr = run.info.held_out ? "The test views have not been evaluated yet."
                                                 : "No test views were held out (--eval does that), so there is no PSNR "
@@ -77,7 +78,8 @@ std::string quality_section(const LabeledRun& run) {
                        : curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr)) +
          curve_figure({"SSIM", "", "SSIM, mean over the test views.", false}, curves({run}, &LogPoint::test_ssim)) +
          curve_figure({"Loss", "", "Training loss, running average over steps."}, curves({run}, &LogPoint::loss)) +
-         curve_figure({"Gaussians", "", "Number of Gaussians."}, count_curves({run})) + limit_text(run.history);
+         curve_figure({"Gaussians", "", "Number of Gaussians."}, count_curves({run})) + limit_text(run.history) +
+         (config.train_test_exp ? html::paragraph(kMeasuredHalf, "soft") : "");
 }
 
 /// 0 if GPU memory was not measured.
@@ -121,8 +123,8 @@ std::filesystem::path write_train_report(const ModelFolder& folder) {
   if (history.points.empty()) {
     body += html::paragraph("train.jsonl has no entries yet, so there are no curves.");
   } else {
-    body +=
-        html::section("Quality", quality_section(run)) + html::section("Time and memory", time_and_memory_section(run));
+    body += html::section("Quality", quality_section(config, run)) +
+            html::section("Time and memory", time_and_memory_section(run));
   }
   body += html::section("Scene, options and machine", settings_section(settings(folder, config), info.machine)) +
           html::folded_section("Load: Gaussians per tile and per pixel", load_section(history)) +

@@ -41,6 +41,7 @@ ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, con
                        const fs::path& file, int divisor, int resolution) {
   ViewSource source;
   source.name = image.name;
+  source.image_id = image.id;
   source.file = file;
   source.camera_id = camera.id;
   source.camera_place = detail::concat(model_folder.string(), ": camera ", camera.id);
@@ -75,6 +76,19 @@ PointCloud points_of(const ColmapModel& model) {
   return points;
 }
 
+/// Rows of the points in each image's tracks, by its ID, ascending.
+std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapModel& model) {
+  std::map<std::uint32_t, std::vector<std::int32_t>> points;
+  for (std::size_t row = 0; row < model.points.size(); ++row) {
+    for (const std::uint32_t image : model.points[row].image_ids) {
+      std::vector<std::int32_t>& own = points[image];
+      // Two keypoints of an image may belong to one point.
+      if (own.empty() || own.back() != static_cast<std::int32_t>(row)) own.push_back(static_cast<std::int32_t>(row));
+    }
+  }
+  return points;
+}
+
 }  // namespace
 
 double scene_extent(const std::vector<View>& views) {
@@ -95,7 +109,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
   const SparseModelFolder model_folder = find_model_folder(source_path);
-  const ColmapModel model = read_colmap_model(model_folder.folder);
+  const ColmapModel model = read_colmap_model(model_folder.folder, options.tracks);
   const ImageFolder folder(source_path, options.images);
 
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
@@ -122,9 +136,11 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   Scene scene;
   scene.source_path = options.source_path;
   scene.points = points_of(model);
+  std::map<std::uint32_t, std::vector<std::int32_t>> points_of_image = visible_points(model);
   for (std::size_t i = 0; i < sources.size(); ++i) {
     std::vector<View>& part = options.eval && i % kTestEvery == 0 ? scene.test : scene.train;
     part.push_back(view_of(sources[i], images));
+    if (options.tracks) part.back().points = std::move(points_of_image[sources[i].image_id]);
   }
   if (scene.train.empty()) {
     input_error(options.source_path, ": --eval holds out every ", kTestEvery, "th image, which leaves none of ",

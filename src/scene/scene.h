@@ -1,6 +1,7 @@
 // A scene to train on: views with pinhole cameras and 8-bit images, split into training and test views, and points.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -21,6 +22,7 @@ struct View {
   Camera camera;
   std::shared_ptr<ViewImage> image;     // null if SceneOptions::load_images is false
   std::shared_ptr<const Image8> valid;  // mask of one channel: 255 where valid, 0 elsewhere; null: all valid
+  std::vector<std::int32_t> points{};   // with SceneOptions::tracks: rows of Scene::points that COLMAP saw in it
 };
 
 inline constexpr int kTestEvery = 8;  // as in the published results of the field
@@ -31,6 +33,7 @@ struct SceneOptions {
   int resolution = -1;            // 1, 2, 4, 8 divide; -1 limits the width to 1600 px; 32 or more: target width in px
   bool eval = false;              // hold out every 8th view by sorted name
   bool white_background = false;  // what RGBA images are composited on
+  bool tracks = false;            // read which view sees which points
   bool load_images = true;        // false: cameras and points only
   double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;              // trainings and evaluations that prefetch images at the same time

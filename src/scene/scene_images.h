@@ -22,7 +22,7 @@ struct SceneOptions;
 struct ViewSource {
   std::string name;  // in the model
   std::filesystem::path file;
-  std::uint32_t camera_id = 0;
+  std::uint32_t image_id = 0, camera_id = 0;
   std::string camera_place;             // "FILE: camera ID", for errors
   Lens lens;                            // in pixels of the file
   ImageSize file_size, size;            // px, on disk and for training; `size` is not larger

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdlib>
 
 #include "core/check.h"
 #include "core/parallel.h"
@@ -59,6 +60,22 @@ void ViewImage::decode_into(std::uint8_t* rgb) const {
     image = undistorter->apply(image);
   }
   resize_image_into(image, size_, rgb);
+}
+
+Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
+  const ImageSize photograph = shared_ ? source_.file_size : size_;
+  Depth16 map = read_depth_map(file);
+  // Equal up to the rounding of one side by less than a pixel.
+  const std::int64_t across = std::int64_t{map.width} * photograph.height,
+                     down = std::int64_t{map.height} * photograph.width;
+  if (std::abs(across - down) >= std::max(photograph.width, photograph.height)) {
+    input_error(file.string(), ": expected the aspect ratio of its photograph, ", photograph.width, " x ",
+                photograph.height, " px, found a depth map of ", map.width, " x ", map.height, " px");
+  }
+  if (source_.lens_group >= 0) {
+    map = shared_->undistorters->get(source_.lens_group)->apply(resize_depth_map(map, photograph));
+  }
+  return resize_depth_map(map, size_);
 }
 
 void hold_images(const std::vector<View>& views, const ProgressFn& progress) {

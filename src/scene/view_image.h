@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -34,6 +35,10 @@ class ViewImage {
   std::shared_ptr<const Image8> read() const;
   /// The same, written to n_bytes() bytes: RGB, row by row.
   void read_into(std::uint8_t* rgb) const;
+
+  /// The depth map in a file, which belongs to this photograph: undistorted like it, and of size(). The file may have
+  /// any size of the photograph's aspect ratio. @throws InputError with the file's name if it cannot be used
+  Depth16 read_depth(const std::filesystem::path& file) const;
 
   /// Keeps the image in memory, which the caller has reserved (ImageMemory::try_hold).
   void hold(std::shared_ptr<const Image8> image);

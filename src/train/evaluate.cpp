@@ -20,7 +20,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kStandardKernel : config.kernel;
   const std::string backward_name = backward_is_open ? kStandardBackwardKernel : config.backward_kernel;
-  const float background = config.white_background ? 1.0f : 0.0f;
+  const float background = has_white_background(config) ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
   settings.sh_degree = sh_degree;
@@ -35,12 +35,52 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   return settings;
 }
 
+ColorEvaluation color_evaluation(const TrainConfig& config) {
+  ColorEvaluation colors;
+  colors.fit_left_half = config.train_test_exp;
+  colors.corrected_psnr = config.exposure || config.train_test_exp;
+  return colors;
+}
+
+namespace {
+
+/// Compares one view, and puts the transformed render in the place of `rendered`.
+ImageQuality compare_view(const View& view, const Image8& truth, const ColorEvaluation& colors, RenderedView& rendered,
+                          const LpipsNetwork* lpips) {
+  const torch::Tensor raw = rendered.color;
+  const Image8* valid = view.valid.get();
+  Image8 right;
+  if (const auto known = colors.exposures.find(view.name); known != colors.exposures.end()) {
+    rendered.color = transform_colors(raw, known->second);
+  } else if (colors.fit_left_half) {
+    const int half = truth.width / 2;
+    const Image8 left = valid_in_columns(truth.width, truth.height, valid, 0, half);
+    right = valid_in_columns(truth.width, truth.height, valid, half, truth.width);
+    rendered.color = transform_colors(raw, fit_colors(raw, truth, &left));
+    valid = &right;
+  }
+  ImageQuality quality = image_quality(rendered.color, truth, valid);
+  if (colors.corrected_psnr) {
+    quality.corrected_psnr = image_quality(transform_colors(raw, fit_colors(raw, truth, valid)), truth, valid).psnr;
+  }
+  if (lpips != nullptr) quality.lpips = lpips->distance(rendered.color, truth, valid);
+  return quality;
+}
+
+void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::optional<double>& mean) {
+  if (value) mean = mean.value_or(0) + *value / static_cast<double>(n_views);
+}
+
+}  // namespace
+
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips) {
+                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
+                          const ColorEvaluation& colors, const torch::Tensor& background) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
   if (lpips != nullptr) evaluation.lpips_network = lpips->name();
+  evaluation.fits_left_half = colors.fit_left_half;
   std::vector<std::shared_ptr<const ViewImage>> images;
   for (const View& view : views) {
     B3DGS_CHECK(view.image, "view ", view.name, " has no photograph to compare with");
@@ -53,12 +93,11 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
     truth.width = view.camera.width;
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
-    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
-    ImageQuality quality = image_quality(rendered.color, truth, view.valid.get());
-    if (lpips != nullptr) {
-      quality.lpips = lpips->distance(rendered.color, truth, view.valid.get());
-      evaluation.mean.lpips = evaluation.mean.lpips.value_or(0) + *quality.lpips / static_cast<double>(views.size());
-    }
+    RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
+    add_background(background, to_pinhole_view(view.camera), rendered);
+    const ImageQuality quality = compare_view(view, truth, colors, rendered, lpips);
+    add_to_mean(quality.lpips, views.size(), evaluation.mean.lpips);
+    add_to_mean(quality.corrected_psnr, views.size(), evaluation.mean.corrected_psnr);
     evaluation.views.push_back({view.name, quality});
     evaluation.mean.psnr += quality.psnr / static_cast<double>(views.size());
     evaluation.mean.ssim += quality.ssim / static_cast<double>(views.size());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -9,6 +10,8 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
+#include "train/background/background.h"
+#include "train/quality/color_fit.h"
 #include "train/quality/lpips.h"
 #include "train/quality/metrics.h"
 
@@ -23,12 +26,27 @@ TileShape tile_shape(const TrainConfig& config);
 /// Settings for deterministic rendering, e.g. for evaluation. `sh_degree` is at most that of the Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 
-/// Called after each view with the render, which is valid until it returns.
+/// What is done about colours that differ from the photographs' because of the cameras' settings.
+struct ColorEvaluation {
+  /// By name of the view: renders of these views are transformed before they are compared.
+  std::map<std::string, ColorTransform> exposures{};
+  /// All other views are measured on their right half only, with a transform fitted to their left half (fit_colors()).
+  bool fit_left_half = false;
+  /// Also computes ImageQuality::corrected_psnr, with a transform fitted to the pixels that are measured.
+  bool corrected_psnr = false;
+};
+
+/// Without transforms of views: what these options say about the others.
+ColorEvaluation color_evaluation(const TrainConfig& config);
+
+/// Called after each view with the render, in transformed colours, which is valid until it returns.
 using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
 
 /// Renders each view with `settings` and compares it with its photograph. Views keep their order. `lpips`: may be null.
+/// `background`: the coefficients of a learned background (add_background()), or undefined.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr);
+                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
+                          const torch::Tensor& background = {});
 
 }  // namespace b3dgs

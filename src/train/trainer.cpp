@@ -40,6 +40,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       rasterizer(device),
       stepper(rasterizer),
       loss(device),
+      appearance(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)),
       density(make_density_strategy(config, scene.extent)),
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
@@ -56,6 +57,10 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
     for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
     smoothing_filter.emplace(views, static_cast<float>(config.near_plane), device);
   }
+  if (uses_depths(config)) {
+    depth_priors.emplace(config.depths, scene, device, this->hooks.on_loading);
+    for (const std::string& warning : depth_priors->warnings()) recorder.warn(warning);
+  }
   hold_images(scene.test, this->hooks.on_loading);  // in the host memory that the training views have left
   if (images.size() == 0) input_error(scene.source_path, ": no training views");
 }
@@ -71,6 +76,18 @@ void check_options(const TrainConfig& config) {
     input_error(
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
         "give one, such as --max_gaussians 1000000");
+  }
+  if (config.train_test_exp && !config.eval) {
+    input_error("--train_test_exp: needs test views; add --eval, or leave it out");
+  }
+  const bool is_learned = learned_background_degree(config) >= 0;
+  if (config.white_background && config.background != "auto" && config.background != "white") {
+    input_error("-w and --background ", config.background,
+                " exclude each other; leave out one of them (--no_white_background)");
+  }
+  if (config.random_background && is_learned) {
+    input_error("--random_background and --background ", config.background,
+                " exclude each other; leave out one of them (--no_random_background)");
   }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
@@ -99,9 +116,14 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   if (impl.config.skip_share == 0) impl.state.view_skips = {};
+  impl.prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
+  }
+  // Another background is learned from the start.
+  if (learned_background_degree(read.config) != learned_background_degree(impl.config)) {
+    impl.state.background = make_background(learned_background_degree(impl.config), impl.device);
   }
   impl.resumed = checkpoint;
   impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
@@ -204,7 +226,8 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
   const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
   return impl.without_invalid_gaussians([&] {
     return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, refined,
-                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered);
+                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, /*lpips=*/nullptr,
+                          impl.color_evaluation(), impl.state.background.coefficients);
   });
 }
 

@@ -16,9 +16,12 @@
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
+#include "train/appearance/appearance_model.h"
+#include "train/background/background.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
+#include "train/depth/depth_priors.h"
 #include "train/device.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/images/image_store.h"
@@ -61,6 +64,8 @@ struct Trainer::Impl {
   bool skip_step(int iteration);
   /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
+  /// The gradient of the depth loss with respect to the render of a view; undefined if it has no depth map.
+  torch::Tensor depth_gradient(const TrainView& view, const RenderedView& rendered);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view);
   RenderSettings step_settings();
@@ -83,6 +88,10 @@ struct Trainer::Impl {
   }
   /// The filters follow the means, which move slowly.
   static bool is_filter_iteration(int iteration) { return iteration % 100 == 1; }
+  /// Makes the state of the appearance model, unless that of a checkpoint fits, and drops what no option asks for.
+  void prepare_appearance();
+  /// How views are to be compared: with their exposures as learned so far.
+  ColorEvaluation color_evaluation() const;
   /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
   void update_filters(bool is_due);
 
@@ -148,6 +157,9 @@ struct Trainer::Impl {
   GaussianStepper stepper;
   ImageLoss loss;
   ErrorImage error_image;
+  const std::unique_ptr<AppearanceModel> appearance;  // null = none
+  BackgroundGradient background_gradient;
+  std::optional<DepthPriors> depth_priors;  // with --depths
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;

@@ -4,6 +4,7 @@
 #include "model/disk_space.h"
 #include "model/set_aside.h"
 #include "model/training_id.h"
+#include "train/appearance/exposure_json.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/trainer_impl.h"
 
@@ -78,11 +79,20 @@ void Trainer::Impl::log_kernel_times() {
   }
 }
 
+ColorEvaluation Trainer::Impl::color_evaluation() const {
+  ColorEvaluation colors = b3dgs::color_evaluation(config);
+  if (state.appearance.exposures.defined()) {
+    colors.exposures = named_exposures(state.appearance.exposures, scene.train);
+  }
+  return colors;
+}
+
 ImageQuality Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
     return evaluate_views(rasterizer, flushed_state().gaussians, scene.test,
-                          evaluation_settings(config, state.sh_degree));
+                          evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr, color_evaluation(),
+                          state.background.coefficients);
   });
   recorder.add_evaluation(evaluation, evaluation_source(config, scene.test, "test"));
   return evaluation.mean;
@@ -99,7 +109,10 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 
 void Trainer::Impl::write_ply() {
   recorder.report_progress("saving");
-  recorder.write_ply(flushed_state().gaussians);
+  if (state.appearance.exposures.defined()) {
+    recorder.write_exposures(named_exposures(state.appearance.exposures, scene.train));
+  }
+  recorder.write_ply(flushed_state().gaussians, state.background);
   recorder.try_to_write([&] { write_poses(); });
 }
 

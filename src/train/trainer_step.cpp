@@ -26,6 +26,8 @@ void Trainer::Impl::initialize_model() {
   state.gaussians = to_tensors(cloud, config.sh_degree, device);
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
+  prepare_appearance();
+  state.background = make_background(learned_background_degree(config), device);
   if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
                                  " Gaussians, more than --max_gaussians ", config.max_gaussians,
@@ -36,6 +38,7 @@ void Trainer::Impl::initialize_model() {
 RenderSettings Trainer::Impl::step_settings() {
   RenderSettings settings = kernels.apply(evaluation_settings(config, state.sh_degree));
   settings.stages = &timer;
+  settings.inverse_depth = settings.depth_gradient = depth_priors.has_value();
   if (config.random_background) {
     const auto color =
         random_uniform({config.seed, RandomStream::kBackground, static_cast<std::uint32_t>(state.iteration)}, 0);
@@ -65,6 +68,14 @@ void Trainer::Impl::update_filters(bool is_due) {
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
+void Trainer::Impl::prepare_appearance() {
+  if (appearance == nullptr) {
+    state.appearance = {};
+  } else if (!appearance->fits(state.appearance)) {
+    state.appearance = appearance->make_state();
+  }
+}
+
 void Trainer::Impl::learn(const TrainView& view) {
   const DensityPlan plan = density->plan(state.iteration);
   const bool refines_pose = poses.refines(view.index, state.iteration);
@@ -92,24 +103,47 @@ void Trainer::Impl::learn(const TrainView& view) {
   read_loss();  // of the step before: the device has finished it by now
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
-  loss.compute(rendered.color, view.truth, view.valid, view.n_valid, loss_weights(config));
-  if (plan.score) error_image.compute(rendered.color, view.truth, view.valid, config.score_power);
+  add_background(state.background.coefficients, view.camera, rendered);
+  const torch::Tensor color =
+      appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
+  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
+  RenderedViewGrad grad = loss.grad();
+  if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
+  if (state.background.is_defined()) {
+    grad.alpha = background_gradient.compute(state.background, view.camera, rendered, grad.color);
+  }
+  if (depth_priors) grad.depth = depth_gradient(view, rendered);
   timer.end();
   unread_loss = {state.iteration, view.name, view.index};
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), loss.grad(), state.gaussians, state.adam, &timer,
+      stepper.step(adam_rates(config, scene.extent, state.iteration), grad, state.gaussians, state.adam, &timer,
                    {config.opacity_reg, config.scale_reg});
   if (refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
   if (device.is_cpu()) poses.finish_step();
+  if (appearance) {
+    timer.begin(Stage::kOptimizer);
+    appearance->step(view.index, state.iteration, state.appearance);
+    timer.end();
+  }
+  if (state.background.is_defined()) background_gradient.step(config.background_lr, state.background);
   if (plan.after_step) {
     timer.begin(Stage::kDensify);
     const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, rendered.color, view.truth,
+    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, color, view.truth,
                          view.valid, error, &rasterizer},
                         state.gaussians, state.statistics);
     timer.end();
   }
+}
+
+torch::Tensor Trainer::Impl::depth_gradient(const TrainView& view, const RenderedView& rendered) {
+  if (!depth_priors->has(view.index)) return {};
+  const double weight =
+      log_linear_rate(config.depth_l1_weight_init, config.depth_l1_weight_final, config.iterations, state.iteration);
+  return depth_priors->gradient(view.index, rendered.depth, view.valid, view.n_valid,
+                                images.stored_view(view.index).valid, weight);
 }
 
 BlendInput Trainer::Impl::kernel_check_input() {

@@ -121,6 +121,34 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   }
 }
 
+TEST_F(EndToEnd, EvaluatesWithExposures) {
+  const Outcome refused = train({"--exposure", "--train_test_exp", "--iterations", "5"});
+  EXPECT_NE(refused.exit_code, 0);
+  EXPECT_NE(refused.err.find("--train_test_exp: needs test views"), std::string::npos) << refused.err;
+  const Outcome trained = train({"--eval", "--exposure", "--train_test_exp", "--iterations", "30"});
+  ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  EXPECT_NE(read_bytes(fs::path(model()) / "report.html").find("right half"), std::string::npos);
+
+  const Outcome of_test = run_b3dgs({"eval", "-m", model()});
+  ASSERT_EQ(of_test.exit_code, 0) << of_test.err;
+  EXPECT_NE(of_test.out.find("test views, right half, with colours fitted"), std::string::npos) << of_test.out;
+  EXPECT_NE(of_test.out.find("CC PSNR"), std::string::npos) << of_test.out;
+  const auto results = nlohmann::json::parse(read_bytes(fs::path(model()) / "results.json"))["ours_30"];
+  EXPECT_TRUE(results.at("train_test_exp").get<bool>());
+  EXPECT_GT(results.at("CC_PSNR").get<double>(), results.at("PSNR").get<double>() - 0.05);
+
+  const Outcome of_train = run_b3dgs({"eval", "-m", model(), "--split", "train"});
+  ASSERT_EQ(of_train.exit_code, 0) << of_train.err;
+  EXPECT_NE(of_train.out.find("train views, with their learned exposures"), std::string::npos) << of_train.out;
+  const fs::path exposures = ply("model", 30).parent_path() / "exposure.json";
+  ASSERT_TRUE(fs::exists(exposures));
+  EXPECT_EQ(read_bytes(exposures), read_bytes(fs::path(model()) / "exposure.json"));
+  fs::remove(exposures);
+  const Outcome without = run_b3dgs({"eval", "-m", model(), "--split", "train"});
+  EXPECT_EQ(without.exit_code, 0) << without.err;
+  EXPECT_NE(without.err.find("exposure.json is missing"), std::string::npos) << without.err;
+}
+
 TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
   // The opacity reset after the last iteration affects the checkpoint only, for a training that is resumed.
   const Outcome trained = train({"--eval", "--iterations", "60", "--opacity_reset_interval", "60"});

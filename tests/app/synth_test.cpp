@@ -107,6 +107,40 @@ TEST_P(Synth, LoadsAsAScene) {
   }
 }
 
+TEST_P(Synth, ExposureJitterGivesEachImageGainsOfItsOwn) {
+  SynthConfig config = small(GetParam(), folder_.path() / "same");
+  write(config);
+  config.output = (folder_.path() / "jittered").string();
+  config.exposure_jitter = 0.3;
+  write(config);
+  SceneOptions options;
+  options.source_path = (folder_.path() / "same").string();
+  const Scene same = load_scene(options);
+  options.source_path = config.output;
+  const Scene jittered = load_scene(options);
+  EXPECT_EQ(jittered.points.positions, same.points.positions);
+  std::set<double> gains;
+  for (std::size_t i = 0; i < same.train.size(); ++i) {
+    const auto before = same.train[i].image->read(), after = jittered.train[i].image->read();
+    for (std::size_t c = 0; c < 3; ++c) {
+      double sum = 0, new_sum = 0;
+      for (std::size_t p = c; p < before->pixels.size(); p += 3) {
+        if (after->pixels[p] == 255) continue;  // clipped
+        sum += before->pixels[p];
+        new_sum += after->pixels[p];
+      }
+      const double gain = new_sum / sum;
+      EXPECT_GE(gain, std::exp(-0.46)) << i;
+      EXPECT_LE(gain, std::exp(0.46)) << i;
+      gains.insert(gain);
+      for (std::size_t p = c; p < before->pixels.size(); p += 3) {
+        EXPECT_NEAR(after->pixels[p], std::min(255.0, gain * before->pixels[p]), 1.5) << "one gain for all pixels";
+      }
+    }
+  }
+  EXPECT_EQ(gains.size(), 3 * same.train.size());
+}
+
 TEST_P(Synth, TruthPlyHoldsTheTrueGaussians) {
   const SynthConfig config = small(GetParam(), folder_.path() / "scene");
   const SynthScene made = make_scene(config);

@@ -73,6 +73,10 @@ TEST_P(RasterizeCpuTest, AntialiasedViewsAgreeWithTheDenseReference) {
   expect_same_antialiased_views<CpuView>(GetParam().build());
 }
 
+TEST_P(RasterizeCpuTest, InverseDepthAgreesWithTheDenseReference) {
+  expect_same_inverse_depth<CpuView>(GetParam().build(), {BackwardKernel::kPerSplat});
+}
+
 TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
   const TestScene scene = GetParam().build();
   for (const Binning& binning : kBinnings) {

@@ -5,6 +5,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
+#include "support/expect_error.h"
 #include "support/files.h"
 #include "support/sample_model.h"
 #include "support/temp_dir.h"
@@ -105,6 +106,9 @@ TEST(ColmapReader, SkipsObservationsAndTracks) {
   ASSERT_EQ(model.points.size(), 1u);
   EXPECT_EQ(model.points[0].color[1], 20);
   EXPECT_EQ(model.points[0].error, 0.25);
+  EXPECT_TRUE(model.points[0].image_ids.empty());
+  const ColmapModel with_tracks = read_colmap_model(folder.path(), /*tracks=*/true);
+  EXPECT_EQ(with_tracks.points.at(0).image_ids, (std::vector<std::uint32_t>{0x01010101, 0x01010101}));
 }
 
 TEST(ColmapReader, ReadsTextAsOtherProgramsWriteIt) {
@@ -126,6 +130,13 @@ TEST(ColmapReader, ReadsTextAsOtherProgramsWriteIt) {
   EXPECT_EQ(model.images[2].name, "last.png");
   ASSERT_EQ(model.points.size(), 2u);
   EXPECT_EQ(model.points[1].color[2], 255);
+  const ColmapModel with_tracks = read_colmap_model(folder.path(), /*tracks=*/true);
+  EXPECT_EQ(with_tracks.points.at(0).image_ids, (std::vector<std::uint32_t>{0, 1}));
+  EXPECT_TRUE(with_tracks.points.at(1).image_ids.empty());
+  write_bytes(folder / "points3D.txt", "0 1 2 3 4 5 6 0.5 0 0 1 \n");
+  EXPECT_EQ(read_colmap_model(folder.path()).points.size(), 1u);
+  EXPECT_TRUE(test::fails_with<InputError>({"points3D.txt", "the index of a 2D point"},
+                                           [&] { read_colmap_model(folder.path(), /*tracks=*/true); }));
 }
 
 TEST(ColmapReader, IgnoresRigsAndFramesAndPrefersBinary) {

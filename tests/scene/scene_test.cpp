@@ -106,6 +106,22 @@ TEST_F(LoadScene, GivesViewsSortedByNameWithTheirImages) {
   EXPECT_TRUE(says(scene, "3 registered, 3 found"));
 }
 
+TEST_F(LoadScene, ListsTheVisiblePointsOfEachViewIfTracksAreRead) {
+  const ColmapModel model = line_model(3);
+  write_colmap_model(folder_ / "sparse/0", model, ColmapFormat::kText);
+  write_images(model);
+  write_bytes(folder_ / "sparse/0/points3D.txt",
+              "7 0 0 1 9 9 9 0.1 100 0 102 5\n"
+              "5 0 0 2 9 9 9 0.1 102 1 102 3 100 8\n"
+              "9 0 0 3 9 9 9 0.1 4711 1\n");
+  EXPECT_TRUE(load().train[0].points.empty());
+  options_.tracks = true;
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].points, (std::vector<std::int32_t>{0, 1}));
+  EXPECT_TRUE(scene.train[1].points.empty());
+  EXPECT_EQ(scene.train[2].points, (std::vector<std::int32_t>{0, 1}));
+}
+
 TEST_F(LoadScene, HoldsOutEveryEighthBySortedName) {
   write_scene(17);
   options_.eval = true;

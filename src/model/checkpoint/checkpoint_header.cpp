@@ -107,6 +107,12 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     if (const auto it = json.find("held_at"); it != json.end()) {
       header.held_at = json_integer<std::int64_t>(*it, "held_at", place, 0);
     }
+    if (const auto it = json.find("appearance_steps"); it != json.end()) {
+      header.appearance_steps = json_integer<std::int64_t>(*it, "appearance_steps", place, 0, header.iteration);
+    }
+    if (const auto it = json.find("background_steps"); it != json.end()) {
+      header.background_steps = json_integer<std::int64_t>(*it, "background_steps", place, 0, header.iteration);
+    }
     header.kernel_selection = object_at(json, "kernel_selection", place);
     header.scene = object_at(json, "scene", place);
     finite_number(header.scene.at("extent"), "scene.extent", place);

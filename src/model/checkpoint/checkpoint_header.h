@@ -23,8 +23,10 @@ struct CheckpointHeader {
   double elapsed_s = 0;          // at least 0
   std::string training_id;       // empty in checkpoints of early versions
   bool is_density_pending = false;
-  std::int64_t n_removed = 0;  // invalid Gaussians removed so far, at least 0
-  std::int64_t held_at = 0;    // number of Gaussians at which GPU memory stopped their growth; 0: it did not
+  std::int64_t n_removed = 0;         // invalid Gaussians removed so far, at least 0
+  std::int64_t held_at = 0;           // number of Gaussians at which GPU memory stopped their growth; 0: it did not
+  std::int64_t appearance_steps = 0;  // from 0 to `iteration`
+  std::int64_t background_steps = 0;  // taken by the Adam of a learned background, from 0 to `iteration`
   nlohmann::ordered_json kernel_selection, scene;
 };
 

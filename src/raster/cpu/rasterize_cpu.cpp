@@ -5,10 +5,12 @@
 #include <array>
 
 #include "core/check.h"
+#include "core/parallel.h"
 #include "raster/args_check.h"
 #include "raster/cpu/buffer.h"
 #include "raster/cpu/forward/forward_table.h"
 #include "raster/cpu/passes.h"
+#include "raster/math/inverse_depth.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cpu {
@@ -16,6 +18,30 @@ namespace b3dgs::cpu {
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args) {
   kForwardTable[static_cast<std::size_t>(kernel)].blend(args);
 }
+
+namespace {
+
+constexpr std::int64_t kGrain = 4096;
+
+void invert_depths(Splat* splats, std::int64_t n_splats) {
+  parallel_chunks(n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) invert_depth(splats[m]);
+  });
+}
+
+/// Of every pair of each splat.
+void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, const std::int64_t* slot_offsets,
+                            SplatGrad* pair_grads) {
+  parallel_chunks(n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) {
+      for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[m + 1]; ++slot) {
+        pair_grads[slot].depth = depth_gradient(splats[m], pair_grads[slot].depth);
+      }
+    }
+  });
+}
+
+}  // namespace
 
 struct Rasterizer::Impl {
   Buffer<Splat> splats;
@@ -39,6 +65,7 @@ struct Rasterizer::Impl {
   bool absolute_gradient = false, has_absolute_gradients = false;
   bool camera_gradient = false, has_camera_gradient = false;
   std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
+  bool inverse_depth = false;
 
   BlendForwardArgs blend_args() const {
     return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
@@ -80,6 +107,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
                         extents, radii, settings.antialiasing});
   begin_stage(s.stages, Stage::kBin);
   s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
+  s.inverse_depth = settings.inverse_depth;
+  if (s.inverse_depth) invert_depths(splats, s.n_splats);
   begin_stage(s.stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
   s.transmittance.resize(n_pixels);
@@ -98,6 +127,7 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Vec2f* const pair_abs = s.absolute_gradient ? s.pair_abs.resize(s.bins.n_pairs) : nullptr;
   blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
                   s.last_ids.data(), grad, pair_grads, pair_abs});
+  if (s.inverse_depth) invert_depth_gradients(s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads);
   s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   const ProjectBackwardArgs args{gaussians,           s.view,     s.sh_degree, s.splats.data(), s.n_splats,

@@ -199,6 +199,11 @@ struct SumSplatGradsArgs {
 };
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
+/// For RenderSettings::inverse_depth (math/inverse_depth.h): after binning, and after the backward blend.
+void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context);
+void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
+                            const LaunchContext& context);
+
 struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
   PinholeView view{};

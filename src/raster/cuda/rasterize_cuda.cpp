@@ -85,6 +85,7 @@ struct Rasterizer::Impl {
   bool deterministic = false;
   bool absolute_gradient = false, has_absolute_gradients = false;
   bool camera_gradient = false, has_camera_gradient = false;
+  bool inverse_depth = false;
   TileGrid grid{};
   std::int64_t n_gaussians = -1, n_splats = 0;
   BinnedView binned{};
@@ -156,6 +157,9 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
   args.absolute = absolute_gradient;
   kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
   if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
+  if (inverse_depth && grad.depth != nullptr) {
+    invert_depth_gradients(binned.splats, n_splats, args.splat_grads, context);
+  }
   has_absolute_gradients = absolute_gradient;
 }
 
@@ -206,6 +210,8 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
   s.binned = bin({projected, n, counts.n_splats, counts.n_pairs, s.grid, settings.culling, keep_slots}, s.bin_buffers,
                  s.pass_scratch, context);
+  s.inverse_depth = settings.inverse_depth;
+  if (s.inverse_depth) invert_depths(s.bin_buffers.splats.data(), s.n_splats, context);
 
   begin_stage(s.stages, Stage::kBlendForward);
   s.parts = {};

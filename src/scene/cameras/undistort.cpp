@@ -70,6 +70,17 @@ void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
   }
 }
 
+Depth16 Undistorter::apply(const Depth16& map) const {
+  B3DGS_CHECK(map.width == width_ && map.height == height_, "a depth map of ", map.width, " x ", map.height,
+              " for a map of ", width_, " x ", height_);
+  Depth16 result(width_, height_);
+  const cv::Mat from(height_, width_, CV_16UC1, const_cast<std::uint16_t*>(map.values.data()));
+  const cv::Mat sources(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
+  cv::Mat to(height_, width_, CV_16UC1, result.values.data());
+  cv::remap(from, to, sources, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return result;
+}
+
 Image8 shrink_mask(const Image8& mask, int width, int height) {
   B3DGS_CHECK(mask.channels == 1 && width <= mask.width && height <= mask.height && width > 0 && height > 0,
               "a mask of ", mask.width, " x ", mask.height, " x ", mask.channels, " for ", width, " x ", height);

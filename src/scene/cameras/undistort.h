@@ -23,6 +23,9 @@ class Undistorter {
   /// The same, written to 3 x width x height bytes.
   void apply_into(const Image8& image, std::uint8_t* rgb) const;
 
+  /// The same for a depth map. Values at invalid pixels have no meaning.
+  Depth16 apply(const Depth16& map) const;
+
   /// Mask of one channel: 255 where an output pixel comes from inside the photograph; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }
   double valid_share() const { return valid_share_; }  // in (0, 1]

@@ -47,10 +47,11 @@ struct ColmapPoint {
   std::uint64_t id = 0;
   std::array<double, 3> position{};
   std::array<std::uint8_t, 3> color{};
-  double error = 0;  // px
+  double error = 0;                        // px
+  std::vector<std::uint32_t> image_ids{};  // of its track, if tracks are read: images in which COLMAP saw it
 };
 
-/// 2D observations and tracks are skipped when reading and written empty: training does not need them.
+/// 2D observations are skipped when reading, tracks unless they are asked for; both are written empty.
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;
@@ -85,7 +86,7 @@ std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 /// Reads cameras, images and points3D from one folder, as .bin files, or as .txt files if fewer of the three are there
 /// as .bin. Other files, such as the rigs and frames of newer versions of COLMAP, are ignored.
 /// @throws InputError with file, record or line, what was expected and what was found
-ColmapModel read_colmap_model(const std::filesystem::path& folder);
+ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false);
 
 /// Writes a model folder that COLMAP can read. @throws IoError
 void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format);

@@ -62,7 +62,7 @@ std::vector<ColmapImage> read_images_binary(FileReader& file) {
   return images;
 }
 
-std::vector<ColmapPoint> read_points_binary(FileReader& file) {
+std::vector<ColmapPoint> read_points_binary(FileReader& file, bool tracks) {
   const std::uint64_t count = read_count(file, "points", kMinPointBytes);
   std::vector<ColmapPoint> points(count);
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -74,7 +74,15 @@ std::vector<ColmapPoint> read_points_binary(FileReader& file) {
     point.error = file.read<double>();
     const auto track_length = file.read<std::uint64_t>();
     file.expect_records("track elements", track_length, kTrackElementBytes);
-    file.skip(track_length * kTrackElementBytes);
+    if (!tracks) {
+      file.skip(track_length * kTrackElementBytes);
+      continue;
+    }
+    point.image_ids.resize(track_length);
+    for (std::uint32_t& image : point.image_ids) {
+      image = file.read<std::uint32_t>();
+      file.skip(sizeof(std::uint32_t));  // the index of its 2D point
+    }
   }
   file.expect_end();
   return points;

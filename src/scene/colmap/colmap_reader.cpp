@@ -128,14 +128,14 @@ void colmap::add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCa
     input_error(place, ": two cameras have the ID ", id, "; the file is damaged");
 }
 
-ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format) {
+ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format, bool tracks) {
   const bool binary = format == ColmapFormat::kBinary;
   ColmapModel model;
   model.cameras = binary ? read_cameras_binary(files.cameras) : read_cameras_text(files.cameras);
   for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
   model.images = binary ? read_images_binary(files.images) : read_images_text(files.images);
   check_images(files.images.name(), model);
-  model.points = binary ? read_points_binary(files.points) : read_points_text(files.points);
+  model.points = binary ? read_points_binary(files.points, tracks) : read_points_text(files.points, tracks);
   check_points(files.points.name(), model.points);
   return model;
 }
@@ -152,7 +152,7 @@ std::uint64_t count_colmap_images(const fs::path& folder) {
   return format == ColmapFormat::kBinary ? colmap::count_images_binary(file) : colmap::read_images_text(file).size();
 }
 
-ColmapModel read_colmap_model(const fs::path& folder) {
+ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
   const std::optional<ColmapFormat> format = colmap_format(folder);
   if (!format) {
     input_error(folder.string(),
@@ -167,7 +167,7 @@ ColmapModel read_colmap_model(const fs::path& folder) {
   }
   FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
       points(file_of(folder, "points3D", *format));
-  return colmap::read_model({cameras, images, points}, *format);
+  return colmap::read_model({cameras, images, points}, *format, tracks);
 }
 
 }  // namespace b3dgs

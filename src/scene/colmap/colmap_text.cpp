@@ -86,7 +86,7 @@ std::vector<ColmapImage> read_images_text(FileReader& file) {
   return images;
 }
 
-std::vector<ColmapPoint> read_points_text(FileReader& file) {
+std::vector<ColmapPoint> read_points_text(FileReader& file, bool tracks) {
   std::vector<ColmapPoint> points;
   for (std::string_view line; next_record(file, line);) {
     Record record(file, line);
@@ -95,7 +95,11 @@ std::vector<ColmapPoint> read_points_text(FileReader& file) {
     for (double& value : point.position) value = record.number<double>("the position x, y, z");
     for (std::uint8_t& value : point.color) value = record.number<std::uint8_t>("the colour r, g, b from 0 to 255");
     point.error = record.number<double>("the reprojection error");
-    points.push_back(point);
+    while (tracks && !record.fields().empty()) {
+      point.image_ids.push_back(record.number<std::uint32_t>("the ID of an image in the track"));
+      record.number<std::uint32_t>("the index of a 2D point in the track");
+    }
+    points.push_back(std::move(point));
   }
   return points;
 }

@@ -1,4 +1,4 @@
-// 8-bit images in memory.
+// Images in memory.
 #pragma once
 
 #include <cstddef>
@@ -21,6 +21,15 @@ struct Image8 {
 
   Image8() = default;
   Image8(int w, int h, int c) : width(w), height(h), channels(c), pixels(static_cast<std::size_t>(w) * h * c) {}
+};
+
+/// Row-major, 16 bits: an inverse depth map, up to scale and offset.
+struct Depth16 {
+  int width = 0, height = 0;
+  std::vector<std::uint16_t> values;  // [height, width]
+
+  Depth16() = default;
+  Depth16(int w, int h) : width(w), height(h), values(static_cast<std::size_t>(w) * static_cast<std::size_t>(h)) {}
 };
 
 }  // namespace b3dgs

@@ -138,6 +138,33 @@ void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels
   cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
 }
 
+Depth16 read_depth_map(const fs::path& path) {
+  FileReader file(path);
+  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()));
+  if (decoded.depth() != CV_16U || decoded.channels() != 1) {
+    const int bits = static_cast<int>(8 * decoded.elemSize1());
+    input_error(path.string(), ": expected a depth map of one channel with 16 bits, found ", decoded.channels(),
+                decoded.channels() == 1 ? " channel" : " channels", " with ", bits,
+                " bits; write inverse depth as a 16-bit grey PNG");
+  }
+  Depth16 map(decoded.cols, decoded.rows);
+  for (int row = 0; row < decoded.rows; ++row) {
+    std::copy_n(decoded.ptr<std::uint16_t>(row), decoded.cols,
+                map.values.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(decoded.cols));
+  }
+  return map;
+}
+
+Depth16 resize_depth_map(const Depth16& map, ImageSize size) {
+  if (size == ImageSize{map.width, map.height}) return map;
+  Depth16 result(size.width, size.height);
+  const bool is_smaller = size.width <= map.width && size.height <= map.height;
+  const cv::Mat from(map.height, map.width, CV_16UC1, const_cast<std::uint16_t*>(map.values.data()));
+  cv::Mat to(size.height, size.width, CV_16UC1, result.values.data());
+  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  return result;
+}
+
 void write_image(const fs::path& path, const Image8& image) {
   B3DGS_CHECK(image.channels == 1 || image.channels == 3, "an image of ", image.channels, " channels");
   B3DGS_CHECK(image.width > 0 && image.height > 0, "an empty image");

@@ -25,6 +25,11 @@ Image8 resize_image(const Image8& image, int width, int height);
 /// The same, written to size.width x size.height x image.channels bytes.
 void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels);
 
+/// Reads a grey image of 16 bits. @throws InputError with the file's name if it is missing, damaged or something else
+Depth16 read_depth_map(const std::filesystem::path& path);
+/// Averages areas when shrinking, interpolates bilinearly when enlarging.
+Depth16 resize_depth_map(const Depth16& map, ImageSize size);
+
 /// Writes PNG or JPEG by extension, with one or three channels. The file appears complete or not at all.
 /// @throws InputError for other extensions; IoError
 void write_image(const std::filesystem::path& path, const Image8& image);

@@ -37,6 +37,7 @@ Json describe_views(const Scene& scene) {
 }
 
 constexpr const char* kCorrections = "poses.corrections";
+const std::string kAppearance = "appearance.";
 
 /// Calls field(name, tensor) for each tensor of a state, in file order.
 template <class State, class Field>
@@ -56,6 +57,12 @@ void visit_tensors(State& state, Field&& field) {
     field("poses.adam_v", state.poses.adam_v);
     field("poses.steps", state.poses.steps);
   }
+  visit_appearance(state.appearance, [&](const char* name, auto& tensor) { field(kAppearance + name, tensor); });
+  if (state.background.is_defined()) {
+    field("background.coefficients", state.background.coefficients);
+    field("background.adam_m", state.background.m);
+    field("background.adam_v", state.background.v);
+  }
 }
 
 bool is_of_poses(const std::string& name) {
@@ -63,9 +70,14 @@ bool is_of_poses(const std::string& name) {
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::int64_t n_views,
+void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
                   const std::string& place) {
-  const std::int64_t rest = sh_coefficient_count(sh_degree) - 1;
+  const std::int64_t rest = sh_coefficient_count(config.sh_degree) - 1;
+  const int background_degree = learned_background_degree(config);
+  if (state.background.is_defined() != (background_degree >= 0)) {
+    input_error(place, ": --background is ", config.background, ", but the checkpoint has ",
+                state.background.is_defined() ? "a" : "no", " learned background; the file is damaged");
+  }
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     std::vector<std::int64_t> wanted{n};
     torch::ScalarType type = torch::kFloat32;
@@ -79,6 +91,8 @@ void check_shapes(const TrainState& state, std::int64_t n, int sh_degree, std::i
       wanted = {n_views};
       if (!is("steps")) wanted.push_back(kCameraGradients);
     }
+    if (name.rfind(kAppearance, 0) == 0) wanted = {n_views, 3, 4};
+    if (name.rfind("background.", 0) == 0) wanted = {sh_coefficient_count(background_degree), 3};
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
                   torch::IntArrayRef(wanted), " ", type);
@@ -91,7 +105,8 @@ void check_values(const TrainState& state, const std::string& place) {
   visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
     if (tensor.scalar_type() == torch::kInt32) {
       check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
-    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum" || name == "poses.adam_v") {
+    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum" || name == "poses.adam_v" ||
+               name == kAppearance + "v" || name == "background.adam_v") {
       check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
     } else if (name == kCorrections && !torch::isfinite(tensor).all().item<bool>()) {
       input_error(place, ": tensor ", name, " has values that are not finite");
@@ -167,6 +182,8 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
   if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
+  if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
+  if (state.background.is_defined()) header["background_steps"] = state.background.steps;
   return header;
 }
 
@@ -203,15 +220,25 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.is_density_pending = header.is_density_pending;
   state.n_removed = header.n_removed;
   state.held_at = header.held_at;
+  state.appearance.steps = header.appearance_steps;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  const auto has = [&](const std::string& name) {
+  const auto holds = [&](const std::string& name) {
     return std::any_of(file.tensors.begin(), file.tensors.end(), [&](const auto& t) { return t.first == name; });
   };
-  if (has("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
-  if (has(kCorrections)) state.poses = PoseState::make(/*n_views=*/0);
+  if (holds("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
+  if (holds(kCorrections)) state.poses = PoseState::make(/*n_views=*/0);
+  if (holds(kAppearance + "exposures")) {
+    for (torch::Tensor* tensor : {&state.appearance.exposures, &state.appearance.m, &state.appearance.v}) {
+      *tensor = torch::empty({0}, torch::kFloat32);
+    }
+  }
+  if (holds("background.coefficients")) {
+    state.background.coefficients = torch::empty({0}, torch::kFloat32);
+    state.background.steps = header.background_steps;
+  }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (next == file.tensors.size() || file.tensors[next].first != name) {
@@ -221,8 +248,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     tensor = file.tensors[next++].second;
   });
   if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
-  check_shapes(state, header.n_gaussians, checkpoint.config.sh_degree, static_cast<std::int64_t>(scene.train.size()),
-               place);
+  check_shapes(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
   check_values(state, place);
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
     if (!is_of_poses(name)) tensor = tensor.to(device);

@@ -8,6 +8,8 @@
 #include "config/view_order.h"
 #include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
+#include "train/appearance/appearance_state.h"
+#include "train/background/background.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
 #include "train/poses/pose_state.h"
@@ -21,6 +23,8 @@ struct TrainState {
   AdamState adam;
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
+  AppearanceState appearance;
+  BackgroundState background;  // with --background learned or sky
   ViewOrder view_order;
   ViewSkips view_skips;     // with --skip_share
   double loss_average = 0;  // 0.4 x new + 0.6 x old

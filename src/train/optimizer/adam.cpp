@@ -2,8 +2,6 @@
 
 #include "train/optimizer/adam.h"
 
-#include <cmath>
-
 #include "core/check.h"
 
 namespace b3dgs {
@@ -34,10 +32,14 @@ AdamState make_adam_state(const GaussianTensors& gaussians) {
   return state;
 }
 
+AdamStepSize adam_step_size(double rate, std::int64_t t) {
+  const double bias1 = 1 - std::pow(kAdamBeta1, static_cast<double>(t)),
+               bias2 = 1 - std::pow(kAdamBeta2, static_cast<double>(t));
+  return {static_cast<float>(rate / bias1), static_cast<float>(1 / std::sqrt(bias2))};
+}
+
 AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state) {
   ++state.steps;
-  const double t = static_cast<double>(state.steps);
-  const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
   check_adam_state(gaussians, state);
   AdamGroups groups;
   for (std::size_t i = 0; i < groups.size(); ++i) {
@@ -45,7 +47,7 @@ AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, A
     groups[i].param = gaussians.all()[i]->data_ptr<float>();
     groups[i].m = state.m.all()[i]->data_ptr<float>();
     groups[i].v = state.v.all()[i]->data_ptr<float>();
-    groups[i].size = {static_cast<float>(rates[i] / bias1), static_cast<float>(1 / std::sqrt(bias2))};
+    groups[i].size = adam_step_size(rates[i], state.steps);
   }
   return groups;
 }

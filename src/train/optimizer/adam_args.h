@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 
 namespace b3dgs {
@@ -15,6 +16,13 @@ struct AdamStepSize {
   float step_size = 0;           // rate / (1 - beta1^t)
   float inverse_root_bias2 = 0;  // 1 / sqrt(1 - beta2^t)
 };
+
+/// The same for all elements of step t.
+inline AdamStepSize adam_step_size(double rate, std::int64_t step) {
+  const double t = static_cast<double>(step);
+  const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
+  return {static_cast<float>(rate / bias1), static_cast<float>(1 / std::sqrt(bias2))};
+}
 
 /// One step (Kingma and Ba 2015, with bias correction in the step size):
 ///   m = beta1 m + (1 - beta1) grad,  v = beta2 v + (1 - beta2) grad^2

@@ -5,6 +5,7 @@
 
 #include "config/coarse_schedule.h"
 #include "model/disk_space.h"
+#include "model/formats/background_json.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
@@ -75,10 +76,16 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
   const int iteration = source_.state.iteration;
   outputs_.evaluations.emplace_back(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
-  char text[120];
-  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
-  say(text);
+  char text[160];
+  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
+                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
+                evaluation.views.size());
+  std::string message = text;
+  if (evaluation.mean.corrected_psnr) {
+    std::snprintf(text, sizeof text, "; colour-corrected PSNR %.2f dB", *evaluation.mean.corrected_psnr);
+    message += text;
+  }
+  say(message);
 }
 
 double TrainRecorder::step_ms() const {
@@ -99,14 +106,31 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
   return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
 }
 
-void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
+void TrainRecorder::write_ply(const GaussianTensors& gaussians, const BackgroundState& background) {
   const int iteration = source_.state.iteration;
+  const std::filesystem::path background_file = background_path(source_.folder.ply(iteration));
+  if (background.is_defined()) {  // first, so that no PLY is without it
+    const torch::Tensor values = background.coefficients.cpu();
+    const float* const begin = values.data_ptr<float>();
+    try_to_write([&] { write_background_json(background_file, {{begin, begin + values.numel()}}); });
+  } else {
+    std::error_code error;  // one from an earlier session at this iteration; usually there is none
+    std::filesystem::remove(background_file, error);
+  }
   outputs_.n_saved = gaussians.size();
   writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
                     has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
   if (!is_end()) return;
   writer_.wait();
   collect_files();
+}
+
+void TrainRecorder::write_exposures(const Exposures& exposures) {
+  const ModelFolder& folder = source_.folder;
+  try_to_write([&] {
+    b3dgs::write_exposures(folder.exposures(source_.state.iteration), exposures);
+    b3dgs::write_exposures(folder.exposures(), exposures);
+  });
 }
 
 void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint) {

@@ -13,6 +13,7 @@
 #include "config/train_config.h"
 #include "core/check.h"
 #include "model/model_folder.h"
+#include "train/appearance/exposure_json.h"
 #include "train/checkpoint/train_state.h"
 #include "train/memory/memory_source.h"
 #include "train/output/output_writer.h"
@@ -77,7 +78,10 @@ class TrainRecorder {
   // PLYs and checkpoints. They are written in the background, unless this is the end: after the last iteration, or
   // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
   void set_ending(bool is_ending) { is_ending_ = is_ending; }
-  void write_ply(const GaussianTensors& gaussians);
+  /// With background.json beside the PLY if there is a learned background.
+  void write_ply(const GaussianTensors& gaussians, const BackgroundState& background = {});
+  /// Beside the PLY of this iteration, and in the model folder. A file that cannot be written causes a warning.
+  void write_exposures(const Exposures& exposures);
   /// The last PLY is that of this iteration, written by an earlier session.
   void use_existing_ply() { outputs_.ply = source_.folder.ply(source_.state.iteration); }
   /// `whole` is the state without deferred updates, with the elapsed time.

@@ -45,6 +45,10 @@ TEST_P(RasterizeCudaTest, AntialiasedViewsAgreeWithTheDenseReference) {
   expect_same_antialiased_views<CudaView>(GetParam().build());
 }
 
+TEST_P(RasterizeCudaTest, InverseDepthAgreesWithTheDenseReference) {
+  expect_same_inverse_depth<CudaView>(GetParam().build(), {BackwardKernel::kPerSplat, BackwardKernel::kPerPixel});
+}
+
 TEST_P(RasterizeCudaTest, SeesTheGaussiansThatTheCpuSees) {
   const TestScene scene = GetParam().build();
   for (const Binning& binning : kBinnings) {

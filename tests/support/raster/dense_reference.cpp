@@ -325,7 +325,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
 
   out.color =
       (torch::matmul(weights, colors) + remaining.unsqueeze(1) * vector3(settings.background)).view({height, width, 3});
-  out.depth = torch::mv(weights, z).view({height, width});
+  out.depth = torch::mv(weights, settings.inverse_depth ? 1 / z : z).view({height, width});
   out.alpha = (1.0 - remaining).view({height, width});
 
   out.weights = weights.detach();

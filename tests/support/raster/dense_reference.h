@@ -41,7 +41,7 @@ inline constexpr double kDecisionBand = 1e-5;
 /// A view rendered by the reference, as double tensors; the first four with their autograd graph.
 struct DenseView {
   torch::Tensor color;           // [H, W, 3]
-  torch::Tensor depth;           // [H, W] sum of weight times view-space z
+  torch::Tensor depth;           // [H, W] sum of weight times view-space z; with settings.inverse_depth over z
   torch::Tensor alpha;           // [H, W] 1 - final transmittance
   torch::Tensor means2d;         // [N, 2] px; rows of unseen Gaussians are undefined
   torch::Tensor last_gaussians;  // [H, W] int64, index of the last Gaussian blended, -1 if none

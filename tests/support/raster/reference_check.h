@@ -169,6 +169,32 @@ void expect_same_antialiased_views(TestScene scene) {
   }
 }
 
+/// Compares the inverse depth of a scene and its gradients, for all kernels.
+template <class FoundView>
+void expect_same_inverse_depth(const TestScene& scene, const std::vector<BackwardKernel>& backward_kernels) {
+  RenderSettings settings = settings_of(scene);
+  settings.inverse_depth = true;
+  settings.tile = {16, 8};
+  const Reference reference(scene, settings);
+  ASSERT_TRUE(reference.view.hazards.empty())
+      << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
+  const RenderedViewGrad only_depth{{}, reference.grad.depth, {}};
+  const DenseGradients expected = dense_gradients(reference.leaves, reference.view, only_depth);
+  const TermSizes terms(reference, only_depth);
+  for (const BackwardKernel backward : backward_kernels) {
+    for (const ForwardKernelName& row : kForwardKernels) {
+      SCOPED_TRACE(row.name);
+      settings.kernel = row.kernel;
+      settings.backward_kernel = backward;
+      FoundView view(scene, settings);
+      expect_same_image(view, reference.view);
+      expect_same_gradients(view.backward(only_depth), reference, expected, &terms);
+      expect_same_gradients(view.backward(reference.grad), reference, reference.gradients);
+      if (testing::Test::HasFailure()) return;  // one failing kernel is enough
+    }
+  }
+}
+
 /// Compares the sets of Gaussians that two rasterizers see, [N] radii each. They must be equal, except for Gaussians so
 /// close to a threshold that float rounding decides.
 inline void expect_same_seen(const torch::Tensor& found, const torch::Tensor& other, const DenseView& reference) {

@@ -8,6 +8,7 @@
 #include "core/random.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
+#include "train/background/background.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/quality/metrics.h"
@@ -40,10 +41,12 @@ struct TinySceneOptions {
   int n_views = 8;
   int width = 60, height = 44;  // px
   float log_scale = -2.2f;      // mean of the Gaussians' log scales
+  torch::Tensor background{};   // coefficients [K, 3] of a learned background; undefined: black
   bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
-inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {
+/// `truth_out` (may be null) receives the Gaussians that the images show.
+inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTensors* truth_out = nullptr) {
   const RandomKey key{11, RandomStream::kSplit, 0};
   SplatCloud truth;
   PointCloud points;
@@ -64,6 +67,7 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {
   scene.source_path = "tiny";
   scene.points = points;
   const GaussianTensors gaussians = to_tensors(truth, 0, torch::kCPU);
+  if (truth_out != nullptr) *truth_out = gaussians;
   Rasterizer rasterizer(torch::kCPU);
   for (int i = 0; i < options.n_views; ++i) {
     const double angle = 6.283185307 * i / options.n_views;
@@ -71,7 +75,9 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}) {
     view.name = "view" + std::to_string(i) + ".png";
     view.camera = look_at_origin(3 * std::cos(angle), i % 2 == 0 ? -1.0 : 0.7, 3 * std::sin(angle), options.width,
                                  options.height);
-    Image8 image = to_image8(rasterizer.forward(gaussians, to_pinhole_view(view.camera), {}).color);
+    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), {});
+    add_background(options.background, to_pinhole_view(view.camera), rendered);
+    Image8 image = to_image8(rendered.color);
     if (options.masked) {
       auto valid = std::make_shared<Image8>(options.width, options.height, 1);
       for (int p = 0; p < options.width * options.height; ++p) {

@@ -125,7 +125,8 @@ TEST(ModelFolder, AddsResultsByIteration) {
 TEST(ModelFolder, WritesLpipsWithItsNetwork) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
-  const Evaluation evaluation{{{"a.jpg", {20, 0.5, 0.25}}, {"b.jpg", {30, 0.75, 0.75}}}, {25, 0.625, 0.5}, "vgg.pt"};
+  Evaluation evaluation{
+      {{"a.jpg", {20, 0.5, {}, 0.25}}, {"b.jpg", {30, 0.75, {}, 0.75}}}, {25, 0.625, {}, 0.5}, false, "vgg.pt"};
   folder.write_results("ours_7000", evaluation, {"/data/scene", "images_2", 4, 640, 480, "test"});
   const json results = json::parse(test::read_bytes(temp / "results.json"));
   EXPECT_EQ(results["ours_7000"]["LPIPS"], 0.5);

@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <fstream>
 
 #include <nlohmann/json.hpp>
@@ -454,6 +456,38 @@ TEST(TrainerOnGpu, TakesNoMoreThanItIsAllowed) {
   EXPECT_NO_THROW(allocate_tensor({1 << 20}, torch::TensorOptions(torch::kCUDA)));
   limit_torch_memory(0);
   EXPECT_NO_THROW(allocate_tensor({100 << 20}, torch::TensorOptions(torch::kCUDA)));
+}
+
+/// Trains until the GPU fails in iteration 8. Returns 0 if training ended with one line that names the checkpoint of
+/// iteration 5, and that checkpoint can be read.
+int train_until_the_gpu_is_lost() {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  const ModelFolder folder(temp / "model");
+  TrainConfig config = deterministic_config();
+  config.checkpoint_iterations = {5};
+  TrainHooks hooks;
+  hooks.on_progress = [](const TrainProgress& progress) {
+    if (progress.iteration != 8) return;
+    // A device-side assertion: from here on, every CUDA call of the process fails.
+    const auto on_gpu = torch::TensorOptions(torch::kCUDA).dtype(torch::kInt64);
+    torch::arange(4, on_gpu).index_select(0, torch::full({1}, 9, on_gpu));
+  };
+  try {
+    Trainer(config, scene, folder, hooks).run();
+  } catch (const std::exception& error) {
+    const std::string message = error.what();
+    std::fprintf(stderr, "%s\n", message.c_str());
+    if (message.find("iteration_5.b3dgs") == std::string::npos || message.find('\n') != std::string::npos) return 1;
+    return read_checkpoint_header(folder.checkpoint(5))["iteration"] == 5 ? 0 : 2;
+  }
+  return 3;
+}
+
+TEST(TrainerOnGpuDeathTest, ALostGpuNamesTheLastCheckpoint) {
+  B3DGS_NEEDS_GPU();
+  testing::FLAGS_gtest_death_test_style = "threadsafe";  // a forked process cannot use the GPU of its parent
+  EXPECT_EXIT(std::_Exit(train_until_the_gpu_is_lost()), testing::ExitedWithCode(0), "");
 }
 
 TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {

@@ -1,0 +1,138 @@
+#include "train/appearance/exposure_model.h"
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/torch/tensor_check.h"
+#include "raster/torch/tensor_storage.h"
+#include "train/appearance/exposure_args.h"
+#include "train/optimizer/adam.h"
+#include "train/optimizer/lr_schedule.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/appearance/exposure_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+namespace on_cpu {
+
+void apply_exposure(const ExposureArgs& args) {
+  constexpr std::int64_t kGrain = 4096;
+  parallel_chunks(args.n_pixels, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t pixel = begin; pixel < end; ++pixel) expose_pixel(args, pixel);
+  });
+}
+
+void exposure_backward(const ExposureArgs& args) {
+  parallel_pool(args.n_blocks(), [&](std::int64_t block, int) {
+    double sums[kExposureSize] = {};
+    const std::int64_t end = std::min((block + 1) * kExposureBlock, args.n_pixels);
+    for (std::int64_t pixel = block * kExposureBlock; pixel < end; ++pixel) expose_pixel_backward(args, pixel, sums);
+    std::copy_n(sums, kExposureSize, args.block_sums + block * kExposureSize);
+  });
+  double total[kExposureSize] = {};
+  for (std::int64_t block = 0; block < args.n_blocks(); ++block) {
+    for (int k = 0; k < kExposureSize; ++k) total[k] += args.block_sums[block * kExposureSize + k];
+  }
+  for (int k = 0; k < kExposureSize; ++k) args.matrix_grad[k] = static_cast<float>(total[k]);
+}
+
+}  // namespace on_cpu
+
+ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
+  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
+  B3DGS_CHECK(view >= 0 && view < state.exposures.size(0), "view ", view, " of ", state.exposures.size(0));
+  ExposureArgs args;
+  args.n_pixels = rendered.size(0) * rendered.size(1);
+  args.matrix = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
+  args.rendered = rendered.data_ptr<float>();
+  return args;
+}
+
+}  // namespace
+
+ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
+    : lr_init_(config.exposure_lr_init),
+      lr_final_(config.exposure_lr_final),
+      iterations_(config.iterations),
+      n_views_(n_views),
+      device_(device),
+      matrix_grad_(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device))) {
+  if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
+}
+
+bool ExposureModel::fits(const AppearanceState& state) const {
+  return state.exposures.defined() && state.exposures.size(0) == n_views_;
+}
+
+AppearanceState ExposureModel::make_state() const {
+  AppearanceState state;
+  state.exposures =
+      torch::eye(3, 4, torch::TensorOptions(torch::kFloat32).device(device_)).repeat({n_views_, 1, 1}).contiguous();
+  state.m = torch::zeros_like(state.exposures);
+  state.v = torch::zeros_like(state.exposures);
+  return state;
+}
+
+torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
+  ExposureArgs args = exposure_args(state, view, rendered);
+  place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
+  args.corrected = corrected_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) {
+    cuda::apply_exposure(args, torch_launch_context().stream);
+    return corrected_;
+  }
+#endif
+  on_cpu::apply_exposure(args);
+  return corrected_;
+}
+
+void ExposureModel::backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
+                             torch::Tensor grad) {
+  TensorCheck check(rendered.device());
+  check.dims("rendered", rendered, {"H", "W", 3});
+  check.dims("grad", grad, {"H", "W", 3});
+  ExposureArgs args = exposure_args(state, view, rendered);
+  const std::int64_t n_sums = args.n_blocks() * kExposureSize;
+  if (!block_sums_.defined() || block_sums_.numel() < n_sums) {
+    block_sums_ = torch::empty({n_sums}, rendered.options().dtype(torch::kFloat64));
+  }
+  args.grad = grad.data_ptr<float>();
+  args.block_sums = block_sums_.data_ptr<double>();
+  args.matrix_grad = matrix_grad_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return cuda::exposure_backward(args, torch_launch_context().stream);
+#endif
+  on_cpu::exposure_backward(args);
+}
+
+void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& state) {
+  ++state.steps;
+  ExposureStepArgs args;
+  args.adam.n = state.exposures.numel();
+  args.adam.param = state.exposures.data_ptr<float>();
+  args.adam.m = state.m.data_ptr<float>();
+  args.adam.v = state.v.data_ptr<float>();
+  args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
+  args.first = std::int64_t{view} * kExposureSize;
+  args.matrix_grad = matrix_grad_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return cuda::exposure_step(args, torch_launch_context().stream);
+#endif
+  float* const grads = all_grads_.data_ptr<float>();
+  std::copy_n(args.matrix_grad, kExposureSize, grads + args.first);
+  args.adam.grad = grads;
+  cpu::adam_step(args.adam);
+  std::fill_n(grads + args.first, kExposureSize, 0.0f);
+}
+
+std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
+                                                       torch::Device device) {
+  if (!config.exposure) return nullptr;
+  return std::make_unique<ExposureModel>(config, n_views, device);
+}
+
+}  // namespace b3dgs

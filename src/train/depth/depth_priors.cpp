@@ -1,0 +1,192 @@
+#include "train/depth/depth_priors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <mutex>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/torch/tensor_check.h"
+#include "raster/torch/tensor_storage.h"
+#include "scene/view_image.h"
+#include "train/depth/depth_loss_args.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/depth/depth_loss_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path find_folder(const std::string& folder, const Scene& scene) {
+  for (const fs::path& path : {fs::path(scene.source_path) / folder, fs::path(folder)}) {
+    if (fs::is_directory(path)) return path;
+  }
+  input_error("folder of depth maps not found: ", folder, " (expected in ", scene.source_path,
+              " or in the current folder)");
+}
+
+/// Bilinear between pixel centres at (i + 0.5, j + 0.5); edges continue outwards.
+double sample(const Depth16& map, double x, double y) {
+  const double column = std::clamp(x - 0.5, 0.0, map.width - 1.0), row = std::clamp(y - 0.5, 0.0, map.height - 1.0);
+  const int left = std::min(static_cast<int>(column), std::max(0, map.width - 2)),
+            above = std::min(static_cast<int>(row), std::max(0, map.height - 2));
+  const int right = std::min(left + 1, map.width - 1), below = std::min(above + 1, map.height - 1);
+  const double u = column - left, v = row - above;
+  const auto at = [&](int i, int j) {
+    return static_cast<double>(
+        map.values[static_cast<std::size_t>(j) * static_cast<std::size_t>(map.width) + static_cast<std::size_t>(i)]);
+  };
+  return (1 - v) * ((1 - u) * at(left, above) + u * at(right, above)) +
+         v * ((1 - u) * at(left, below) + u * at(right, below));
+}
+
+/// From the points that the view sees and that project into its valid pixels.
+std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, const PointCloud& points) {
+  const Camera& camera = view.camera;
+  std::vector<double> values, inverse_depths;
+  for (const std::int32_t point : view.points) {
+    const float* const position = points.positions.data() + 3 * static_cast<std::size_t>(point);
+    double at[3];
+    for (std::size_t row = 0; row < 3; ++row) {
+      at[row] = camera.cam_from_world.translation[row];
+      for (std::size_t i = 0; i < 3; ++i) {
+        at[row] += camera.cam_from_world.rotation[3 * row + i] * static_cast<double>(position[i]);
+      }
+    }
+    if (!(at[2] > 0)) continue;
+    const double x = camera.fx * at[0] / at[2] + camera.cx, y = camera.fy * at[1] / at[2] + camera.cy;
+    if (!(x >= 0 && x < camera.width && y >= 0 && y < camera.height)) continue;
+    const std::size_t pixel =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(x);
+    if (view.valid && view.valid->pixels[pixel] == 0) continue;
+    values.push_back(sample(map, x, y));
+    inverse_depths.push_back(1 / at[2]);
+  }
+  return align_depth(values, inverse_depths);
+}
+
+std::string counted(std::size_t count, std::size_t total, const std::string& what, const std::string& first) {
+  return detail::concat(count, " of ", total, " training views ", what, " (first: ", first,
+                        "); they are trained without depth");
+}
+
+}  // namespace
+
+DepthPriors::DepthPriors(const std::string& folder_name, const Scene& scene, torch::Device device,
+                         const ProgressFn& progress)
+    : device_(device), priors_(scene.train.size()) {
+  const fs::path folder = find_folder(folder_name, scene);
+  const auto n_views = static_cast<std::int64_t>(scene.train.size());
+  std::vector<std::optional<DepthAlignment>> alignments(scene.train.size());
+  std::vector<char> is_missing(scene.train.size(), 0);
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_pool(n_views, [&](std::int64_t task, int) {
+    const auto i = static_cast<std::size_t>(task);
+    const View& view = scene.train[i];
+    const fs::path file = folder / fs::path(view.name).replace_extension(".png");
+    is_missing[i] = fs::exists(file) ? 0 : 1;
+    if (is_missing[i] == 0) {
+      const Depth16 map = view.image->read_depth(file);
+      alignments[i] = align_view(view, map, scene.points);
+      if (alignments[i]) {
+        priors_[i].map = torch::empty({map.height, map.width}, torch::kInt16);
+        std::copy_n(map.values.data(), map.values.size(),
+                    reinterpret_cast<std::uint16_t*>(priors_[i].map.data_ptr<std::int16_t>()));
+        if (device.is_cuda()) priors_[i].map = priors_[i].map.pin_memory();
+      }
+    }
+    const std::lock_guard lock(mutex);
+    if (progress) progress("loading depth maps", ++done, scene.train.size());
+  });
+  std::vector<std::string> missing, not_aligned, unlikely;
+  for (std::size_t i = 0; i < scene.train.size(); ++i) {
+    if (is_missing[i] != 0) {
+      missing.push_back(scene.train[i].name);
+    } else if (!alignments[i]) {
+      not_aligned.push_back(scene.train[i].name);
+    }
+  }
+  const std::vector<std::optional<DepthAlignment>> all = alignments;
+  remove_unlikely_alignments(alignments);
+  std::size_t n_used = 0;
+  for (std::size_t i = 0; i < scene.train.size(); ++i) {
+    if (all[i] && !alignments[i]) unlikely.push_back(scene.train[i].name);
+    priors_[i].alignment = alignments[i];
+    if (!alignments[i]) priors_[i].map = torch::Tensor();
+    n_used += alignments[i].has_value() ? 1 : 0;
+  }
+  if (missing.size() == scene.train.size()) {
+    input_error(folder.string(), ": no depth map found (expected 16-bit PNGs named like the photographs, such as ",
+                fs::path(missing.front()).replace_extension(".png").string(), ")");
+  }
+  if (n_used == 0) {
+    input_error(folder.string(), ": no depth map can be aligned with the scene's points: each view needs at least ",
+                kMinAlignmentPoints, " points in its tracks (points3D), at different depths");
+  }
+  const std::size_t total = scene.train.size();
+  if (!missing.empty()) warnings_.push_back(counted(missing.size(), total, "have no depth map", missing.front()));
+  if (!not_aligned.empty()) {
+    warnings_.push_back(
+        counted(not_aligned.size(), total, "see too few points to align their depth maps", not_aligned.front()));
+  }
+  if (!unlikely.empty()) {
+    warnings_.push_back(counted(unlikely.size(), total,
+                                detail::concat("have depth maps whose scale is outside ", kMinScaleRatio, " to ",
+                                               kMaxScaleRatio, " times the median"),
+                                unlikely.front()));
+  }
+}
+
+torch::Tensor DepthPriors::gradient(std::int32_t view, const torch::Tensor& rendered, const torch::Tensor& valid,
+                                    std::int64_t n_valid, const torch::Tensor& map_valid, double weight) {
+  const Prior& prior = priors_[static_cast<std::size_t>(view)];
+  B3DGS_CHECK(prior.alignment, "training view ", view, " has no depth map");
+  TensorCheck(device_).dims("rendered", rendered, {"H", "W"});
+  const std::int64_t height = rendered.size(0), width = rendered.size(1);
+  const std::int64_t map_height = prior.map.size(0), map_width = prior.map.size(1);
+  const std::int64_t reduction = std::min(map_width / width, map_height / height);
+  B3DGS_CHECK(reduction >= 1, "a depth map of ", map_width, " x ", map_height, " px for a render of ", width, " x ",
+              height);
+  place_tensor(grad_, grad_room_, rendered.sizes(), rendered.options());
+  torch::Tensor map = prior.map;
+  if (device_.is_cuda()) {
+    place_tensor(map_, map_room_, map.sizes(), rendered.options().dtype(torch::kInt16));
+    map_.copy_(map, /*non_blocking=*/true);
+    map = map_;
+  }
+  const auto bytes_of = [](const torch::Tensor& mask) {
+    return mask.defined() ? mask.data_ptr<std::uint8_t>() : nullptr;
+  };
+  DepthLossArgs args;
+  args.width = static_cast<std::int32_t>(width);
+  args.height = static_cast<std::int32_t>(height);
+  args.rendered = rendered.data_ptr<float>();
+  args.valid = bytes_of(valid);
+  args.map_width = static_cast<std::int32_t>(map_width);
+  args.reduction = static_cast<std::int32_t>(reduction);
+  args.map = reinterpret_cast<const std::uint16_t*>(map.data_ptr<std::int16_t>());
+  args.map_valid = bytes_of(map_valid);
+  args.scale = static_cast<float>(prior.alignment->scale);
+  args.offset = static_cast<float>(prior.alignment->offset);
+  args.gradient = n_valid > 0 ? static_cast<float>(weight / static_cast<double>(n_valid)) : 0.0f;
+  args.grad = grad_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) {
+    cuda::depth_loss_gradient(args, torch_launch_context().stream);
+    return grad_;
+  }
+#endif
+  constexpr std::int64_t kGrain = 4096;
+  parallel_chunks(width * height, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t pixel = begin; pixel < end; ++pixel) depth_loss_grad_at(args, pixel);
+  });
+  return grad_;
+}
+
+}  // namespace b3dgs

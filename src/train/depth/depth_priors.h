@@ -1,0 +1,53 @@
+// Inverse depth maps of the training views (--depths), and the gradient of the loss against them.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scene/scene.h"
+#include "train/depth/depth_alignment.h"
+
+namespace b3dgs {
+
+/// The maps of a scene, in host memory: 2 bytes per pixel.
+class DepthPriors {
+ public:
+  /// Reads FOLDER/NAME.png for each training view, where NAME is the photograph's name without its extension, and
+  /// aligns it with the points that the view sees (View::points). A relative folder is one in the scene folder or, if
+  /// there is none, in the current folder. Views without a map, and maps that cannot be aligned, are left out and
+  /// counted in warnings(). @throws InputError if a map cannot be used, or none can
+  DepthPriors(const std::string& folder, const Scene& scene, torch::Device device, const ProgressFn& progress = {});
+
+  /// One line each.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+  /// Whether there is a map for this training view.
+  bool has(std::int32_t view) const { return priors_[static_cast<std::size_t>(view)].alignment.has_value(); }
+  const std::optional<DepthAlignment>& alignment(std::int32_t view) const {
+    return priors_[static_cast<std::size_t>(view)].alignment;
+  }
+
+  /// The gradient of weight * mean over valid pixels of |rendered - aligned map| with respect to `rendered`, a view's
+  /// inverse depth [H, W], valid until the next call. H and W are those of the view, or of the view at a part of its
+  /// size. `valid` [H, W] uint8 with n_valid nonzero pixels, and `map_valid` for the full size, are undefined if all
+  /// pixels are valid. Asynchronous on a GPU.
+  torch::Tensor gradient(std::int32_t view, const torch::Tensor& rendered, const torch::Tensor& valid,
+                         std::int64_t n_valid, const torch::Tensor& map_valid, double weight);
+
+ private:
+  struct Prior {
+    std::optional<DepthAlignment> alignment;
+    torch::Tensor map;  // [H, W] int16 with the bits of uint16, on the host; undefined without alignment
+  };
+
+  torch::Device device_;
+  std::vector<Prior> priors_;  // by training view
+  std::vector<std::string> warnings_;
+  torch::Tensor map_, map_room_, grad_, grad_room_;
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,67 @@
+// Appearance models on the GPU, against those on the CPU.
+#include <gtest/gtest.h>
+
+#include "support/approx.h"
+#include "support/gpu_test.h"
+#include "support/temp_dir.h"
+#include "support/train/appearance.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+#include "train/appearance/exposure_model.h"
+
+namespace b3dgs {
+namespace {
+
+using test::train;
+using test::Trained;
+
+AppearanceState on_gpu(const AppearanceState& state) {
+  AppearanceState copy = state;
+  visit_appearance(copy, [](const char*, torch::Tensor& tensor) { tensor = tensor.to(torch::kCUDA); });
+  return copy;
+}
+
+TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(6);
+  const torch::Device gpu(torch::kCUDA, 0);
+  TrainConfig config;
+  config.iterations = 10;
+  ExposureModel host(config, 5, torch::kCPU), device(config, 5, gpu);
+  AppearanceState state = host.make_state();
+  state.exposures += 0.2 * torch::randn_like(state.exposures);
+  AppearanceState own = on_gpu(state);
+  for (int t = 1; t <= 10; ++t) {
+    const int view = t * 3 % 5, height = 1 + 37 * t;
+    const torch::Tensor image = torch::rand({height, 131, 3}), grad = torch::randn({height, 131, 3});
+    const torch::Tensor own_image = image.to(gpu), own_grad = grad.to(gpu), again = own_grad.clone();
+    EXPECT_TRUE(test::within(device.apply(own, view, own_image).to(torch::kCPU), host.apply(state, view, image), 1e-5));
+    host.backward(state, view, image, grad);
+    device.backward(own, view, own_image, own_grad);
+    EXPECT_TRUE(test::within(own_grad.to(torch::kCPU), grad, 1e-5));
+    const torch::Tensor expected = host.matrix_grad(), found = device.matrix_grad().clone();
+    EXPECT_TRUE(test::within(found.to(torch::kCPU), expected, 1e-4 * (1 + expected.abs())));
+    device.backward(own, view, own_image, again);
+    EXPECT_TRUE(torch::equal(device.matrix_grad(), found)) << "the order of sums is fixed";
+    host.step(view, t, state);
+    device.step(view, t, own);
+    EXPECT_TRUE(test::within(own.exposures.to(torch::kCPU), state.exposures, 1e-4)) << "step " << t;
+  }
+}
+
+TEST(AppearanceOnGpu, ResumedEqualsUninterruptedBitForBitIfDeterministic) {
+  B3DGS_NEEDS_GPU();
+  Scene scene = test::make_tiny_scene();
+  test::jitter_exposures(scene.train, 0.2);
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_config();
+  config.device = "cuda";
+  config.deterministic = true;
+  config.exposure = true;
+  config.exposure_lr_final = config.exposure_lr_init;
+  const Trained whole = train(config, scene, temp / "whole");
+  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10});
+}
+
+}  // namespace
+}  // namespace b3dgs
