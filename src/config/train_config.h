@@ -44,6 +44,7 @@ struct TrainConfig {
   bool random_background = false;
   std::string background = "auto";
   bool antialiasing = false;
+  bool pose_opt = false;
   double near_plane = 0.2;  // world units
 
   // Schedule
@@ -66,16 +67,15 @@ struct TrainConfig {
   double position_lr_init = 0.00016;     // times the scene extent
   double position_lr_final = 0.0000016;  // times the scene extent
   int position_lr_max_steps = 30000;
+  int pose_opt_from_iter = 500;  // exclusive
   double lr_final_scale = 1;
   int lr_decay_from_iter = 0;
   double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
-  bool pose_opt = false;
-  double pose_opt_lr = 0.0005;   // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  int pose_opt_from_iter = 500;  // exclusive
-  double background_lr = 0.01;   // of the SH coefficients of --background learned and sky
+  double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  double background_lr = 0.01;  // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
@@ -88,6 +88,9 @@ struct TrainConfig {
   bool exposure = false;
   double exposure_lr_init = 0.01;
   double exposure_lr_final = 0.001;
+  bool bilateral_grid = false;
+  double bilateral_grid_lr = 0.002;
+  double bilateral_grid_tv = 10;  // weight of the total variation
   bool train_test_exp = false;
 
   // Density control
@@ -221,8 +224,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
-  field(Option{"pose_opt"}.common(), c.pose_opt, Any{},
-        "refine the poses of the training cameras; see docs/recipes.md");
+  field(Option{"pose_opt"}, c.pose_opt, Any{}, "refine the poses of the training cameras; see docs/recipes.md");
   field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
         "learning rate of the poses: rotations in rad, translations x scene extent");
   field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
@@ -242,6 +244,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"exposure_lr_init"}, c.exposure_lr_init, AtLeast{0}, "initial learning rate of --exposure");
   field(Option{"exposure_lr_final"}, c.exposure_lr_final, AtLeast{0},
         "learning rate of --exposure in the last iteration");
+  field(Option{"bilateral_grid"}, c.bilateral_grid, Any{},
+        "learn a bilateral grid of colour transforms for each photograph");
+  field(Option{"bilateral_grid_lr"}, c.bilateral_grid_lr, AtLeast{0}, "highest learning rate of --bilateral_grid");
+  field(Option{"bilateral_grid_tv"}, c.bilateral_grid_tv, AtLeast{0},
+        "add X x total variation of the photograph's bilateral grid to the loss");
   field(Option{"train_test_exp"}, c.train_test_exp, Any{},
         "measure the right half of test views, with colours fitted to their left half");
 

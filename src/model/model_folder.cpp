@@ -9,10 +9,10 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/json_text.h"
-#include "model/cameras_json.h"
+#include "model/cameras/cameras_json.h"
+#include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"
 #include "model/photographs.h"
-#include "model/poses_json.h"
 
 namespace b3dgs {
 namespace {

@@ -7,7 +7,7 @@
 #include "core/check.h"
 #include "core/print.h"
 #include "core/text.h"
-#include "model/cameras_json.h"
+#include "model/cameras/cameras_json.h"
 #include "raster/stages.h"
 #include "scene/images/image_io.h"
 

@@ -38,7 +38,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
 ColorEvaluation color_evaluation(const TrainConfig& config) {
   ColorEvaluation colors;
   colors.fit_left_half = config.train_test_exp;
-  colors.corrected_psnr = config.exposure || config.train_test_exp;
+  colors.corrected_psnr = config.exposure || config.bilateral_grid || config.train_test_exp;
   return colors;
 }
 

@@ -77,6 +77,9 @@ void check_options(const TrainConfig& config) {
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
         "give one, such as --max_gaussians 1000000");
   }
+  if (config.exposure && config.bilateral_grid) {
+    input_error("--exposure and --bilateral_grid cannot be used together; the grid includes what an exposure does");
+  }
   if (config.train_test_exp && !config.eval) {
     input_error("--train_test_exp: needs test views; add --eval, or leave it out");
   }

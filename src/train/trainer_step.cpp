@@ -104,6 +104,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
   add_background(state.background.coefficients, view.camera, rendered);
+  if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
   const torch::Tensor color =
       appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
   loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));

@@ -113,6 +113,13 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     if (const auto it = json.find("background_steps"); it != json.end()) {
       header.background_steps = json_integer<std::int64_t>(*it, "background_steps", place, 0, header.iteration);
     }
+    if (const auto it = json.find("appearance_last_steps"); it != json.end()) {
+      if (!it->is_array()) input_error(place, ": appearance_last_steps must be a list, found ", json_excerpt(*it));
+      for (const Json& step : *it) {
+        header.appearance_last_steps.push_back(
+            json_integer<std::int64_t>(step, "a value of appearance_last_steps", place, 0, header.appearance_steps));
+      }
+    }
     header.kernel_selection = object_at(json, "kernel_selection", place);
     header.scene = object_at(json, "scene", place);
     finite_number(header.scene.at("extent"), "scene.extent", place);

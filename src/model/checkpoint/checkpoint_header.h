@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "config/train_config.h"
 #include "config/view_order.h"
@@ -27,6 +28,7 @@ struct CheckpointHeader {
   std::int64_t held_at = 0;           // number of Gaussians at which GPU memory stopped their growth; 0: it did not
   std::int64_t appearance_steps = 0;  // from 0 to `iteration`
   std::int64_t background_steps = 0;  // taken by the Adam of a learned background, from 0 to `iteration`
+  std::vector<std::int64_t> appearance_last_steps;  // each from 0 to appearance_steps
   nlohmann::ordered_json kernel_selection, scene;
 };
 

@@ -24,6 +24,10 @@ class AppearanceModel {
   /// Transforms that change nothing.
   virtual AppearanceState make_state() const = 0;
 
+  /// Before the step of `iteration` (counted from 1) reads the view's transform: applies what was deferred. May be
+  /// repeated if a step fails.
+  virtual void begin_step(std::int32_t /*view*/, int /*iteration*/, AppearanceState& /*state*/) {}
+
   /// `rendered` [H, W, 3] as photograph `view` shows it, valid until the next call.
   virtual torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) = 0;
 

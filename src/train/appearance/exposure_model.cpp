@@ -129,10 +129,4 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   std::fill_n(grads + args.first, kExposureSize, 0.0f);
 }
 
-std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
-                                                       torch::Device device) {
-  if (!config.exposure) return nullptr;
-  return std::make_unique<ExposureModel>(config, n_views, device);
-}
-
 }  // namespace b3dgs

@@ -7,6 +7,7 @@
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/photographs.h"
+#include "train/appearance/bilateral_grid_args.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
@@ -91,7 +92,10 @@ void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& co
       wanted = {n_views};
       if (!is("steps")) wanted.push_back(kCameraGradients);
     }
-    if (name.rfind(kAppearance, 0) == 0) wanted = {n_views, 3, 4};
+    if (name.rfind(kAppearance, 0) == 0) {
+      wanted = {n_views, 3, 4};
+      if (state.appearance.grids.defined()) wanted = {n_views, kGridLevels, kGridHeight, kGridWidth, kTransformSize};
+    }
     if (name.rfind("background.", 0) == 0) wanted = {sh_coefficient_count(background_degree), 3};
     if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
       input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
@@ -184,6 +188,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
   if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
   if (state.background.is_defined()) header["background_steps"] = state.background.steps;
+  if (state.appearance.grids.defined()) header["appearance_last_steps"] = state.appearance.last_steps;
   return header;
 }
 
@@ -221,6 +226,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.n_removed = header.n_removed;
   state.held_at = header.held_at;
   state.appearance.steps = header.appearance_steps;
+  state.appearance.last_steps = std::move(header.appearance_last_steps);
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
@@ -230,14 +236,20 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   };
   if (holds("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
   if (holds(kCorrections)) state.poses = PoseState::make(/*n_views=*/0);
-  if (holds(kAppearance + "exposures")) {
-    for (torch::Tensor* tensor : {&state.appearance.exposures, &state.appearance.m, &state.appearance.v}) {
-      *tensor = torch::empty({0}, torch::kFloat32);
-    }
-  }
   if (holds("background.coefficients")) {
     state.background.coefficients = torch::empty({0}, torch::kFloat32);
     state.background.steps = header.background_steps;
+  }
+  for (const auto& [name, parameters] :
+       {std::pair{"exposures", &state.appearance.exposures}, std::pair{"grids", &state.appearance.grids}}) {
+    if (!holds(kAppearance + name)) continue;
+    for (torch::Tensor* tensor : {parameters, &state.appearance.m, &state.appearance.v}) {
+      *tensor = torch::empty({0}, torch::kFloat32);
+    }
+  }
+  if (state.appearance.grids.defined() && state.appearance.last_steps.size() != scene.train.size()) {
+    input_error(place, ": appearance_last_steps has ", state.appearance.last_steps.size(), " values, expected ",
+                scene.train.size());
   }
   std::size_t next = 0;
   visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {

@@ -32,12 +32,6 @@ AdamState make_adam_state(const GaussianTensors& gaussians) {
   return state;
 }
 
-AdamStepSize adam_step_size(double rate, std::int64_t t) {
-  const double bias1 = 1 - std::pow(kAdamBeta1, static_cast<double>(t)),
-               bias2 = 1 - std::pow(kAdamBeta2, static_cast<double>(t));
-  return {static_cast<float>(rate / bias1), static_cast<float>(1 / std::sqrt(bias2))};
-}
-
 AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state) {
   ++state.steps;
   check_adam_state(gaussians, state);

@@ -34,9 +34,6 @@ void check_adam_state(const GaussianTensors& gaussians, const AdamState& state);
 /// Arguments of the next step for each group, without gradients; increments state.steps. @throws as check_adam_state()
 AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state);
 
-/// Of step `t`, counted from 1.
-AdamStepSize adam_step_size(double rate, std::int64_t t);
-
 /// Takes a step on the CPU.
 void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state);
 

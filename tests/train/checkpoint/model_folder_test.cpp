@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
-#include "model/cameras_json.h"
+#include "model/cameras/cameras_json.h"
 #include "model/formats/ply.h"
 #include "support/approx.h"
 #include "support/expect_error.h"

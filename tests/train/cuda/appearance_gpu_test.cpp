@@ -7,6 +7,7 @@
 #include "support/train/appearance.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
+#include "train/appearance/bilateral_grid_model.h"
 #include "train/appearance/exposure_model.h"
 
 namespace b3dgs {
@@ -49,6 +50,38 @@ TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
   }
 }
 
+TEST(AppearanceOnGpu, BilateralGridsAndTheirGradientsAreThoseOfTheCpu) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(7);
+  const torch::Device gpu(torch::kCUDA, 0);
+  TrainConfig config;
+  config.iterations = 20;
+  BilateralGridModel host(config, 5, torch::kCPU), device(config, 5, gpu);
+  AppearanceState state = host.make_state();
+  state.grids += 0.1 * torch::randn_like(state.grids);
+  AppearanceState own = on_gpu(state);
+  for (int t = 1; t <= 20; ++t) {
+    const int view = t % 6 == 0 ? 0 : t * 3 % 5, height = 1 + 17 * t;
+    const torch::Tensor image = 1.2 * torch::rand({height, 131, 3}) - 0.1, grad = torch::randn({height, 131, 3});
+    const torch::Tensor own_image = image.to(gpu), own_grad = grad.to(gpu), again = own_grad.clone();
+    host.begin_step(view, t, state);
+    device.begin_step(view, t, own);
+    EXPECT_TRUE(test::within(own.grids[view].to(torch::kCPU), state.grids[view], 1e-4)) << "step " << t;
+    // From here on with the same grid, so that rounding does not add up.
+    own.grids[view].copy_(state.grids[view]);
+    EXPECT_TRUE(test::within(device.apply(own, view, own_image).to(torch::kCPU), host.apply(state, view, image), 1e-5));
+    host.backward(state, view, image, grad);
+    device.backward(own, view, own_image, own_grad);
+    EXPECT_TRUE(test::within(own_grad.to(torch::kCPU), grad, 1e-4));
+    const torch::Tensor expected = host.grid_grad(), found = device.grid_grad().clone();
+    EXPECT_TRUE(test::within(found.to(torch::kCPU), expected, 1e-4 * (1 + expected.abs())));
+    device.backward(own, view, own_image, again);
+    EXPECT_TRUE(torch::equal(device.grid_grad(), found)) << "the order of sums is fixed";
+    host.step(view, t, state);
+    device.step(view, t, own);
+  }
+}
+
 TEST(AppearanceOnGpu, ResumedEqualsUninterruptedBitForBitIfDeterministic) {
   B3DGS_NEEDS_GPU();
   Scene scene = test::make_tiny_scene();
@@ -57,10 +90,20 @@ TEST(AppearanceOnGpu, ResumedEqualsUninterruptedBitForBitIfDeterministic) {
   TrainConfig config = test::eventful_config();
   config.device = "cuda";
   config.deterministic = true;
-  config.exposure = true;
-  config.exposure_lr_final = config.exposure_lr_init;
-  const Trained whole = train(config, scene, temp / "whole");
-  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10});
+  for (const bool has_grid : {false, true}) {
+    config.exposure = !has_grid;
+    config.bilateral_grid = has_grid;
+    const Trained whole = train(config, scene, temp / "whole");
+    for (const int stop : {3, 10}) {
+      Trainer first(config, scene, ModelFolder(temp / "stopped"), {});
+      first.run_until(stop);
+      const Trained second = train(config, scene, temp / "stopped", first.write_checkpoint());
+      EXPECT_TRUE(second.ply == whole.ply) << stop;
+      EXPECT_TRUE(second.checkpoint == whole.checkpoint) << stop;
+      std::filesystem::remove_all(temp / "stopped");
+    }
+    std::filesystem::remove_all(temp / "whole");
+  }
 }
 
 }  // namespace

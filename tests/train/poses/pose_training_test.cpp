@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/random.h"
-#include "model/cameras_json.h"
-#include "model/poses_json.h"
+#include "model/cameras/cameras_json.h"
+#include "model/cameras/poses_json.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"

@@ -1,4 +1,4 @@
-#include "model/poses_json.h"
+#include "model/cameras/poses_json.h"
 
 #include <algorithm>
 #include <array>

@@ -1,4 +1,4 @@
-#include "model/cameras_json.h"
+#include "model/cameras/cameras_json.h"
 
 #include <cmath>
 #include <fstream>

@@ -1,0 +1,208 @@
+#include "train/appearance/bilateral_grid_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/torch/tensor_check.h"
+#include "raster/torch/tensor_storage.h"
+#include "train/optimizer/adam.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/appearance/bilateral_grid_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+namespace on_cpu {
+
+constexpr int kParts = 1;
+
+/// Calls body(x, y) for each pixel.
+template <class Body>
+void for_pixels(const BilateralGridArgs& args, Body&& body) {
+  constexpr std::int64_t kGrain = 16;  // rows
+  parallel_chunks(args.height, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (auto y = static_cast<std::int32_t>(begin); y < end; ++y) {
+      for (std::int32_t x = 0; x < args.width; ++x) body(x, y);
+    }
+  });
+}
+
+/// What the pixels of a cell add to the vertices around it.
+void sum_cell(const BilateralGridArgs& args, int cell) {
+  const int column = cell % kCellColumns, row = cell / kCellColumns;
+  double sums[kCellSums] = {};
+  const std::int32_t x_end = cell_begin(column + 1, kCellColumns, args.width),
+                     y_end = cell_begin(row + 1, kCellRows, args.height);
+  for (std::int32_t py = cell_begin(row, kCellRows, args.height); py < y_end; ++py) {
+    const GridPlace y = place_of_pixel(py, args.height, kCellRows);
+    for (std::int32_t px = cell_begin(column, kCellColumns, args.width); px < x_end; ++px) {
+      const GridPlace x = place_of_pixel(px, args.width, kCellColumns);
+      const std::int64_t pixel = std::int64_t{py} * args.width + px;
+      const float *color = args.rendered + 3 * pixel, *grad = args.grad + 3 * pixel;
+      float slope = 0;
+      const GridPlace z = place_of_color(color, slope);
+      for (int vertex = 0; vertex < 8; ++vertex) {
+        const int corner = vertex % 4, above = vertex / 4;
+        const double weight = (corner % 2 == 1 ? x.part : 1 - x.part) * (corner / 2 == 1 ? y.part : 1 - y.part) *
+                              (above == 1 ? z.part : 1 - z.part);
+        double* const own = sums + (corner * kGridLevels + z.index + above) * kTransformSize;
+        for (int i = 0; i < 3; ++i) {
+          const double by_output = weight * static_cast<double>(grad[i]);
+          for (int k = 0; k < 3; ++k) own[4 * i + k] += by_output * static_cast<double>(color[k]);
+          own[4 * i + 3] += by_output;
+        }
+      }
+    }
+  }
+  std::copy_n(sums, kCellSums, args.cell_sums + std::int64_t{cell} * kCellSums);
+}
+
+void backward(const BilateralGridArgs& args) {
+  parallel_pool(kCells, [&](std::int64_t cell, int) { sum_cell(args, static_cast<int>(cell)); });
+  constexpr std::int64_t kGrain = 1024;
+  parallel_chunks(kGridSize, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (auto i = static_cast<int>(begin); i < end; ++i) args.grid_grad[i] = grid_grad(args, kParts, i);
+  });
+  for_pixels(args, [&](std::int32_t x, std::int32_t y) { correct_pixel_backward(args, x, y); });
+}
+
+}  // namespace on_cpu
+
+BilateralGridArgs grid_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
+  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
+  B3DGS_CHECK(view >= 0 && view < state.grids.size(0), "view ", view, " of ", state.grids.size(0));
+  BilateralGridArgs args;
+  args.height = static_cast<std::int32_t>(rendered.size(0));
+  args.width = static_cast<std::int32_t>(rendered.size(1));
+  args.grid = state.grids.data_ptr<float>() + std::int64_t{view} * kGridSize;
+  args.rendered = rendered.data_ptr<float>();
+  return args;
+}
+
+/// The grid of one view.
+AdamArgs adam_args(std::int32_t view, AppearanceState& state) {
+  const std::int64_t first = std::int64_t{view} * kGridSize;
+  AdamArgs args;
+  args.n = kGridSize;
+  args.param = state.grids.data_ptr<float>() + first;
+  args.m = state.m.data_ptr<float>() + first;
+  args.v = state.v.data_ptr<float>() + first;
+  return args;
+}
+
+}  // namespace
+
+BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
+    : lr_(config.bilateral_grid_lr),
+      variation_weight_(config.bilateral_grid_tv),
+      iterations_(config.iterations),
+      n_views_(n_views),
+      device_(device) {
+  const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
+  grid_grad_ = torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats);
+  std::int64_t n_sums = std::int64_t{on_cpu::kParts} * kCells * kCellSums;
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) n_sums = cuda::bilateral_grid_sums();
+#endif
+  cell_sums_ = torch::zeros({n_sums}, floats.dtype(torch::kFloat64));
+  if (device.is_cpu()) no_grad_ = torch::zeros({kGridSize});
+}
+
+double BilateralGridModel::rate(int iteration) const {
+  constexpr double kLowest = 0.01, kWarmUpPart = 1.0 / 30;
+  const double time = static_cast<double>(iteration) / iterations_;
+  const double warm_up = kLowest + (1 - kLowest) * std::min(1.0, time / kWarmUpPart);
+  return lr_ * warm_up * std::pow(kLowest, std::min(1.0, time));
+}
+
+bool BilateralGridModel::fits(const AppearanceState& state) const {
+  return state.grids.defined() && state.grids.size(0) == n_views_;
+}
+
+AppearanceState BilateralGridModel::make_state() const {
+  AppearanceState state;
+  const torch::Tensor same = torch::eye(3, 4, torch::TensorOptions(torch::kFloat32).device(device_)).flatten();
+  state.grids = same.repeat({n_views_, kGridLevels, kGridHeight, kGridWidth, 1}).contiguous();
+  state.m = torch::zeros_like(state.grids);
+  state.v = torch::zeros_like(state.grids);
+  state.last_steps.assign(static_cast<std::size_t>(n_views_), 0);
+  return state;
+}
+
+void BilateralGridModel::begin_step(std::int32_t view, int iteration, AppearanceState& state) {
+  std::int64_t& last = state.last_steps.at(static_cast<std::size_t>(view));
+  // Before its first step, a grid's moments are 0.
+  const std::int64_t n_missed = last == 0 ? 0 : state.steps - last;
+  last = state.steps;
+  if (n_missed <= 0) return;
+  MissedSteps missed;
+  missed.n = static_cast<int>(std::min<std::int64_t>(n_missed, MissedSteps::kMost));
+  for (int i = 0; i < missed.n; ++i) {
+    const std::int64_t step = state.steps - n_missed + 1 + i;
+    missed.sizes[i] = adam_step_size(rate(static_cast<int>(iteration - 1 - (state.steps - step))), step);
+  }
+  const auto n_left = static_cast<double>(n_missed - missed.n);
+  missed.m_factor = static_cast<float>(std::pow(kAdamBeta1, n_left));
+  missed.v_factor = static_cast<float>(std::pow(kAdamBeta2, n_left));
+  AdamArgs args = adam_args(view, state);
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return cuda::apply_missed_steps(args, missed, torch_launch_context().stream);
+#endif
+  args.grad = no_grad_.data_ptr<float>();
+  for (int i = 0; i < missed.n; ++i) {
+    args.size = missed.sizes[i];
+    cpu::adam_step(args);
+  }
+  std::transform(args.m, args.m + args.n, args.m, [&](float m) { return m * missed.m_factor; });
+  std::transform(args.v, args.v + args.n, args.v, [&](float v) { return v * missed.v_factor; });
+}
+
+torch::Tensor BilateralGridModel::apply(const AppearanceState& state, std::int32_t view,
+                                        const torch::Tensor& rendered) {
+  BilateralGridArgs args = grid_args(state, view, rendered);
+  place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
+  args.corrected = corrected_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) {
+    cuda::apply_bilateral_grid(args, torch_launch_context().stream);
+    return corrected_;
+  }
+#endif
+  on_cpu::for_pixels(args, [&](std::int32_t x, std::int32_t y) { correct_pixel(args, x, y); });
+  return corrected_;
+}
+
+void BilateralGridModel::backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
+                                  torch::Tensor grad) {
+  TensorCheck check(rendered.device());
+  check.dims("rendered", rendered, {"H", "W", 3});
+  check.dims("grad", grad, {"H", "W", 3});
+  BilateralGridArgs args = grid_args(state, view, rendered);
+  args.grad = grad.data_ptr<float>();
+  args.cell_sums = cell_sums_.data_ptr<double>();
+  args.variation_weight = static_cast<float>(variation_weight_);
+  args.grid_grad = grid_grad_.data_ptr<float>();
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return cuda::bilateral_grid_backward(args, torch_launch_context().stream);
+#endif
+  on_cpu::backward(args);
+}
+
+void BilateralGridModel::step(std::int32_t view, int iteration, AppearanceState& state) {
+  ++state.steps;
+  state.last_steps.at(static_cast<std::size_t>(view)) = state.steps;
+  AdamArgs args = adam_args(view, state);
+  args.grad = grid_grad_.data_ptr<float>();
+  args.size = adam_step_size(rate(iteration), state.steps);
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return cuda::bilateral_grid_step(args, torch_launch_context().stream);
+#endif
+  cpu::adam_step(args);
+}
+
+}  // namespace b3dgs
