@@ -22,6 +22,7 @@ inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwa
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
 inline constexpr const char* kPresetNames[] = {"original", "fast", "quality"};
 
+// Members are in the order of the options. NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding)
 struct TrainConfig {
   // Input and output
   std::string source_path;
