@@ -194,8 +194,9 @@ std::string describe_memory(const MemoryForecast& forecast) {
 
 void report_quality(const TrainResult& result) {
   for (const auto& [iteration, evaluation] : result.evaluations) {
-    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %zu test views\n", "quality", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.views.size());
+    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views\n", "quality", iteration,
+                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
+                evaluation.views.size());
   }
 }
 

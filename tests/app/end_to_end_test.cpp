@@ -127,6 +127,7 @@ TEST_F(EndToEnd, EvaluatesWithExposures) {
   EXPECT_NE(refused.err.find("--train_test_exp: needs test views"), std::string::npos) << refused.err;
   const Outcome trained = train({"--eval", "--exposure", "--train_test_exp", "--iterations", "30"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  EXPECT_NE(trained.out.find("on the right half of 2 test views"), std::string::npos) << trained.out;
   EXPECT_NE(read_bytes(fs::path(model()) / "report.html").find("right half"), std::string::npos);
 
   const Outcome of_test = run_b3dgs({"eval", "-m", model()});

@@ -2,7 +2,7 @@
 //   apply      a thread per pixel
 //   backward   a block of threads per kExposureBlock pixels sums its part of the matrix's gradient; then one block adds
 //              the parts. Both in a fixed order.
-//   step       a thread per element of all transforms
+//   step       a thread per element of all transforms; then one block shifts them
 
 #include "core/cuda_check.h"
 #include "train/appearance/exposure_cuda.h"
@@ -63,6 +63,18 @@ __global__ void __launch_bounds__(kThreads) exposure_step_kernel(const ExposureS
   step_one(args.adam.size, grad, args.adam.param[i], args.adam.m[i], args.adam.v[i]);
 }
 
+/// A warp per element of the matrix.
+__global__ void __launch_bounds__(32 * kExposureSize) center_exposures_kernel(const ExposureStepArgs args) {
+  const int element = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
+  const std::int64_t n_views = args.adam.n / kExposureSize;
+  double sum = 0;
+  for (std::int64_t view = lane; view < n_views; view += 32) {
+    sum += static_cast<double>(args.adam.param[view * kExposureSize + element]);
+  }
+  const float excess = mean_excess(args, element, sum_warp(sum));
+  for (std::int64_t view = lane; view < n_views; view += 32) args.adam.param[view * kExposureSize + element] -= excess;
+}
+
 unsigned blocks_of(std::int64_t n, std::int64_t per_block) {
   return static_cast<unsigned>((n + per_block - 1) / per_block);
 }
@@ -87,6 +99,8 @@ void exposure_backward(const ExposureArgs& args, cudaStream_t stream) {
 void exposure_step(const ExposureStepArgs& args, cudaStream_t stream) {
   if (args.adam.n == 0) return;
   exposure_step_kernel<<<blocks_of(args.adam.n, kThreads), kThreads, 0, stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  center_exposures_kernel<<<1, 32 * kExposureSize, 0, stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

@@ -51,11 +51,18 @@ B3DGS_HD void expose_pixel_backward(const ExposureArgs& args, std::int64_t pixel
 }
 
 /// One Adam step for the transforms of all photographs. Only one has a gradient; the others move by their moments, as
-/// with torch.optim.Adam.
+/// with torch.optim.Adam. Then all are shifted so that their mean is the identity: brighter transforms with a darker
+/// model would fit the photographs as well, and the first steps, when renders are still dark, would lead there.
 struct ExposureStepArgs {
   AdamArgs adam{};                     // all transforms; `grad` is not used
   std::int64_t first = 0;              // element of the transform that has a gradient
   const float* matrix_grad = nullptr;  // [3, 4] on the device of the transforms
 };
+
+/// What is to be subtracted from element `k` of all transforms, from the sum of these elements.
+B3DGS_HD float mean_excess(const ExposureStepArgs& args, int k, double sum) {
+  const double identity = k % 5 == 0 ? 1 : 0;  // elements 0, 5 and 10
+  return static_cast<float>(sum / static_cast<double>(args.adam.n / kExposureSize) - identity);
+}
 
 }  // namespace b3dgs

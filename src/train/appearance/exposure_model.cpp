@@ -39,6 +39,15 @@ void exposure_backward(const ExposureArgs& args) {
   for (int k = 0; k < kExposureSize; ++k) args.matrix_grad[k] = static_cast<float>(total[k]);
 }
 
+void center_exposures(const ExposureStepArgs& args) {
+  for (int k = 0; k < kExposureSize; ++k) {
+    double sum = 0;
+    for (std::int64_t i = k; i < args.adam.n; i += kExposureSize) sum += static_cast<double>(args.adam.param[i]);
+    const float excess = mean_excess(args, k, sum);
+    for (std::int64_t i = k; i < args.adam.n; i += kExposureSize) args.adam.param[i] -= excess;
+  }
+}
+
 }  // namespace on_cpu
 
 ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
@@ -127,6 +136,7 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.grad = grads;
   cpu::adam_step(args.adam);
   std::fill_n(grads + args.first, kExposureSize, 0.0f);
+  on_cpu::center_exposures(args);
 }
 
 }  // namespace b3dgs

@@ -170,9 +170,7 @@ TEST(ExposureTraining, OptionsThatDoNotGoTogetherAreRefused) {
 }
 
 TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
-  // As CoarseTraining.LearnsAndEvaluatesAtFullSize.
   test::TinySceneOptions options;
-  options.n_gaussians = 60;
   options.n_views = 24;
   options.width = 90;
   options.height = 66;
@@ -182,7 +180,7 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   const test::TempDir temp;
   TrainConfig config;
   config.sh_degree = 1;
-  config.iterations = 800;
+  config.iterations = 500;
   config.densify_from_iter = 100;
   config.save_iterations = config.test_iterations = {};
   config.kernel = "shared-memory";
@@ -194,7 +192,7 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   RecordProperty("without", std::to_string(without));
   RecordProperty("with", std::to_string(with));
   EXPECT_GT(with, same - 0.3);
-  EXPECT_LT(without, same - 1) << "the exposures make no difference here";
+  EXPECT_GT(with, without + 0.5) << "the option makes no difference here";
 }
 
 }  // namespace
