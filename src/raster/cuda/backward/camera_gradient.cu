@@ -1,7 +1,7 @@
 // Gradient with respect to the camera's pose, for pose refinement. It runs between the backward blend and the
 // projection's backward pass, so that the latter, which training fuses with Adam, is the same with and without it.
-//   Grid: a thread per splat, up to kCameraGradientParts blocks; then each thread takes several splats. A second kernel,
-//     of one block, adds the blocks' sums.
+//   Grid: a thread per splat, up to kCameraGradientParts blocks; then each thread takes several splats. A second
+//     kernel, of one block, adds the sums of the blocks.
 //   Shared memory: a sum per warp.
 //   Barriers: one in the first kernel, one per halving in the second.
 // All sums are in double and in an order that follows from the number of splats alone.
