@@ -10,7 +10,7 @@
 namespace b3dgs {
 namespace {
 
-/// "  fast        a usable model in seconds: iterations 7000, ...", broken at blanks.
+/// "  fast        a short training: iterations 7000, ...", broken at blanks.
 std::string help_entry(const OptionRow& row) {
   constexpr std::size_t kNameColumns = 12, kColumns = 110;
   std::string text = std::string("  ") + row.name;

@@ -7,7 +7,7 @@ const std::vector<OptionRow>& presets() {
       {"original", "the options of the original 3DGS code", {}},
       // Not measured yet: first values for both, from the papers that docs/recipes.md names.
       {"fast",
-       "a usable model in seconds",
+       "a short training; values not tuned yet",
        {{"strategy", "balanced"},
         {"iterations", "7000"},
         {"position_lr_max_steps", "7000"},
@@ -18,7 +18,7 @@ const std::vector<OptionRow>& presets() {
         {"skip_from_iter", "5200"},
         {"prune_until_iter", "6500"}}},
       {"quality",
-       "more detail than the original's from fewer Gaussians",
+       "a limited number of Gaussians, moved to where they are needed; values not tuned yet",
        {{"strategy", "mcmc"},
         {"iterations", "30000"},
         {"position_lr_max_steps", "30000"},

@@ -218,9 +218,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
         "iterations over which the learning rate of the means decays");
   field(Option{"lr_final_scale"}, c.lr_final_scale, Above{0},
-        "the learning rates of all but the means fall to X times their value (1 = constant)");
+        "rates of scales, rotations, opacities, colours, background fall to X times these");
   field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
-        "--lr_final_scale: they fall from this iteration to --position_lr_max_steps");
+        "iteration from which --lr_final_scale lowers rates, until --position_lr_max_steps");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
@@ -238,7 +238,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
         "initial weight of the error against --depths in the loss");
   field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},
-        "its weight at the last iteration; changes exponentially between");
+        "weight of that error in the last iteration; changes exponentially between");
 
   field(Option{"exposure"}.group("Appearance of photographs"), c.exposure, Any{},
         "learn an affine colour transform for each photograph; see docs/recipes.md");
@@ -247,7 +247,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "learning rate of --exposure in the last iteration");
   field(Option{"bilateral_grid"}, c.bilateral_grid, Any{},
         "learn a bilateral grid of colour transforms for each photograph");
-  field(Option{"bilateral_grid_lr"}, c.bilateral_grid_lr, AtLeast{0}, "highest learning rate of --bilateral_grid");
+  field(Option{"bilateral_grid_lr"}, c.bilateral_grid_lr, AtLeast{0},
+        "learning rate of --bilateral_grid, before warm-up and decay");
   field(Option{"bilateral_grid_tv"}, c.bilateral_grid_tv, AtLeast{0},
         "add X x total variation of the photograph's bilateral grid to the loss");
   field(Option{"train_test_exp"}, c.train_test_exp, Any{},

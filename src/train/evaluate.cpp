@@ -31,7 +31,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.kernel = forward_kernel(name);
   settings.backward_kernel = backward_kernel(backward_name);
   settings.deterministic = config.deterministic;
-  settings.depth_gradient = false;  // no term of the loss depends on depth
+  settings.depth_gradient = false;  // only --depths needs it, and sets it itself
   return settings;
 }
 
