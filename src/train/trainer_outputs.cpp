@@ -33,6 +33,10 @@ void Trainer::Impl::begin() {
   claim_folder();
   folder.write_inputs(config, scene);
   write_poses();
+  if (!state.appearance.exposures.defined()) {  // those of an earlier session; each PLY keeps its own beside it
+    std::error_code error;
+    std::filesystem::remove(folder.exposures(), error);
+  }
   if (config.pose_opt && scene.train.size() < 3) {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
   }

@@ -1,5 +1,6 @@
 // The dense reference compared with hand calculations, and its autograd gradients with finite differences.
 #include "support/raster/dense_reference.h"
+#include "support/raster/clamped_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -351,15 +352,7 @@ TEST(DenseReference, GradientsAgreeWithFiniteDifferences) {
 }
 
 TEST(DenseReference, GradientsAgreeWithFiniteDifferencesWhereTheProjectionIsClamped) {
-  TestScene scene = smooth_scene();
-  // Far to the left and below, and large enough to be seen all over the image.
-  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.translation = scene.view.center = {0, 0, 0};
-  GaussianTensors& g = scene.gaussians;
-  g.means = torch::tensor({{-2.4f, 0.1f, 3.0f}, {0.2f, 2.2f, 2.5f}, {2.0f, -1.9f, 2.0f}});
-  g.log_scales = torch::tensor({{0.3f, 0.1f, 0.2f}, {0.0f, 0.3f, 0.4f}, {0.2f, 0.5f, 0.1f}});
-  for (torch::Tensor* group : {&g.quats, &g.logit_opacities, &g.sh0, &g.shN}) *group = group->slice(0, 0, 3).clone();
-  expect_gradients_of(scene);
+  expect_gradients_of(clamped_scene());
 }
 
 TEST(DenseReference, GradientsByProjectedCentresAddUpToThatByThePrincipalPoint) {

@@ -10,6 +10,7 @@
 #include "core/random.h"
 #include "model/raster_input.h"
 #include "support/temp_dir.h"
+#include "support/train/mixed_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/images/view_reducer.h"
@@ -165,22 +166,8 @@ TrainConfig coarse_config() {
   return config;
 }
 
-/// Views of two sizes with masks.
-Scene mixed_scene() {
-  test::TinySceneOptions options;
-  options.masked = true;
-  options.width = 90;
-  options.height = 66;
-  Scene scene = test::make_tiny_scene(options);
-  options.width = 61;
-  options.height = 50;
-  const Scene others = test::make_tiny_scene(options);
-  for (std::size_t i = 0; i < scene.train.size(); i += 2) scene.train[i] = others.train[i];
-  return scene;
-}
-
 TEST(CoarseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
-  const Scene scene = mixed_scene();
+  const Scene scene = test::make_mixed_scene();
   const test::TempDir temp;
   TrainConfig config = coarse_config();
   ASSERT_EQ(coarse_scale_at(config, 5), 3);

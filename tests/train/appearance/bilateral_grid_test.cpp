@@ -225,6 +225,8 @@ TEST(BilateralGridTraining, ReplacesExposuresOfACheckpoint) {
   config.exposure = true;
   config.iterations = 6;
   const Trained first = train(config, scene, temp / "model");
+  const ModelFolder folder(temp / "model");
+  EXPECT_TRUE(std::filesystem::exists(folder.exposures()));
   config.iterations = 8;
   config.exposure = false;
   config.bilateral_grid = true;
@@ -232,6 +234,8 @@ TEST(BilateralGridTraining, ReplacesExposuresOfACheckpoint) {
   const AppearanceState state = read_checkpoint(second.result.checkpoint, scene, torch::kCPU).state.appearance;
   EXPECT_EQ(state.steps, 2);
   EXPECT_FALSE(state.exposures.defined());
+  EXPECT_FALSE(std::filesystem::exists(folder.exposures())) << "of the earlier session";
+  EXPECT_TRUE(std::filesystem::exists(folder.exposures(6))) << "beside the PLY that they belong to";
   EXPECT_EQ(state.grids.sizes(), (torch::IntArrayRef{6, 8, 16, 16, 12}));
 }
 

@@ -14,6 +14,7 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "support/train/mixed_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
@@ -60,22 +61,8 @@ torch::Tensor corrections_of(const std::filesystem::path& checkpoint, const std:
   return {};
 }
 
-/// Views of two sizes with masks.
-Scene mixed_scene() {
-  test::TinySceneOptions options;
-  options.masked = true;
-  options.width = 90;
-  options.height = 66;
-  Scene scene = test::make_tiny_scene(options);
-  options.width = 61;
-  options.height = 50;
-  const Scene others = test::make_tiny_scene(options);
-  for (std::size_t i = 0; i < scene.train.size(); i += 2) scene.train[i] = others.train[i];
-  return scene;
-}
-
 TEST(PoseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
-  const Scene scene = mixed_scene();
+  const Scene scene = test::make_mixed_scene();
   const test::TempDir temp;
   TrainConfig config = refining_config();
   config.coarse_scale = 3;
