@@ -82,6 +82,7 @@ struct TrainConfig {
   double lambda_dssim = 0.2;
   double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
   double scale_reg = 0;    // times their mean scale, world units
+  int reg_from_iter = 0;   // exclusive; of opacity_reg and scale_reg
   double depth_l1_weight_init = 1;
   double depth_l1_weight_final = 0.01;
 
@@ -113,6 +114,7 @@ struct TrainConfig {
   double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
   // Of strategies mcmc and balanced:
   double noise_lr = 500000;  // times the learning rate of the means
+  int noise_from_iter = 0;   // exclusive
   // Of strategy mcmc:
   double growth = 0.05;  // of the count, per round
   // Of strategy balanced:
@@ -121,6 +123,7 @@ struct TrainConfig {
   double abs_grad_threshold = 0.0003;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
   std::string parents = "draw";
   std::string split = "cover";
+  std::string split_moments = "zero";
   double budget_power = 0.5;
   double prune_weight = 0.01;
   int prune_interval = 3000;
@@ -235,6 +238,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "weight of D-SSIM in the loss");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
+  field(Option{"reg_from_iter"}.in_steps(), c.reg_from_iter, AtLeast{0},
+        "--opacity_reg and --scale_reg act after this iteration");
   field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
         "initial weight of the error against --depths in the loss");
   field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},
@@ -290,6 +295,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
   field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples", "preserve"}},
         "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
+  field(Option{"split_moments"}, c.split_moments, OneOf{{"zero", "parent"}},
+        "balanced: Adam moments that the parts of a Gaussian start with");
   field(Option{"budget_power"}, c.budget_power, Above{0},
         "balanced: the count grows to max_gaussians as (share of the time)^X");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
@@ -303,6 +310,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"growth"}, c.growth, InRange{0, 1},
         "mcmc: fraction by which the number of Gaussians grows in each round");
   field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
+  field(Option{"noise_from_iter"}.in_steps(), c.noise_from_iter, AtLeast{0},
+        "mcmc, balanced: add noise to the means after this iteration");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");

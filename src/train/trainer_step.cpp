@@ -120,7 +120,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   if (device.is_cpu()) read_loss();
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), grad, state.gaussians, state.adam, &timer,
-                   {config.opacity_reg, config.scale_reg});
+                   regularization_weights(config, state.iteration));
   if (refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
   if (device.is_cpu()) poses.finish_step();
   if (appearance) {

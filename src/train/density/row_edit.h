@@ -18,6 +18,7 @@ struct RowEdit {
   torch::Tensor new_means;            // [M - n_kept, 3] of the new rows, instead of the source's
   torch::Tensor new_log_scales;       // [M - n_kept, 3] of the new rows, instead of the source's
   torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
+  bool copies_moments = false;        // whether new rows take their source's Adam moments; otherwise these are 0
 };
 
 /// An uninitialised tensor. @throws OutOfMemoryError
@@ -40,7 +41,7 @@ class RowEditor {
                DensityStatistics& statistics);
 
   /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source, but the edit's
-  /// means, scales and opacities; their moments and statistics are 0. `gaussians.filters` become undefined. Call
+  /// means, scales and opacities; their statistics are 0, and so are their moments unless it copies them. `gaussians.filters` become undefined. Call
   /// reserve() with this edit first; this allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 

@@ -146,7 +146,7 @@ class BalancedStrategy final : public DensityStrategy {
           step.error, {column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
                        column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
     }
-    if (config_.noise_lr > 0) {
+    if (adds_mean_noise(config_, step.iteration)) {
       const double position_lr = adam_rates(config_, extent_, step.iteration)[0];
       add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, step.iteration);
     }
@@ -172,6 +172,7 @@ class BalancedStrategy final : public DensityStrategy {
     round.edit.n_kept = kept.size(0);
     add_parts(gaussians, parents, rule_, {config_.seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)},
               round.edit);
+    round.edit.copies_moments = config_.split_moments == "parent";
     round.n_split = parents.size(0);
     round.n_pruned = n - n_stay;
     return round;
@@ -251,7 +252,7 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
                (is_growth_round(config, window_end) ||
                 is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
   plan.statistics = plan.absolute_gradients || plan.score;
-  plan.after_step = plan.statistics || config.noise_lr > 0;
+  plan.after_step = plan.statistics || adds_mean_noise(config, iteration);
   return plan;
 }
 

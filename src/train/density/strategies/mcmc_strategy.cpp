@@ -115,7 +115,7 @@ class McmcStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override {
     DensityPlan plan;
-    plan.after_step = config_.noise_lr > 0;
+    plan.after_step = adds_mean_noise(config_, iteration);
     plan.densify = iteration > config_.densify_from_iter && iteration < config_.densify_until_iter &&
                    iteration % config_.densification_interval == 0;
     return plan;
@@ -190,6 +190,10 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   round.n_pruned = n_dead;
   round.n_over_limit = wanted - n_added;
   return round;
+}
+
+bool adds_mean_noise(const TrainConfig& config, int iteration) {
+  return config.noise_lr > 0 && iteration > config.noise_from_iter;
 }
 
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration) {
