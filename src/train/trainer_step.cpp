@@ -107,7 +107,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
   const torch::Tensor color =
       appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
-  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config, state.iteration));
   if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
   RenderedViewGrad grad = loss.grad();
   if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
