@@ -188,8 +188,8 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
 }
 
 std::string describe_limit(const TrainConfig& config) {
-  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians: one for every ",
-                        config.pixels_per_gaussian, " pixels of the training photographs");
+  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
+                        config.pixels_per_gaussian, ")");
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
