@@ -82,6 +82,7 @@ std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch
   communicator->link_ =
       std::make_unique<RankLink>(place.address, place.port, place.rank, place.size, place.job, limits);
   try {
+    communicator->check_same_device();
     communicator->group_ = make_tensor_group(device, *communicator->link_);
   } catch (const PeerError&) {
     throw;
@@ -97,6 +98,16 @@ Communicator::~Communicator() {
   group_.reset();
   link_.reset();
   hub_.reset();
+}
+
+void Communicator::check_same_device() {
+  const std::vector<std::string> kinds = exchange("device", c10::DeviceTypeName(device_.type(), /*lower_case=*/true));
+  for (int r = 1; r < size_; ++r) {
+    const std::string& kind = kinds[static_cast<std::size_t>(r)];
+    if (kind == kinds[0]) continue;
+    input_error("rank ", r, " of ", size_, " uses the device ", kind, ", but rank 0 ", kinds[0],
+                "; name the same device on all ranks (--device)");
+  }
 }
 
 std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {
@@ -171,33 +182,19 @@ torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std
     throw_if_failed();
     return all;
   }
-  if (most * size_ == total) {
+  if (device_.is_cuda() && most * size_ == total) {
     group_->all_gather(as_bytes(all), as_bytes(rows));
     return all;
   }
-  // Groups gather parts of one size only. A few rows of padding cost less than a call for each rank.
-  const bool is_padded = most * size_ - total <= total / 4;
-  if (is_padded) {
-    const torch::Tensor padded = empty_rows_like(rows, most), padded_all = empty_rows_like(rows, most * size_);
-    padded.narrow(0, 0, own).copy_(rows);
-    group_->all_gather(as_bytes(padded_all), as_bytes(padded));
-    std::int64_t begin = 0;
-    for (int r = 0; r < size_; ++r) {
-      const std::int64_t n = counts[static_cast<std::size_t>(r)];
-      all.narrow(0, begin, n).copy_(padded_all.narrow(0, r * most, n));
-      begin += n;
-    }
-    return all;
-  }
-  std::int64_t begin = 0;
-  for (int r = 0; r < size_; ++r) {
-    const std::int64_t n = counts[static_cast<std::size_t>(r)];
-    if (n == 0) continue;
-    const torch::Tensor part = all.narrow(0, begin, n);
-    if (r == rank_) part.copy_(rows);
-    group_->broadcast(as_bytes(part), r);
-    begin += n;
-  }
+  // c10d gathers parts of one size only, and Gloo in a ring with copies. Sending the rows to each rank is as many
+  // bytes.
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(rows.dim()), 1);
+  shape[0] = size_;
+  const std::int64_t n_bytes = bytes_per_row(rows);
+  std::vector<std::int64_t> receive = counts;
+  for (std::int64_t& count : receive) count *= n_bytes;
+  const std::vector<std::int64_t> send(static_cast<std::size_t>(size_), own * n_bytes);
+  group_->all_to_all(as_bytes(all), receive, as_bytes(rows.repeat(shape)), send);
   return all;
 }
 

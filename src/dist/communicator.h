@@ -100,6 +100,7 @@ class Communicator {
 
  private:
   Communicator() = default;
+  void check_same_device();
   void check_tensor(const torch::Tensor& tensor) const;
   void check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const;
 

@@ -91,6 +91,13 @@ class LinkStore final : public c10d::Store {
 // the groups' own limit is only there for what nobody foresaw.
 constexpr milliseconds kGroupLimit = std::chrono::hours(24);
 
+/// For groups whose destructor would wait for a rank that has failed.
+template <class Group>
+void keep_forever(c10::intrusive_ptr<Group> group) {
+  static auto* const groups = new std::vector<c10::intrusive_ptr<Group>>;
+  groups->push_back(std::move(group));
+}
+
 /// What both kinds of groups share. `Group` is a c10d::ProcessGroup (LibTorch 1) or a c10d::Backend (2).
 template <class Group>
 class C10dGroup : public TensorGroup {
@@ -154,7 +161,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
 
   ~GlooGroup() override {
     // Its destructor waits for operations, also for those that a failed rank will never complete.
-    if (link_.wait_for_failure(milliseconds(0)) || is_waiting_) static_cast<void>(group_.release());
+    if (link_.wait_for_failure(milliseconds(0)) || is_waiting_) keep_forever(std::move(group_));
   }
 
  private:
@@ -201,7 +208,7 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
   ~NcclGroup() override {
     link_.on_failure([] {});
     if (link_.wait_for_failure(milliseconds(0))) {
-      static_cast<void>(group_.release());
+      keep_forever(std::move(group_));
       return;
     }
 #if TORCH_VERSION_MAJOR >= 2

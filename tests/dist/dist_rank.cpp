@@ -3,13 +3,17 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 #include <unistd.h>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 #include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <map>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <numeric>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -132,6 +136,10 @@ void check_collectives(Communicator& ranks) {
   ranks.barrier("end");
 }
 
+struct StopSignal {
+  int exit_code;
+};
+
 /// Where ranks other than the failing one wait for it.
 void wait_in(const std::string& operation, Communicator& ranks) {
   const auto n = static_cast<std::size_t>(ranks.size());
@@ -163,46 +171,70 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
     ranks.barrier("start");
     if (is_failing) raise(SIGSTOP);
     wait_in(operation, ranks);
-  } else if (what == "leave") {
-    if (!is_failing) wait_in("exchange", ranks);
-  } else if (what == "disagree") {
-    ranks.barrier(is_failing ? "density" : "step");
   } else if (what == "exit") {
     ranks.barrier("start");
     if (is_failing) std::_Exit(3);
     wait_in(operation, ranks);
-  } else if (what == "wait") {  // for a signal
-    std::printf("waiting %d\n", ranks.rank());
-    std::fflush(stdout);
+  } else if (what == "wait") {  // for a signal, and leave files in the folder that `operation` names
     static volatile std::sig_atomic_t got = 0;
     std::signal(SIGTERM, [](int signal) { got = signal; });
-    ranks.barrier("ready");
+    const std::string name = operation + "/" + std::to_string(ranks.rank());
+    std::ofstream(name + ".ready").put('1');
     while (got == 0) usleep(10000);
-    ranks.barrier("all got it");
-    std::_Exit(128 + got);
+    std::ofstream(name + ".stopped").put('1');
+    ranks.barrier("all have stopped");
+    throw StopSignal{128 + got};
   } else {
     throw LogicError("unknown scenario " + scenario);
   }
 }
 
+void read_limit(const char* name, std::chrono::milliseconds& limit) {
+  if (const char* const value = std::getenv(name)) limit = std::chrono::milliseconds(std::atoi(value));
+}
+
+/// Starts ranks with the environment that torchrun gives them, and a store as that of its agent.
+int start_as_torchrun(int size) {
+  c10d::TCPStoreOptions options;
+  options.port = 0;
+  options.isServer = true;
+  options.waitWorkers = false;
+  const c10d::TCPStore store("127.0.0.1", options);
+  std::error_code error;
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe", error).string();
+  StartOptions start;
+  start.program = "/usr/bin/env";
+  return start_ranks(size,
+                     {"-u", "B3DGS_JOB", "-u", "B3DGS_LISTENING_SOCKET", "TORCHELASTIC_RUN_ID=test",
+                      "TORCHELASTIC_RESTART_COUNT=2", "TORCHELASTIC_USE_AGENT_STORE=True",
+                      "MASTER_PORT=" + std::to_string(store.getPort()), program, std::to_string(size), "collectives"},
+                     start);
+}
+
 int run(int size, const std::string& scenario) {
-  const std::optional<RankPlace> place = read_rank_place();
-  if (!place && size > 1) {
+  if (scenario == "agent" && std::getenv("RANK") == nullptr) return start_as_torchrun(size);
+  if (scenario == "wrong size" && std::getenv("RANK") != nullptr && std::atoi(std::getenv("RANK")) == size - 1) {
+    setenv("WORLD_SIZE", std::to_string(size + 1).c_str(), 1);
+  }
+  // The number is that of the environment where a launcher gave one.
+  const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? size : 0);
+  if (!place) {
     StartOptions options;
-    options.grace = std::chrono::milliseconds(25000);
+    read_limit("TEST_GRACE_MS", options.grace);
     return start_ranks(size, {std::to_string(size), scenario}, options);
   }
   torch::set_num_threads(1);
   RankLimits limits;
-  if (const char* const join = std::getenv("TEST_JOIN_MS")) limits.join = std::chrono::milliseconds(std::atoi(join));
-  if (const char* const silence = std::getenv("TEST_SILENCE_MS")) {
-    limits.silence = std::chrono::milliseconds(std::atoi(silence));
-  }
-  if (const char* const stuck = std::getenv("TEST_STUCK_MS")) {
-    limits.stuck = std::chrono::milliseconds(std::atoi(stuck));
-  }
+  read_limit("TEST_JOIN_MS", limits.join);
+  read_limit("TEST_SILENCE_MS", limits.silence);
+  read_limit("TEST_STUCK_MS", limits.stuck);
+  if (scenario == "missing" && place->rank == size - 1) return 0;
   const auto ranks = Communicator::connect(place.value_or(RankPlace{}), torch::kCPU, limits);
-  run_as_rank(*ranks, [&] { run_scenario(scenario, *ranks); });
+  try {
+    run_as_rank(*ranks, [&] { run_scenario(scenario, *ranks); });
+  } catch (const StopSignal& stop) {
+    return stop.exit_code;
+  }
   std::printf("ok %d\n", ranks->rank());
   return 0;
 }
@@ -217,6 +249,7 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     const std::string line = std::string("error: ") + error.what() + "\n";
     std::fputs(line.c_str(), stderr);
+    if (dynamic_cast<const b3dgs::PeerError*>(&error) != nullptr) return b3dgs::PeerError::kExitCode;
     return dynamic_cast<const b3dgs::InputError*>(&error) != nullptr ? 2 : 1;
   }
 }

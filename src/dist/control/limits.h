@@ -19,6 +19,9 @@ struct RankLimits {
 /// Another rank has failed: "rank 2 of 4 stopped: out of memory".
 class PeerError : public Error {
  public:
+  /// Of a process that ends for this reason. start_ranks() prefers the status of the rank that failed.
+  static constexpr int kExitCode = 3;
+
   PeerError(int rank, int size, const std::string& cause)
       : Error(detail::one_line(detail::concat("rank ", rank, " of ", size, " stopped: ", cause))), rank_(rank) {}
   int rank() const { return rank_; }

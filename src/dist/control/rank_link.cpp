@@ -44,7 +44,7 @@ class RankLink::Client {
     std::unique_lock lock(mutex_);
     // The hub gives up after limits.join; this rank may have started later.
     changed_.wait_until(lock, end + limits.silence, [&] { return is_welcome_ || failure_ || refusal_; });
-    if (is_welcome_ && !failure_) return;
+    if (is_welcome_) return;
     is_acknowledged_ = true;
     const std::optional<PeerError> failure = failure_;
     const std::string where = detail::concat("rank ", rank, " of ", size, " cannot join at ", address, " port ", port);
@@ -268,7 +268,7 @@ class RankLink::Client {
   [[noreturn]] void end_process() const {
     const std::string line = detail::concat("error: ", failure_->what(), "\n");
     [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
-    _exit(1);
+    _exit(PeerError::kExitCode);
   }
 
   void stop() {

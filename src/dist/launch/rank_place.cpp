@@ -127,6 +127,10 @@ void check_same_ranks(const RankPlace& place, const RankPlace& other, const char
               rank, '=', other.rank, " of ", size, '=', other.size, "; unset those of the launcher that is not used");
 }
 
+const char* own_environment(const char* name) {
+  return std::getenv(name);
+}
+
 }  // namespace
 
 std::optional<RankPlace> read_rank_place(const Environment& environment) {
@@ -150,7 +154,24 @@ std::optional<RankPlace> read_rank_place(const Environment& environment) {
 }
 
 std::optional<RankPlace> read_rank_place() {
-  return read_rank_place([](const char* name) -> const char* { return std::getenv(name); });
+  return read_rank_place(own_environment);
+}
+
+std::optional<RankPlace> choose_rank_place(int requested, const Environment& environment) {
+  const std::optional<RankPlace> place = read_rank_place(environment);
+  if (!place || place->size == 1) {
+    if (requested > 1) return std::nullopt;
+    return RankPlace{};
+  }
+  if (requested > 0 && requested != place->size) {
+    input_error(requested, " ranks requested, but ", place->launcher, " started ", place->size,
+                "; leave the option out, or start the program without ", place->launcher);
+  }
+  return place;
+}
+
+std::optional<RankPlace> choose_rank_place(int requested) {
+  return choose_rank_place(requested, own_environment);
 }
 
 }  // namespace b3dgs

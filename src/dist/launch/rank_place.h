@@ -30,4 +30,10 @@ std::optional<RankPlace> read_rank_place(const Environment& environment);
 /// The same, from this process's environment.
 std::optional<RankPlace> read_rank_place();
 
+/// The place of this process where the user asks for `requested` ranks on this machine (0: as many as a launcher
+/// started, or one). nullopt: the caller starts them (start_ranks()), and they come here again.
+/// @throws InputError also if a launcher started another number
+std::optional<RankPlace> choose_rank_place(int requested, const Environment& environment);
+std::optional<RankPlace> choose_rank_place(int requested);
+
 }  // namespace b3dgs

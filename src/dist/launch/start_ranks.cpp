@@ -16,6 +16,7 @@
 
 #include "core/check.h"
 #include "core/print.h"
+#include "dist/control/limits.h"
 #include "dist/control/socket.h"
 
 namespace b3dgs {
@@ -23,6 +24,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr int kCannotStart = 127;  // as shells say it
 constexpr std::array kPassedOn{SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2};
 
 /// Holds back SIGCHLD and the signals to pass on, for sigtimedwait().
@@ -110,7 +112,7 @@ std::vector<std::string> environment_of(const Job& job, int rank) {
   if (inherited_socket >= 0) fcntl(inherited_socket, F_SETFD, 0);
   signals.restore();
   execve(program, words, variables);
-  _exit(127);
+  _exit(kCannotStart);
 }
 
 class RankProcesses {
@@ -153,32 +155,53 @@ class RankProcesses {
 };
 
 /// Passes signals on, and waits until all have ended. @return as start_ranks()
-int watch(RankProcesses& ranks, int size, const BlockedSignals& signals, std::chrono::milliseconds grace) {
-  std::set<int> passed_on;
-  int result = 0;
-  Clock::time_point end{};
-  const auto ended = [&](int rank, int status) {
-    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-    if (code == 0 || result != 0) return;
-    result = code;
-    end = Clock::now() + grace;
-    if (WIFSIGNALED(status) && passed_on.count(WTERMSIG(status)) == 0) {
-      std::fprintf(stderr, "error: rank %d of %d was killed by signal %d (%s)\n", rank, size, WTERMSIG(status),
-                   strsignal(WTERMSIG(status)));
-    } else if (code == 127) {
-      std::fprintf(stderr, "error: rank %d of %d could not be started\n", rank, size);
+class Watch {
+ public:
+  Watch(RankProcesses& ranks, int size, std::chrono::milliseconds grace) : ranks_(ranks), size_(size), grace_(grace) {}
+
+  int run(const BlockedSignals& signals) {
+    while (ranks_.collect([this](int rank, int status) { note_end(rank, status); })) {
+      const int signal = signals.wait();
+      if (signal != 0 && signal != SIGCHLD) {
+        passed_on_.insert(signal);
+        ranks_.kill_all(signal);
+      }
+      if (result_ != 0 && !has_killed_ && Clock::now() > end_) {
+        has_killed_ = true;
+        ranks_.kill_all(SIGKILL);
+      }
     }
-  };
-  while (ranks.collect(ended)) {
-    const int signal = signals.wait();
-    if (signal != 0 && signal != SIGCHLD) {
-      passed_on.insert(signal);
-      ranks.kill_all(signal);
-    }
-    if (result != 0 && Clock::now() > end) ranks.kill_all(SIGKILL);
+    return result_;
   }
-  return result;
-}
+
+ private:
+  void note_end(int rank, int status) {
+    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    if (code == 0) return;
+    const bool is_killed_here = has_killed_ && code == 128 + SIGKILL;
+    if (is_killed_here) {
+      std::fprintf(stderr, "error: rank %d of %d was killed: it still ran %lld s after another one had failed\n", rank,
+                   size_, static_cast<long long>(grace_.count() / 1000));
+      return;
+    }
+    if (WIFSIGNALED(status) && passed_on_.count(WTERMSIG(status)) == 0) {
+      std::fprintf(stderr, "error: rank %d of %d was killed by signal %d (%s)\n", rank, size_, WTERMSIG(status),
+                   strsignal(WTERMSIG(status)));
+    } else if (code == kCannotStart) {
+      std::fprintf(stderr, "error: rank %d of %d could not be started\n", rank, size_);
+    }
+    if (result_ == 0) end_ = Clock::now() + grace_;
+    if (result_ == 0 || result_ == PeerError::kExitCode) result_ = code;
+  }
+
+  RankProcesses& ranks_;
+  int size_;
+  std::chrono::milliseconds grace_;
+  std::set<int> passed_on_;
+  int result_ = 0;
+  bool has_killed_ = false;
+  Clock::time_point end_{};
+};
 
 }  // namespace
 
@@ -205,7 +228,7 @@ int start_ranks(int size, const std::vector<std::string>& words, const StartOpti
     if (pid < 0) io_error("cannot start rank ", rank, " of ", size, ": ", std::strerror(errno));
     ranks.add(rank, pid);
   }
-  return watch(ranks, size, signals, options.grace);
+  return Watch(ranks, size, options.grace).run(signals);
 }
 
 }  // namespace b3dgs

@@ -17,10 +17,11 @@ struct StartOptions {
 
 /// Runs `program words...` as `size` processes with the environment that read_rank_place() reads, and waits for them.
 /// SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1 and SIGUSR2 are passed on to all of them; standard input is empty. If this
-/// process dies, they get SIGTERM. After one has failed, those that have not ended after `grace` are killed. A rank
-/// that was killed by a signal, other than one passed on, is named on standard error. Call this while the process has a
-/// single thread.
-/// @return 0, or the exit status of the rank that failed first: 128 + signal if a signal ended it
+/// process dies, they get SIGTERM. After one has failed, those that have not ended after `grace` are killed. Ranks that
+/// are killed, here or by a signal that was not passed on, are named on standard error.
+/// Call this while the process has a single thread.
+/// @return 0, or the exit status of the rank that failed first: 128 + signal if a signal ended it. Ranks that ended
+/// only because another one failed (PeerError::kExitCode) come last.
 /// @throws InputError if `address` cannot be bound, IoError if a process cannot be started
 int start_ranks(int size, const std::vector<std::string>& words, const StartOptions& options = {});
 
