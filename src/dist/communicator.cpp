@@ -14,12 +14,9 @@
 namespace b3dgs {
 namespace {
 
-/// The memory of a tensor as a 1-D tensor of bytes, which keeps the tensor alive. c10d's groups differ in which types
-/// they know.
+/// The same memory as a 1-D tensor of bytes: c10d's groups differ in which types they know.
 torch::Tensor as_bytes(const torch::Tensor& tensor) {
-  return torch::from_blob(
-      tensor.data_ptr(), {tensor.numel() * static_cast<std::int64_t>(tensor.element_size())}, [tensor](void*) {},
-      tensor.options().dtype(torch::kUInt8));
+  return tensor.view({tensor.numel()}).view(torch::kUInt8);
 }
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {

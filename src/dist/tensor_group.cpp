@@ -23,6 +23,8 @@
 #include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
 #endif
 
+#include <torch/version.h>
+
 #include <chrono>
 #include <cstdlib>
 #include <utility>
@@ -193,16 +195,15 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
 #endif
 
 #if B3DGS_NCCL
-// Type-checked here with LibTorch 1.13 at most; see docs/distributed.md for what ran on GPUs.
+// Where LibTorch has no CUDA, scripts/check_torch_cuda.sh type-checks this against the headers of 1.13, so the lines
+// for LibTorch 2 are compiled on GPU machines only.
 class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
  public:
   NcclGroup(const torch::Device& device, RankLink& link) : C10dGroup(make(device, link), link) {
     // Operations that wait for a rank that has failed never end, and so does the host in its next wait for the GPU.
-    link_.on_failure([group = group_] {
 #if TORCH_VERSION_MAJOR >= 2
-      group->abort();
+    link_.on_failure([group = group_] { group->abort(); });
 #endif
-    });
   }
 
   ~NcclGroup() override {

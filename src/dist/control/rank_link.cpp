@@ -262,7 +262,7 @@ class RankLink::Client {
     changed_.notify_all();
     // Rank 0 waits for this farewell before it ends.
     if (!has_lost_hub_) write_message({MessageKind::kBye, 0, ""});
-    if (call) call();
+    if (call) std::thread(std::move(call)).detach();  // this thread must go on if it hangs
   }
 
   [[noreturn]] void end_process() const {

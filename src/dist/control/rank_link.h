@@ -45,7 +45,7 @@ class RankLink {
   void throw_if_failed();
   /// Waits until it is known that another rank has failed. False after `limit`.
   bool wait_for_failure(std::chrono::milliseconds limit);
-  /// `call` is called once, from another thread, when another rank has failed. It must end soon.
+  /// `call` is called once when another rank has failed, in a thread of its own, or here if that is known already.
   void on_failure(std::function<void()> call);
 
   /// Tells all other ranks that this one stops, and waits until that is sent, at most a few seconds. The first cause
