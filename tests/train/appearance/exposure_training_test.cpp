@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/files/remove_tree.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
 #include "support/train/appearance.h"
@@ -159,7 +160,7 @@ TEST(ExposureTraining, MetricsSayHowTheyWereMeasured) {
     EXPECT_NE(test::read_bytes(temp / "model/train.jsonl").find("test_cc_psnr"), std::string::npos);
     EXPECT_NE(test::read_bytes(temp / "model/cfg_args").find(fits_left_half ? "train_test_exp=True" : "exp=False"),
               std::string::npos);
-    std::filesystem::remove_all(temp / "model");
+    remove_tree(temp / "model");
   }
 }
 
