@@ -1,6 +1,8 @@
 // Training with --exposure: what it learns, exact resume, files.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
@@ -117,6 +119,12 @@ TEST(ExposureTraining, DamagedCheckpointsAreRefused) {
     tensor = tensor - 1;
   }));
   EXPECT_TRUE(refused("appearance.v is missing", [&](CheckpointFile& file) { file.tensors.pop_back(); }));
+  EXPECT_TRUE(refused("both exposures and bilateral grids", [&](CheckpointFile& file) {
+    const auto moments = std::find_if(file.tensors.begin(), file.tensors.end(),
+                                      [](const auto& row) { return row.first == "appearance.m"; });
+    file.tensors.insert(moments, {"appearance.grids", torch::zeros({6, 8, 16, 16, 12})});
+    file.header["appearance_last_steps"] = std::vector<int>(6, 0);
+  }));
   EXPECT_TRUE(refused("appearance_steps", [&](CheckpointFile& file) { file.header["appearance_steps"] = -1; }));
 }
 
