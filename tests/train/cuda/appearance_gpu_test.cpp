@@ -1,6 +1,7 @@
 // Appearance models on the GPU, against those on the CPU.
 #include <gtest/gtest.h>
 
+#include "core/files/remove_tree.h"
 #include "support/approx.h"
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
@@ -100,9 +101,9 @@ TEST(AppearanceOnGpu, ResumedEqualsUninterruptedBitForBitIfDeterministic) {
       const Trained second = train(config, scene, temp / "stopped", first.write_checkpoint());
       EXPECT_TRUE(second.ply == whole.ply) << stop;
       EXPECT_TRUE(second.checkpoint == whole.checkpoint) << stop;
-      std::filesystem::remove_all(temp / "stopped");
+      remove_tree(temp / "stopped");
     }
-    std::filesystem::remove_all(temp / "whole");
+    remove_tree(temp / "whole");
   }
 }
 
