@@ -181,7 +181,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
     while (!work.isCompleted()) {
       link_.throw_if_failed();
       try {
-        work.wait(milliseconds(500));
+        work.wait(std::chrono::seconds(1));
       } catch (const std::exception&) {
         if (work.isCompleted()) throw;  // failed; otherwise the time is over
       }
