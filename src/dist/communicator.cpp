@@ -1,6 +1,7 @@
 #include "dist/communicator.h"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <sstream>
 #include <utility>
@@ -14,9 +15,14 @@
 namespace b3dgs {
 namespace {
 
-/// The same memory as a 1-D tensor of bytes: c10d's groups differ in which types they know.
+/// The same memory as a 1-D tensor of another type: c10d's groups differ in which types they know.
+torch::Tensor as_type(const torch::Tensor& tensor, torch::ScalarType type) {
+  const std::int64_t size = static_cast<std::int64_t>(torch::elementSize(type));
+  const bool is_aligned = tensor.storage_offset() * static_cast<std::int64_t>(tensor.element_size()) % size == 0;
+  return (is_aligned ? tensor : tensor.clone()).view({tensor.numel()}).view(type);
+}
 torch::Tensor as_bytes(const torch::Tensor& tensor) {
-  return tensor.view({tensor.numel()}).view(torch::kUInt8);
+  return as_type(tensor, torch::kUInt8);
 }
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
@@ -34,6 +40,25 @@ std::int64_t bytes_per_row(const torch::Tensor& rows) {
   for (std::int64_t i = 1; i < rows.dim(); ++i) bytes *= rows.size(i);
   return bytes;
 }
+
+/// What an all-to-all counts. c10d (1.13) counts no further than 2^31 - 1, so the largest type that divides a row.
+struct Unit {
+  torch::ScalarType type;
+  std::int64_t per_row;
+
+  explicit Unit(const torch::Tensor& rows) {
+    const std::int64_t bytes = bytes_per_row(rows);
+    type = bytes % 8 == 0 ? torch::kInt64 : bytes % 4 == 0 ? torch::kInt32 : torch::kUInt8;
+    per_row = bytes / static_cast<std::int64_t>(torch::elementSize(type));
+  }
+
+  std::vector<std::int64_t> counts(std::vector<std::int64_t> rows) const {
+    for (std::int64_t& count : rows) count *= per_row;
+    B3DGS_CHECK(sum_of(rows) <= std::numeric_limits<std::int32_t>::max(), "exchange of ", sum_of(rows),
+                " numbers at once; exchange fewer rows at a time");
+    return rows;
+  }
+};
 
 /// Rank 0 listens at an address and port that torchrun's agent tells all ranks.
 Socket listen_through_agent(RankPlace& place, const RankLimits& limits) {
@@ -158,13 +183,9 @@ torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std
   B3DGS_CHECK(sum_of(send) == rows.size(0), sum_of(send), " rows to send, ", rows.size(0), " given");
   B3DGS_CHECK(send[static_cast<std::size_t>(rank_)] == receive[static_cast<std::size_t>(rank_)], "rows to itself");
   if (size_ == 1) return rows;
-  const std::int64_t n_bytes = bytes_per_row(rows);
-  const auto to_byte_counts = [&](std::vector<std::int64_t> counts) {
-    for (std::int64_t& count : counts) count *= n_bytes;
-    return counts;
-  };
+  const Unit unit(rows);
   const torch::Tensor received = empty_rows_like(rows, sum_of(receive));
-  group_->all_to_all(as_bytes(received), to_byte_counts(receive), as_bytes(rows), to_byte_counts(send));
+  group_->all_to_all(as_type(received, unit.type), unit.counts(receive), as_type(rows, unit.type), unit.counts(send));
   return received;
 }
 
@@ -187,11 +208,10 @@ torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std
   // bytes.
   std::vector<std::int64_t> shape(static_cast<std::size_t>(rows.dim()), 1);
   shape[0] = size_;
-  const std::int64_t n_bytes = bytes_per_row(rows);
-  std::vector<std::int64_t> receive = counts;
-  for (std::int64_t& count : receive) count *= n_bytes;
-  const std::vector<std::int64_t> send(static_cast<std::size_t>(size_), own * n_bytes);
-  group_->all_to_all(as_bytes(all), receive, as_bytes(rows.repeat(shape)), send);
+  const Unit unit(rows);
+  const std::vector<std::int64_t> send(static_cast<std::size_t>(size_), own);
+  group_->all_to_all(as_type(all, unit.type), unit.counts(counts), as_type(rows.repeat(shape), unit.type),
+                     unit.counts(send));
   return all;
 }
 

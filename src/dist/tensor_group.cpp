@@ -30,6 +30,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "dist/control/socket.h"
 
 namespace b3dgs {
 
@@ -181,7 +182,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
     while (!work.isCompleted()) {
       link_.throw_if_failed();
       try {
-        work.wait(milliseconds(500));
+        work.wait(std::chrono::seconds(1));
       } catch (const std::exception&) {
         if (work.isCompleted()) throw;  // failed; otherwise the time is over
       }
@@ -222,6 +223,9 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
     // NCCL's watchdog would end the process before it can say which rank has failed.
     setenv("TORCH_NCCL_ASYNC_ERROR_HANDLING", "0", /*overwrite=*/0);
     setenv("TORCH_NCCL_ENABLE_MONITORING", "0", /*overwrite=*/0);
+    // Without this, NCCL takes the first network that is not the loopback, also on one machine.
+    const std::string interface = interface_with(link.own_address());
+    if (!interface.empty()) setenv("NCCL_SOCKET_IFNAME", ("=" + interface).c_str(), /*overwrite=*/0);
     const c10::cuda::CUDAGuard guard(device);
     const auto options = c10d::ProcessGroupNCCL::Options::create();
     options->timeout = kGroupLimit;

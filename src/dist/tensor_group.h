@@ -21,7 +21,8 @@ class TensorGroup {
  public:
   virtual ~TensorGroup() = default;
 
-  /// Bytes (1-D, uint8): counts[r] of `in`, in order, go to rank r; `out` takes what comes, in the order of the ranks.
+  /// 1-D tensors of uint8, int32 or int64: in_counts[r] elements of `in`, in order, go to rank r; `out` takes what
+  /// comes, out_counts[r] from rank r. At most 2^31 - 1 elements each.
   virtual void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
                           const std::vector<std::int64_t>& in_counts) = 0;
 

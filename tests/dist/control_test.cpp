@@ -270,6 +270,11 @@ TEST(Sockets, OwnAddressTowardsAnother) {
   EXPECT_TRUE(fails_with<InputError>({"not found"}, [] { own_address_towards("no.such.host.invalid", 80); }));
 }
 
+TEST(Sockets, InterfaceWithAnAddress) {
+  EXPECT_FALSE(interface_with("127.0.0.1").empty());
+  EXPECT_EQ(interface_with("192.0.2.1"), "") << "an address for documentation";
+}
+
 TEST(Messages, AreAssembledFromPieces) {
   const std::string bytes = to_bytes({MessageKind::kSet, 7, BodyWriter().bytes("key").number(-5).take()}) +
                             to_bytes({MessageKind::kBeat, 0, ""});

@@ -105,6 +105,14 @@ void check_collectives(Communicator& ranks) {
   check_all_to_all(ranks, "only from rank 0", [](int from, int) { return from == 0 ? 11 : 0; });
   check_all_to_all(ranks, "nothing to itself", [](int from, int to) { return from == to ? 0 : 4; });
   check_all_to_all(ranks, "many", [](int from, int to) { return 20000 + 1000 * from + to; });
+  const torch::Tensor shifted = torch::arange(1 + 3 * ranks.size(), torch::kInt32).narrow(0, 1, 3 * ranks.size());
+  const torch::Tensor pairs = torch::stack({shifted, shifted}, 1).view({-1}).narrow(0, 1, 2 * ranks.size());
+  const Counts ones(static_cast<std::size_t>(size), 1);  // rows of 8 bytes that begin at 4: no whole int64
+  expect(ranks.all_to_all_rows(pairs.view({size, 2}), ones, ones)
+             .equal(pairs.view({size, 2}).narrow(0, rank, 1).expand({size, 2})),
+         "rows at an odd address");
+  const torch::Tensor odd = make_rows(0, 0, size, 7);  // rows of 7 bytes
+  expect(ranks.all_to_all_rows(odd, ones, ones).equal(odd.narrow(0, rank, 1).expand({size, 7})), "rows of odd size");
   check_all_gather(ranks, "equal parts", [](int) { return 1000; });
   check_all_gather(ranks, "nearly equal parts", [](int r) { return 1000 + r; });
   check_all_gather(ranks, "one part", [&](int r) { return r == size - 1 ? 1000 : 0; });

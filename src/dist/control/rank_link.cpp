@@ -327,6 +327,7 @@ std::vector<std::string> RankLink::gather(const std::string& label, const std::s
   const std::string records = client_->request(MessageKind::kGather, BodyWriter().bytes(label).bytes(record).take());
   BodyReader body(records);
   std::vector<std::string> all;
+  all.reserve(static_cast<std::size_t>(size()));
   for (int rank = 0; rank < size(); ++rank) all.push_back(body.bytes());
   return all;
 }

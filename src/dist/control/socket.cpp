@@ -1,6 +1,6 @@
 #include "dist/control/socket.h"
 
-#include <fcntl.h>
+#include <ifaddrs.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -86,6 +86,24 @@ std::string own_address_towards(const std::string& address, int port) {
     if (socket && connect(socket.fd(), row->ai_addr, row->ai_addrlen) == 0) return own_address_of(socket);
   }
   input_error("no route to ", address, ": ", std::strerror(errno));
+}
+
+std::string interface_with(const std::string& own_address) {
+  ifaddrs* all = nullptr;
+  if (getifaddrs(&all) != 0) return "";
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(all, &freeifaddrs);
+  for (const ifaddrs* row = all; row != nullptr; row = row->ifa_next) {
+    if (row->ifa_addr == nullptr) continue;
+    const bool is_v4 = row->ifa_addr->sa_family == AF_INET;
+    if (!is_v4 && row->ifa_addr->sa_family != AF_INET6) continue;
+    std::array<char, NI_MAXHOST> host{};
+    const auto length = static_cast<socklen_t>(is_v4 ? sizeof(sockaddr_in) : sizeof(sockaddr_in6));
+    if (getnameinfo(row->ifa_addr, length, host.data(), host.size(), nullptr, 0, NI_NUMERICHOST) == 0 &&
+        own_address == host.data()) {
+      return row->ifa_name;
+    }
+  }
+  return "";
 }
 
 std::optional<Socket> try_to_connect(const std::string& address, int port, std::chrono::milliseconds limit) {

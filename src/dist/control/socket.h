@@ -39,6 +39,9 @@ std::string own_address_of(const Socket& socket);
 /// The numeric address of this machine from which `address` is reached. @throws InputError if it is unknown
 std::string own_address_towards(const std::string& address, int port);
 
+/// The network interface of this machine that has this numeric address ("lo"); "" if none has.
+std::string interface_with(const std::string& own_address);
+
 /// nullopt if nobody answers, yet. @throws InputError if the address is unknown
 std::optional<Socket> try_to_connect(const std::string& address, int port, std::chrono::milliseconds limit);
 
