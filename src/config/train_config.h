@@ -76,7 +76,7 @@ struct TrainConfig {
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
   double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double background_lr = 0.01;  // of the SH coefficients of --background learned and sky
+  double background_lr = 0.03;  // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
