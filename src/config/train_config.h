@@ -211,7 +211,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
   field(Option{"skip_share"}, c.skip_share, InRange{0, 0.5},
-        "skip up to X of the steps: of views whose loss was below its running mean (0 = none)");
+        "skip up to X of the steps: of views with a loss no higher than its mean (0 = none)");
   field(Option{"skip_from_iter"}.in_steps(), c.skip_from_iter, AtLeast{0}, "skip no step up to this iteration");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
