@@ -76,7 +76,7 @@ struct TrainConfig {
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
   double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double background_lr = 0.01;  // of the SH coefficients of --background learned and sky
+  double background_lr = 0.03;  // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
@@ -91,7 +91,7 @@ struct TrainConfig {
   // Appearance of each photograph
   bool exposure = false;
   double exposure_lr_init = 0.01;
-  double exposure_lr_final = 0.001;
+  double exposure_lr_final = 0.0001;  // 0.001 in the original code: the transforms never come to rest
   bool bilateral_grid = false;
   double bilateral_grid_lr = 0.002;
   double bilateral_grid_tv = 10;  // weight of the total variation
@@ -214,7 +214,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
   field(Option{"skip_share"}, c.skip_share, InRange{0, 0.5},
-        "skip up to X of the steps: of views whose loss was below its running mean (0 = none)");
+        "skip up to X of the steps: of views with a loss no higher than its mean (0 = none)");
   field(Option{"skip_from_iter"}.in_steps(), c.skip_from_iter, AtLeast{0}, "skip no step up to this iteration");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},

@@ -189,8 +189,9 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   const test::TempDir temp;
   TrainConfig config;
   config.sh_degree = 1;
-  config.iterations = 500;
+  config.iterations = 1200;
   config.densify_from_iter = 100;
+  config.max_gaussians = 200;
   config.save_iterations = config.test_iterations = {};
   config.kernel = "shared-memory";
   const double same = test::corrected_psnr(train(config, scene, temp / "same").result.ply, config, scene.test);
@@ -201,7 +202,7 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   RecordProperty("without", std::to_string(without));
   RecordProperty("with", std::to_string(with));
   EXPECT_GT(with, same - 0.3);
-  EXPECT_GT(with, without + 0.5) << "the option makes no difference here";
+  EXPECT_GT(with, without + 1.5) << "the option makes no difference here";
 }
 
 }  // namespace
