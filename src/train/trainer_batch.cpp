@@ -84,8 +84,8 @@ void Trainer::Impl::take_batched_step() {
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
   if (hooks.on_stage_times || has_multiple(kTimedInterval, kTimedPhase)) timer.start(StageTimes::Kind::kStep);
   state.step_iterations = last - from;
-  state.sh_degree = std::min(
-      state.sh_degree + last / config.sh_increase_interval - from / config.sh_increase_interval, config.sh_degree);
+  state.sh_degree = std::min(state.sh_degree + last / config.sh_increase_interval - from / config.sh_increase_interval,
+                             config.sh_degree);
   bool is_filter_due = false;
   for (int iteration = from + 1; iteration <= last; ++iteration) is_filter_due |= is_filter_iteration(iteration);
   learned_views.clear();

@@ -267,8 +267,8 @@ void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const Image
                                     const SplatRecordArrays& out, const LaunchContext& context) {
   const ProjectBackwardCudaArgs args = backward_blend(gaussians, grad, context);
   begin_stage(impl_->stages, Stage::kProjectBackward);
-  keep_splat_records(
-      {gaussians.n_gaussians, args.radii, args.rank_of_gaussian, args.splats, args.splat_grads, out}, context);
+  keep_splat_records({gaussians.n_gaussians, args.radii, args.rank_of_gaussian, args.splats, args.splat_grads, out},
+                     context);
   end_stage(impl_->stages);
 }
 

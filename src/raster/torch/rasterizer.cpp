@@ -241,10 +241,10 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
   B3DGS_CHECK(out.record_of_gaussian.numel() == arrays.n_gaussians, "record_of_gaussian has ",
               out.record_of_gaussian.numel(), " elements for ", arrays.n_gaussians, " Gaussians");
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
-  impl_->backward_to_splats(arrays, image,
-                            {reinterpret_cast<SplatRecord*>(out.records.data_ptr<float>()),
-                             out.record_of_gaussian.data_ptr<std::int32_t>(),
-                             statistics.means2d_grad.data_ptr<float>()});
+  impl_->backward_to_splats(
+      arrays, image,
+      {reinterpret_cast<SplatRecord*>(out.records.data_ptr<float>()), out.record_of_gaussian.data_ptr<std::int32_t>(),
+       statistics.means2d_grad.data_ptr<float>()});
   if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   impl_->add_camera_gradient();
   return statistics;

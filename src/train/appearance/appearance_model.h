@@ -40,7 +40,8 @@ class AppearanceModel {
   virtual void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                         torch::Tensor grad) = 0;
 
-  /// One Adam step along the gradient of the last backward() with this place. Allocates nothing. `iteration` counts from 1.
+  /// One Adam step along the gradient of the last backward() with this place. Allocates nothing. `iteration` counts
+  /// from 1.
   virtual void step(std::int32_t view, int iteration, AppearanceState& state) = 0;
 
  protected:

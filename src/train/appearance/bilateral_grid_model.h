@@ -36,7 +36,7 @@ class BilateralGridModel final : public AppearanceModel {
   torch::Device device_;
   torch::Tensor corrected_, corrected_room_, cell_sums_;
   std::vector<torch::Tensor> grid_grads_;  // by place
-  torch::Tensor no_grad_;  // on a CPU: zeros
+  torch::Tensor no_grad_;                  // on a CPU: zeros
 };
 
 }  // namespace b3dgs

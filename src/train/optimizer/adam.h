@@ -18,7 +18,7 @@ void adam_step(const AdamArgs& args, const AdamRule& rule = {});
 }  // namespace cpu
 
 struct AdamState {
-  GaussianTensors m, v;    // first and second moments, shapes of the parameters
+  GaussianTensors m, v;  // first and second moments, shapes of the parameters
   // Taken so far, by all groups and rows alike (as in torch.optim.Adam); a step along n views counts n times.
   std::int64_t steps = 0;
 };

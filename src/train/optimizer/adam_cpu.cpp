@@ -20,16 +20,15 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 
 template <class Tag>
-HWY_INLINE void step_vector(Tag d, const AdamArgs& args, const AdamRule& rule, float* param, const float* grad, float* m,
-                            float* v) {
+HWY_INLINE void step_vector(Tag d, const AdamArgs& args, const AdamRule& rule, float* param, const float* grad,
+                            float* m, float* v) {
   const auto g = hn::LoadU(d, grad);
   const auto old_m = hn::LoadU(d, m), old_v = hn::LoadU(d, v);
   const auto beta1 = hn::Set(d, rule.beta1), beta2 = hn::Set(d, rule.beta2);
   const auto rest1 = hn::Set(d, rule.rest1), rest2 = hn::Set(d, rule.rest2);
   const auto new_m = hn::MulAdd(beta1, old_m, hn::Mul(rest1, g));
   const auto new_v = hn::MulAdd(beta2, old_v, hn::Mul(rest2, hn::Mul(g, g)));
-  const auto divisor =
-      hn::MulAdd(hn::Sqrt(new_v), hn::Set(d, args.size.inverse_root_bias2), hn::Set(d, rule.epsilon));
+  const auto divisor = hn::MulAdd(hn::Sqrt(new_v), hn::Set(d, args.size.inverse_root_bias2), hn::Set(d, rule.epsilon));
   const auto change = hn::Div(hn::Mul(hn::Set(d, args.size.step_size), new_m), divisor);
   hn::StoreU(new_m, d, m);
   hn::StoreU(new_v, d, v);

@@ -85,8 +85,8 @@ __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, fl
 /// gradients of the first deferred step, and afterwards the coefficients; `n_applied` [n_rows] is the number of steps
 /// that are already applied.
 template <int kActive, class Args>
-__device__ __forceinline__ void apply_updates(const Args& args, std::int64_t first_row, int n_rows,
-                                              const int* rows, const int* n_applied, float* rests) {
+__device__ __forceinline__ void apply_updates(const Args& args, std::int64_t first_row, int n_rows, const int* rows,
+                                              const int* n_applied, float* rests) {
   constexpr int kAtOnce = 4;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;

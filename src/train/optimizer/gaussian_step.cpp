@@ -132,8 +132,7 @@ void GaussianStepper::make_room_for_view(const GaussianTensors& gaussians) {
 
 ViewStatistics GaussianStepper::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                                           const RegularizationWeights& regularization) {
-  const ViewStatistics statistics =
-      impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
+  const ViewStatistics statistics = impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
   impl_->batch.add(impl_->view, impl_->settings,
                    b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats));
   return statistics;

@@ -11,9 +11,9 @@
 namespace b3dgs {
 
 /// Adam steps, along the gradients of one view or of several. For a step along several views (--batch), each is
-/// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients beyond degree 0 are deferred
-/// until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients or their moments are read,
-/// and before any tensor is replaced.
+/// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients
+/// beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients
+/// or their moments are read, and before any tensor is replaced.
 class GaussianStepper {
  public:
   /// `rasterizer` must outlive this.

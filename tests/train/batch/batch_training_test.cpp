@@ -184,9 +184,8 @@ TEST(BatchTraining, RollsBackAStepWhoseSecondViewFails) {
   const PinholeView view = to_pinhole_view(scene.train[second].camera);
   // 0.3 in front of its camera, and 1e9 px large there; behind the others, or too far away to be as large.
   const Vec3f forward{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
-  read.state.gaussians.means[7] =
-      torch::tensor({view.center.x + 0.3f * forward.x, view.center.y + 0.3f * forward.y,
-                     view.center.z + 0.3f * forward.z});
+  read.state.gaussians.means[7] = torch::tensor(
+      {view.center.x + 0.3f * forward.x, view.center.y + 0.3f * forward.y, view.center.z + 0.3f * forward.z});
   read.state.gaussians.log_scales[7] = std::log(6e6f);
   read.state.gaussians.logit_opacities[7] = 2;
   const std::int64_t before = read.state.gaussians.size();

@@ -60,9 +60,8 @@ B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_
     const std::int32_t index = view.record_of_gaussian[i];
     if (index < 0) continue;
     const SplatRecord record = view.records[index];
-    GaussianGrad grad =
-        gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(view.view), view.view.center,
-                                     sh_degree, record.sum, record.clamped);
+    GaussianGrad grad = gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(view.view),
+                                                     view.view.center, sh_degree, record.sum, record.clamped);
     if (!view.regularization.is_zero()) {
       add_regularization(view.regularization, args.gaussians.logit_opacities[i], load3(args.gaussians.log_scales, i),
                          grad.logit_opacity, grad.log_scales);
@@ -70,8 +69,7 @@ B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_
     sum.is_seen = true;
     sum.mean = sum.mean + grad.mean;
     sum.log_scales = sum.log_scales + grad.log_scales;
-    sum.quat = {sum.quat.x + grad.quat.x, sum.quat.y + grad.quat.y, sum.quat.z + grad.quat.z,
-                sum.quat.w + grad.quat.w};
+    sum.quat = {sum.quat.x + grad.quat.x, sum.quat.y + grad.quat.y, sum.quat.z + grad.quat.z, sum.quat.w + grad.quat.w};
     sum.logit_opacity += grad.logit_opacity;
     sum.sh0 = sum.sh0 + grad.sh0();
     if (sh_degree > 0) add_sh_rest_grad(sh_degree, grad.dir, grad.color, rest);

@@ -15,8 +15,7 @@ void ViewBatch::make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch
   place_tensor(slot.splats.record_of_gaussian, slot.index_room, {n_gaussians}, floats.dtype(torch::kInt32), kSpare);
 }
 
-void ViewBatch::add(const PinholeView& view, const RenderSettings& settings,
-                    const RegularizationGrad& regularization) {
+void ViewBatch::add(const PinholeView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
   if (n_views_ == 0) {
     sh_degree_ = settings.sh_degree;
     antialiasing_ = settings.antialiasing;
