@@ -34,4 +34,19 @@ inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has
   return plan;
 }
 
+/// What falls on any of the iterations from `first` to `last`, which are one step.
+inline OutputPlan output_plan(const TrainConfig& config, int first, int last, bool has_test_views) {
+  OutputPlan plan = output_plan(config, last, has_test_views);
+  for (int iteration = first; iteration < last; ++iteration) {
+    const OutputPlan other = output_plan(config, iteration, has_test_views);
+    plan.log |= other.log;
+    plan.statistics |= other.statistics;
+    plan.kernel_times |= other.kernel_times;
+    plan.evaluate |= other.evaluate;
+    plan.save |= other.save;
+    plan.checkpoint |= other.checkpoint;
+  }
+  return plan;
+}
+
 }  // namespace b3dgs

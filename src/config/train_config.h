@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "config/batch_steps.h"
 #include "config/density_strategies.h"
 #include "core/config.h"
 #include "raster/backward_kernel.h"
@@ -52,6 +53,7 @@ struct TrainConfig {
   std::string preset = kPresetNames[0];
   double steps_scaler = 1;  // in a config in use (OptionLayers), always 1: it has been applied
   int iterations = 30000;
+  int batch = 1;
   std::int64_t seed = 0;
   std::vector<int> test_iterations{7000, 30000};
   std::vector<int> save_iterations{7000, 30000};
@@ -197,6 +199,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"steps_scaler"}, c.steps_scaler, Above{0},
         "multiply all options counted in iterations by X, --iterations included");
   field(Option{"iterations", '\0', {"max_steps"}}.common().in_steps(), c.iterations, AtLeast{1}, "training iterations");
+  field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
+        "views per step: mean gradient, learning rates x sqrt(B); an iteration stays a view");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
   field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations,
         AtLeast{1}, "evaluate the test views after these iterations, and at the end");

@@ -190,7 +190,7 @@ void Trainer::Impl::iterate() {
   try {
     time.train([&] { step(); });
     time.train([&] { recorder.report_progress("training"); });
-    const OutputPlan plan = output_plan(config, state.iteration, !scene.test.empty());
+    const OutputPlan plan = output_plan(config, first_of_step(), state.iteration, !scene.test.empty());
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
     // Reading the loss waits for most of the step on a GPU.
     if (plan.log || uses_device || plan.checkpoint || is_stopped()) time.train([&] { read_loss(); });

@@ -9,12 +9,17 @@
 namespace b3dgs {
 
 void Trainer::Impl::control_density() {
-  const DensityPlan plan = density->plan(state.iteration);
+  for (int iteration = first_of_step(); iteration <= state.iteration; ++iteration) control_density(iteration);
+  state.is_density_pending = false;
+}
+
+void Trainer::Impl::control_density(int iteration) {
+  const DensityPlan plan = density->plan(iteration);
   if (plan.densify) {
     recorder.report_progress("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
     flush();
-    run_density_round();
+    run_density_round(iteration);
     timer.finish();
     if (state.gaussians.size() == 0) {
       is_consistent = false;
@@ -22,19 +27,18 @@ void Trainer::Impl::control_density() {
                                         "lower --prune_opacity or the learning rates"));
     }
   }
-  if (plan.lower_opacities) density->lower_opacities(state.iteration, state.gaussians, state.adam);
-  state.is_density_pending = false;
+  if (plan.lower_opacities) density->lower_opacities(iteration, state.gaussians, state.adam);
 }
 
 GaussianMemory Trainer::Impl::memory_of_gaussian() {
   const bool absolute_gradients = density->plan(std::max(1, state.iteration)).absolute_gradients;
-  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients);
+  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients, config.batch);
 }
 
 std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
   const std::optional<std::int64_t> limit = memory->limit();
   if (!limit) return std::nullopt;
-  const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes();
+  const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes() + stepper.kept_bytes();
   const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
   return largest_count(limits, memory_of_gaussian());
 }
@@ -61,13 +65,13 @@ bool Trainer::Impl::can_grow_again(std::int64_t room) const {
   return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
 }
 
-void Trainer::Impl::plan_and_apply_round() {
+void Trainer::Impl::plan_and_apply_round(int iteration) {
   const std::int64_t before = state.gaussians.size();
   const std::int64_t room = room_for_gaussians().value_or(0);
   if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
   const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
   const std::int64_t limit = smaller_limit(allowed, room);
-  const DensityRound round = density->plan_round(state.gaussians, state.statistics, state.iteration, limit);
+  const DensityRound round = density->plan_round(state.gaussians, state.statistics, iteration, limit);
   if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
   const std::int64_t n_rows = round.edit.sources.size(0);
@@ -83,19 +87,19 @@ void Trainer::Impl::plan_and_apply_round() {
   }
   is_consistent = false;
   row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
-  density->end_round(state.iteration, state.statistics);
+  density->end_round(iteration, state.statistics);
   is_consistent = true;
 }
 
-void Trainer::Impl::run_density_round() {
+void Trainer::Impl::run_density_round(int iteration) {
   view_ratios.begin_round();
   try {
-    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(iteration); });
   } catch (const OutOfMemoryError&) {
     growth_has_failed = true;
     hold_count(state.gaussians.size());
     // Once more without growth: pruning still takes place.
-    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(); });
+    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(iteration); });
   }
   trim_memory();
 }

@@ -40,12 +40,22 @@ void Trainer::Impl::roll_back() {
     return;
   }
   if (unread_loss && unread_loss->iteration > step_start.iteration) unread_loss.reset();
+  stepper.drop_views();
+  poses.drop_gradients();
+  if (std::exchange(saved_statistics.is_in_use, false)) {
+    for (std::size_t i = 0; i < saved_statistics.columns.size(); ++i) {
+      state.statistics.all()[i]->copy_(saved_statistics.columns[i]);
+    }
+  }
   state.iteration = step_start.iteration;
+  state.step_iterations = step_start.step_iterations;
   state.sh_degree = step_start.sh_degree;
   state.view_order = step_start.view_order;
   if (step_start.loss_average) state.loss_average = *step_start.loss_average;
-  if (step_start.view_loss)
-    state.view_skips.loss_of(step_start.view_loss->first, images.size()) = step_start.view_loss->second;
+  for (auto changed = step_start.view_losses.rbegin(); changed != step_start.view_losses.rend(); ++changed) {
+    state.view_skips.loss_of(changed->first, images.size()) = changed->second;
+  }
+  state.view_skips.n_skipped = step_start.n_skipped;
 }
 
 void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) {

@@ -1,5 +1,6 @@
 // The trainer's members, shared by its sources in the order of an iteration:
 //   trainer_step.cpp      one optimizer step, with the kernel check before it
+//   trainer_batch.cpp     a step of several views (--batch)
 //   trainer_outputs.cpp   what is evaluated, logged and saved after it, and at the start of a session
 //   trainer_density.cpp   density control within the memory of the device
 //   trainer_faults.cpp    what happens when a step fails
@@ -70,6 +71,18 @@ struct Trainer::Impl {
   torch::Tensor depth_gradient(const TrainView& view, const RenderedView& rendered);
   /// Moves the Gaussians along the gradients of one view, and updates the density statistics.
   void learn(const TrainView& view);
+  /// What a step does with a view before its backward pass.
+  struct ComparedView {
+    DensityPlan plan;
+    bool refines_pose = false;
+    RenderedView rendered;
+    torch::Tensor color;    // as the photograph shows it
+    RenderedViewGrad grad;  // of the loss
+  };
+  /// Renders a view and compares it with its photograph. `is_filter_due`: the filters are computed before.
+  ComparedView compare(const TrainView& view, bool is_filter_due);
+  /// Adds the view to the density statistics.
+  void add_to_statistics(const TrainView& view, const ComparedView& compared, const ViewStatistics& statistics);
   RenderSettings step_settings();
   /// Waits for the loss of the last step and adds it to the average; before that, finishes the step of its pose.
   /// @throws LossError if the loss is not finite
@@ -97,6 +110,17 @@ struct Trainer::Impl {
   /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
   void update_filters(bool is_due);
 
+  // trainer_batch.cpp
+  /// Whether steps take several views.
+  bool is_batched() const { return config.batch > 1; }
+  void take_batched_step();
+  /// One view of a step: everything up to the gradients of its splats, which are kept.
+  void keep_view(const TrainView& view, bool is_filter_due);
+  /// The step along the gradients of the views that were kept. Cannot fail, and allocates nothing.
+  void learn_from_kept_views();
+  /// First iteration of the last step.
+  int first_of_step() const { return state.iteration - state.step_iterations + 1; }
+
   // trainer_outputs.cpp
   void begin();
   void claim_folder();
@@ -110,10 +134,12 @@ struct Trainer::Impl {
   void write_checkpoint();
 
   // trainer_density.cpp
+  /// What falls on the iterations of the last step.
   void control_density();
+  void control_density(int iteration);
   /// A round of density control, with fewer or no new Gaussians if memory is short.
-  void run_density_round();
-  void plan_and_apply_round();
+  void run_density_round(int iteration);
+  void plan_and_apply_round(int iteration);
   GaussianMemory memory_of_gaussian();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   std::optional<std::int64_t> room_for_gaussians();
@@ -186,13 +212,29 @@ struct Trainer::Impl {
 
   /// What a step changes before it changes the Gaussians, for roll_back().
   struct StepStart {
-    int iteration = 0, sh_degree = 0;
+    int iteration = 0, step_iterations = 1, sh_degree = 0;
     std::int64_t adam_steps = 0;
     ViewOrder view_order;
-    std::optional<double> loss_average;                          // once the loss of the step before has been added
-    std::optional<std::pair<std::int32_t, ViewLoss>> view_loss;  // of this step's view, once its loss has been added
+    std::optional<double> loss_average;  // once the loss of the step before has been added
+    std::int64_t n_skipped = 0;
+    std::vector<std::pair<std::int32_t, ViewLoss>> view_losses;  // of this step's views, each before it was changed
   };
   StepStart step_start;
+
+  /// A view of a step of several, which has been kept.
+  struct LearnedView {
+    std::int32_t index = 0;
+    int iteration = 0;
+  };
+  std::vector<LearnedView> learned_views;
+  /// Statistics as they were before a step of several views, whose views are added one by one.
+  struct SavedStatistics {
+    bool is_in_use = false;
+    std::vector<torch::Tensor> columns, rooms;
+  };
+  SavedStatistics saved_statistics;
+  void make_room_for_statistics();
+  void save_statistics();
   bool is_consistent = true;  // false while, or after, a change to the state was interrupted halfway
 
   std::filesystem::path resumed;             // checkpoint

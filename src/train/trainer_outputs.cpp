@@ -1,6 +1,8 @@
 // The outputs of a training: what is prepared at the start of a session, and what an iteration evaluates, logs and
 // saves.
 
+#include <cmath>
+
 #include "model/disk_space.h"
 #include "model/set_aside.h"
 #include "model/training_id.h"
@@ -47,11 +49,16 @@ void Trainer::Impl::begin() {
                         {"backward_kernel", kernels.backward_name()},
                         {"changed_options", changed_options}});
   }
+  if (is_batched()) {
+    const double root = std::sqrt(config.batch);
+    recorder.say(detail::concat("steps of ", config.batch, " views: mean gradient, learning rates x ", root,
+                                ", Adam's epsilon / ", root, ", betas to the power of ", config.batch));
+  }
   const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), state.gaussians.size(),
                                         config.sh_degree, config.keep_checkpoints);
   if (!disk.empty()) recorder.warn(disk);
   // If the session before ended between a step and its density control, what was left of that iteration is done now.
-  const bool wants_ply = output_plan(config, state.iteration, false).save && state.iteration > 0;
+  const bool wants_ply = state.iteration > 0 && output_plan(config, first_of_step(), state.iteration, false).save;
   const bool is_complete = state.iteration == config.iterations;
   const bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
   if (lacks_ply && (state.is_density_pending || is_complete)) write_ply();

@@ -59,7 +59,7 @@ void Trainer::Impl::read_loss() {
   state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
   if (!may_skip(config, iteration)) return;
   ViewLoss& losses = state.view_skips.loss_of(view_index, images.size());
-  if (iteration > step_start.iteration) step_start.view_loss = {view_index, losses};
+  if (iteration > step_start.iteration) step_start.view_losses.emplace_back(view_index, losses);
   losses.add(value);
 }
 
@@ -76,18 +76,24 @@ void Trainer::Impl::prepare_appearance() {
   }
 }
 
-void Trainer::Impl::learn(const TrainView& view) {
-  const DensityPlan plan = density->plan(state.iteration);
-  const bool refines_pose = poses.refines(view.index, state.iteration);
-  RenderedView rendered;
+Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool is_filter_due) {
+  ComparedView compared;
+  compared.plan = density->plan(state.iteration);
+  compared.refines_pose = poses.refines(view.index, state.iteration);
+  RenderedView& rendered = compared.rendered;
   try {
     RenderSettings settings = step_settings();
-    settings.absolute_gradient = plan.absolute_gradients;
-    settings.camera_gradient = refines_pose;
+    settings.absolute_gradient = compared.plan.absolute_gradients;
+    settings.camera_gradient = compared.refines_pose;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-      update_filters(is_filter_iteration(state.iteration));
-      return stepper.forward(state.gaussians, state.adam, view.camera, settings);
+      update_filters(is_filter_due);
+      RenderedView image = stepper.forward(state.gaussians, state.adam, view.camera, settings);
+      if (is_batched()) {
+        stepper.make_room_for_view(state.gaussians);
+        if (compared.plan.statistics) make_room_for_statistics();
+      }
+      return image;
     });
   } catch (const InvalidGaussianError&) {
     throw;
@@ -100,16 +106,16 @@ void Trainer::Impl::learn(const TrainView& view) {
   view_size.n_pairs *= scale * scale;
   view_ratios.add(view_size, state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
-  read_loss();  // of the step before: the device has finished it by now
-  step_start.loss_average = state.loss_average;
+  read_loss();  // of the view before: the device has finished it by now
+  if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   timer.begin(Stage::kLoss);
   add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
-  const torch::Tensor color =
-      appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
-  loss.compute(color, view.truth, view.valid, view.n_valid, loss_weights(config, state.iteration));
-  if (plan.score) error_image.compute(color, view.truth, view.valid, config.score_power);
-  RenderedViewGrad grad = loss.grad();
+  compared.color = appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
+  loss.compute(compared.color, view.truth, view.valid, view.n_valid, loss_weights(config, state.iteration));
+  if (compared.plan.score) error_image.compute(compared.color, view.truth, view.valid, config.score_power);
+  RenderedViewGrad& grad = compared.grad;
+  grad = loss.grad();
   if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
   if (state.background.is_defined()) {
     grad.alpha = background_gradient.compute(state.background, view.camera, rendered, grad.color);
@@ -118,10 +124,26 @@ void Trainer::Impl::learn(const TrainView& view) {
   timer.end();
   unread_loss = {state.iteration, view.name, view.index};
   if (device.is_cpu()) read_loss();
+  return compared;
+}
+
+void Trainer::Impl::add_to_statistics(const TrainView& view, const ComparedView& compared,
+                                      const ViewStatistics& statistics) {
+  const torch::Tensor error = compared.plan.score ? error_image.error() : torch::Tensor();
+  density->after_view({state.iteration, statistics, view.camera.width, view.camera.height, compared.color, view.truth,
+                       view.valid, error, &rasterizer},
+                      state.statistics);
+}
+
+void Trainer::Impl::learn(const TrainView& view) {
+  const ComparedView compared = compare(view, is_filter_iteration(state.iteration));
   const ViewStatistics statistics =
-      stepper.step(adam_rates(config, scene.extent, state.iteration), grad, state.gaussians, state.adam, &timer,
-                   regularization_weights(config, state.iteration));
-  if (refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
+      stepper.step(adam_rates(config, scene.extent, state.iteration), compared.grad, state.gaussians, state.adam,
+                   &timer, regularization_weights(config, state.iteration));
+  if (compared.refines_pose) {
+    poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
+    poses.begin_step();
+  }
   if (device.is_cpu()) poses.finish_step();
   if (appearance) {
     timer.begin(Stage::kOptimizer);
@@ -131,12 +153,10 @@ void Trainer::Impl::learn(const TrainView& view) {
   if (state.background.is_defined()) {
     background_gradient.step(lr_scale(config, state.iteration) * config.background_lr, state.background);
   }
-  if (plan.after_step) {
+  if (compared.plan.after_step) {
     timer.begin(Stage::kDensify);
-    const torch::Tensor error = plan.score ? error_image.error() : torch::Tensor();
-    density->after_step({state.iteration, statistics, view.camera.width, view.camera.height, color, view.truth,
-                         view.valid, error, &rasterizer},
-                        state.gaussians, state.statistics);
+    add_to_statistics(view, compared, statistics);
+    density->after_step(state.iteration, state.gaussians);
     timer.end();
   }
 }
@@ -181,7 +201,11 @@ bool Trainer::Impl::skip_step(int iteration) {
   const std::int32_t view = state.view_order.upcoming(config.seed, images.size(), 1).front();
   // The same view twice in a row, at the end of an epoch. Whether its loss is known must not depend on the device.
   if (unread_loss && unread_loss->view_index == view) read_loss();
-  return state.view_skips.skip(view, iteration - config.skip_from_iter, config.skip_share);
+  const std::optional<ViewLoss> before =
+      state.view_skips.views.empty() ? std::nullopt : std::optional(state.view_skips.loss_of(view, images.size()));
+  const bool is_skipped = state.view_skips.skip(view, iteration - config.skip_from_iter, config.skip_share);
+  if (is_skipped) step_start.view_losses.emplace_back(view, *before);
+  return is_skipped;
 }
 
 TrainView Trainer::Impl::take_view(int iteration) {
@@ -199,6 +223,7 @@ TrainView Trainer::Impl::take_view(int iteration) {
 }
 
 void Trainer::Impl::take_step() {
+  if (is_batched()) return take_batched_step();
   // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
   // the number of Gaussians, and the next step reallocates.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
@@ -213,6 +238,7 @@ void Trainer::Impl::take_step() {
   }
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
+  state.step_iterations = 1;
   state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
   if (is_skipped) return;
@@ -224,11 +250,13 @@ void Trainer::Impl::step() {
   check_kernels(state.iteration + 1);
   for (;;) {
     step_start.iteration = state.iteration;
+    step_start.step_iterations = state.step_iterations;
     step_start.sh_degree = state.sh_degree;
     step_start.adam_steps = state.adam.steps;
     step_start.view_order = state.view_order;
     step_start.loss_average.reset();
-    step_start.view_loss.reset();
+    step_start.n_skipped = state.view_skips.n_skipped;
+    step_start.view_losses.clear();
     try {
       take_step();
       state.is_density_pending = true;

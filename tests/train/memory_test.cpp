@@ -181,6 +181,8 @@ TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   EXPECT_EQ(memory.round, 64 + 180);
   EXPECT_EQ(memory.all(), 720 + 40 + 583);
   EXPECT_EQ(gaussian_memory(state, {80, 128, 100}, ratios, true).all(), memory.all() + 8);
+  EXPECT_EQ(gaussian_memory(state, {80, 128, 100}, ratios, false, 4).all(), memory.all() + 1.25 * (4 * (4 + 48) + 12))
+      << "splats and indices of 4 views, and a copy of the statistics";
   // 15 of 16 parts of 3.2 GB, less 100 MB.
   EXPECT_EQ(largest_count({3200000000, 100000000}, memory), 2900000000 / 1343);
   EXPECT_EQ(largest_count({1000, 5000}, memory), 1) << "0 would mean no limit";

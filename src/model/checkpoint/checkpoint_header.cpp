@@ -101,6 +101,10 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     }
     header.training_id = json.value("training_id", std::string());
     header.is_density_pending = json.value("is_density_pending", false);
+    if (const auto it = json.find("step_iterations"); it != json.end()) {
+      header.step_iterations =
+          json_integer<int>(*it, "step_iterations", place, 1, std::clamp(header.iteration, 1, kMaxBatch));
+    }
     if (const auto it = json.find("n_removed"); it != json.end()) {
       header.n_removed = json_integer<std::int64_t>(*it, "n_removed", place, 0);
     }

@@ -16,6 +16,7 @@ struct CheckpointHeader {
   TrainConfig config;
   int iteration = 0;             // the last completed one, at least 0
   std::int64_t n_gaussians = 0;  // at least 1
+  int step_iterations = 1;       // of the last step, from 1 to `iteration` and kMaxBatch
   int sh_degree = 0;             // from 0 to config.sh_degree
   std::int64_t adam_steps = 0;   // from 0 to `iteration`
   ViewOrder view_order;          // indices of the scene's training views, each at most once

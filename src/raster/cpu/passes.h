@@ -5,6 +5,7 @@
 
 #include "raster/args.h"
 #include "raster/cpu/buffer.h"
+#include "raster/splat_records.h"
 
 namespace b3dgs::cpu {
 
@@ -41,6 +42,16 @@ struct AbsoluteGradientArgs {
 void absolute_gradients(const AbsoluteGradientArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);
+
+/// Sums of each splat's pairs, for a later backward projection.
+struct SplatRecordArgs {
+  std::int64_t n_gaussians = 0, n_splats = 0;
+  const Splat* splats = nullptr;               // [M]
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
+  SplatRecordArrays out{};
+};
+void keep_splat_records(const SplatRecordArgs& args);
 
 /// Gradient with respect to the camera's pose; args.grad is not used. `out`: [kCameraGradients].
 void camera_gradient(const ProjectBackwardArgs& args, double* out);

@@ -67,6 +67,17 @@ struct Rasterizer::Impl {
   std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
   bool inverse_depth = false;
 
+  /// The gradients of the pairs. @throws LogicError if the last forward() had another number of Gaussians
+  void blend_backward(const GaussianArrays& gaussians, const ImageGradArrays& grad);
+  void project_camera_gradient(const ProjectBackwardArgs& args) {
+    if (camera_gradient) cpu::camera_gradient(args, camera_gradients.data());
+    has_camera_gradient = camera_gradient;
+  }
+  ProjectBackwardArgs project_args(const GaussianArrays& gaussians, const GaussianGradArrays& out) const {
+    return {gaussians,         view, sh_degree,   splats.data(), n_splats, bins.slot_offsets,
+            pair_grads.data(), out,  antialiasing};
+  }
+
   BlendForwardArgs blend_args() const {
     return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
   }
@@ -118,23 +129,35 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   s.n_gaussians = n;
 }
 
+void Rasterizer::Impl::blend_backward(const GaussianArrays& gaussians, const ImageGradArrays& grad) {
+  B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+              " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
+  begin_stage(stages, Stage::kBlendBackward);
+  SplatGrad* const pairs = pair_grads.resize(bins.n_pairs);
+  Vec2f* const absolute = absolute_gradient ? pair_abs.resize(bins.n_pairs) : nullptr;
+  cpu::blend_backward({splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(),
+                       last_ids.data(), grad, pairs, absolute});
+  if (inverse_depth) invert_depth_gradients(splats.data(), n_splats, bins.slot_offsets, pairs);
+  has_absolute_gradients = absolute_gradient;
+}
+
 void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) {
   Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
-              " Gaussians after a forward() with ", s.n_gaussians, " (-1: none)");
-  begin_stage(s.stages, Stage::kBlendBackward);
-  SplatGrad* const pair_grads = s.pair_grads.resize(s.bins.n_pairs);
-  Vec2f* const pair_abs = s.absolute_gradient ? s.pair_abs.resize(s.bins.n_pairs) : nullptr;
-  blend_backward({s.splats.data(), s.extents.data(), s.bins, s.grid, s.background, s.rendered, s.transmittance.data(),
-                  s.last_ids.data(), grad, pair_grads, pair_abs});
-  if (s.inverse_depth) invert_depth_gradients(s.splats.data(), s.n_splats, s.bins.slot_offsets, pair_grads);
-  s.has_absolute_gradients = s.absolute_gradient;
+  s.blend_backward(gaussians, grad);
   begin_stage(s.stages, Stage::kProjectBackward);
-  const ProjectBackwardArgs args{gaussians,           s.view,     s.sh_degree, s.splats.data(), s.n_splats,
-                                 s.bins.slot_offsets, pair_grads, out,         s.antialiasing};
+  const ProjectBackwardArgs args = s.project_args(gaussians, out);
   project_backward(args);
-  if (s.camera_gradient) cpu::camera_gradient(args, s.camera_gradients.data());
-  s.has_camera_gradient = s.camera_gradient;
+  s.project_camera_gradient(args);
+  end_stage(s.stages);
+}
+
+void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                    const SplatRecordArrays& out) {
+  Impl& s = *impl_;
+  s.blend_backward(gaussians, grad);
+  begin_stage(s.stages, Stage::kProjectBackward);
+  keep_splat_records({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_grads.data(), out});
+  s.project_camera_gradient(s.project_args(gaussians, {}));
   end_stage(s.stages);
 }
 

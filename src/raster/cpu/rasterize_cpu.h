@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "raster/args.h"
+#include "raster/splat_records.h"
 
 namespace b3dgs::cpu {
 
@@ -24,6 +25,9 @@ class Rasterizer {
 
   /// Gradients of the last forward(). `gaussians` and the images that forward() wrote must be unchanged.
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out);
+
+  /// backward() up to the splats: keeps their sums for a later backward projection.
+  void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad, const SplatRecordArrays& out);
 
   /// Blends the splats of the last forward() again with another kernel, into the same images.
   void reblend(ForwardKernel kernel);

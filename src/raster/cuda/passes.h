@@ -4,6 +4,7 @@
 
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
+#include "raster/splat_records.h"
 
 namespace b3dgs::cuda {
 
@@ -216,6 +217,17 @@ struct ProjectBackwardCudaArgs {
   bool antialiasing = false;
 };
 void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context);
+
+/// Keeps the splats' sums for a later backward projection.
+struct SplatRecordArgs {
+  std::int64_t n_gaussians = 0;
+  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
+  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                   // [M]
+  const SplatGradSum* splat_grads = nullptr;       // [M]
+  SplatRecordArrays out{};
+};
+void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
 
 /// Gradient with respect to the camera's pose (math/camera_grad.h).
 struct CameraGradientArgs {

@@ -263,6 +263,15 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   end_stage(impl_->stages);
 }
 
+void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                    const SplatRecordArrays& out, const LaunchContext& context) {
+  const ProjectBackwardCudaArgs args = backward_blend(gaussians, grad, context);
+  begin_stage(impl_->stages, Stage::kProjectBackward);
+  keep_splat_records({gaussians.n_gaussians, args.radii, args.rank_of_gaussian, args.splats, args.splat_grads, out},
+                     context);
+  end_stage(impl_->stages);
+}
+
 void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
   B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend() before any forward()");
   impl_->blend_forward(kernel, context);

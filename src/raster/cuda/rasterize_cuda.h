@@ -31,6 +31,10 @@ class Rasterizer {
   ProjectBackwardCudaArgs backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                          const LaunchContext& context);
 
+  /// backward() up to the splats: keeps their sums, in device memory, for a later backward projection.
+  void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad, const SplatRecordArrays& out,
+                          const LaunchContext& context);
+
   /// Runs a blending pass of the last forward() again with another kernel: into the same images, or into splat_grads().
   void reblend(ForwardKernel kernel, const LaunchContext& context);
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);

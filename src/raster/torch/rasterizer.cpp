@@ -100,6 +100,13 @@ struct Rasterizer::Impl {
 #endif
   }
 
+  void backward_to_splats(const GaussianArrays& arrays, const ImageGradArrays& grad, const SplatRecordArrays& out) {
+    if (device.is_cpu()) return cpu.backward_to_splats(arrays, grad, out);
+#if B3DGS_TORCH_CUDA
+    cuda->backward_to_splats(arrays, grad, out, torch_launch_context());
+#endif
+  }
+
   void reblend(ForwardKernel kernel) {
     if (device.is_cpu()) return cpu.reblend(kernel);
 #if B3DGS_TORCH_CUDA
@@ -217,6 +224,27 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
+  if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
+  impl_->add_camera_gradient();
+  return statistics;
+}
+
+ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                              const KeptSplats& out) {
+  const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
+  const ImageGradArrays image = impl_->image_grad(grad);
+  TensorCheck check(impl_->device);
+  constexpr int kWords = sizeof(SplatRecord) / sizeof(float);
+  check.dims("records", out.records, {"M", kWords});
+  B3DGS_CHECK(out.records.size(0) >= view_size().n_splats, "room for ", out.records.size(0), " records of ",
+              view_size().n_splats, " splats");
+  B3DGS_CHECK(out.record_of_gaussian.numel() == arrays.n_gaussians, "record_of_gaussian has ",
+              out.record_of_gaussian.numel(), " elements for ", arrays.n_gaussians, " Gaussians");
+  const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
+  impl_->backward_to_splats(
+      arrays, image,
+      {reinterpret_cast<SplatRecord*>(out.records.data_ptr<float>()), out.record_of_gaussian.data_ptr<std::int32_t>(),
+       statistics.means2d_grad.data_ptr<float>()});
   if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   impl_->add_camera_gradient();
   return statistics;

@@ -36,6 +36,12 @@ struct ViewStatistics {
   torch::Tensor camera_grad;
 };
 
+/// What a later backward projection needs of a view (SplatRecordArrays). Tensors may be larger.
+struct KeptSplats {
+  torch::Tensor records;             // [M, 12] 32 bits each: SplatRecord
+  torch::Tensor record_of_gaussian;  // [N] int32
+};
+
 /// What Rasterizer::score() adds to (ScoreArrays).
 struct GaussianScores {
   torch::Tensor error_sum, max_weight, n_views;  // [N] each
@@ -70,6 +76,11 @@ class Rasterizer {
   /// Gradients of the last forward(); `gaussians` must be unchanged. `grads` is overwritten; tensors that are undefined
   /// or of another shape are allocated.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
+
+  /// backward() up to the splats, whose sums are written to `out`, so that the backward projection can follow after
+  /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
+  ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                    const KeptSplats& out);
 
   /// Blends the view of the last forward() again with another kernel, into the same tensors; the other passes are the
   /// same for all kernels. On a GPU it does not wait for the device.

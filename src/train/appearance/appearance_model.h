@@ -24,6 +24,10 @@ class AppearanceModel {
   /// Transforms that change nothing.
   virtual AppearanceState make_state() const = 0;
 
+  /// Which view of its step the next backward() and step() are for, from 0 to --batch - 1: gradients of several views
+  /// are kept until the steps are taken.
+  void set_place(int place) { place_ = static_cast<std::size_t>(place); }
+
   /// Before the step of `iteration` (counted from 1) reads the view's transform: applies what was deferred. May be
   /// repeated if a step fails.
   virtual void begin_step(std::int32_t /*view*/, int /*iteration*/, AppearanceState& /*state*/) {}
@@ -36,8 +40,15 @@ class AppearanceModel {
   virtual void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                         torch::Tensor grad) = 0;
 
-  /// One Adam step along the gradient of the last backward(). Allocates nothing. `iteration` counts from 1.
+  /// One Adam step along the gradient of the last backward() with this place. Allocates nothing. `iteration` counts
+  /// from 1.
   virtual void step(std::int32_t view, int iteration, AppearanceState& state) = 0;
+
+ protected:
+  std::size_t place() const { return place_; }
+
+ private:
+  std::size_t place_ = 0;
 };
 
 /// The model that the options select; null = none.

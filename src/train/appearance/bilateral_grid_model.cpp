@@ -104,7 +104,9 @@ BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n
       n_views_(n_views),
       device_(device) {
   const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
-  grid_grad_ = torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats);
+  for (int place = 0; place < config.batch; ++place) {
+    grid_grads_.push_back(torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats));
+  }
   std::int64_t n_sums = std::int64_t{on_cpu::kParts} * kCells * kCellSums;
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) n_sums = cuda::bilateral_grid_sums();
@@ -186,7 +188,7 @@ void BilateralGridModel::backward(const AppearanceState& state, std::int32_t vie
   args.grad = grad.data_ptr<float>();
   args.cell_sums = cell_sums_.data_ptr<double>();
   args.variation_weight = static_cast<float>(variation_weight_);
-  args.grid_grad = grid_grad_.data_ptr<float>();
+  args.grid_grad = grid_grads_.at(place()).data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::bilateral_grid_backward(args, torch_launch_context().stream);
 #endif
@@ -197,7 +199,7 @@ void BilateralGridModel::step(std::int32_t view, int iteration, AppearanceState&
   ++state.steps;
   state.last_steps.at(static_cast<std::size_t>(view)) = state.steps;
   AdamArgs args = adam_args(view, state);
-  args.grad = grid_grad_.data_ptr<float>();
+  args.grad = grid_grads_.at(place()).data_ptr<float>();
   args.size = adam_step_size(rate(iteration), state.steps);
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::bilateral_grid_step(args, torch_launch_context().stream);

@@ -2,6 +2,8 @@
 // one transform for the whole image, it can follow vignetting, local tone mapping and glare.
 #pragma once
 
+#include <vector>
+
 #include "train/appearance/appearance_model.h"
 #include "train/appearance/bilateral_grid_args.h"
 
@@ -25,15 +27,16 @@ class BilateralGridModel final : public AppearanceModel {
   double rate(int iteration) const;
 
   /// dL/d(grid) of the last backward(), [levels, height, width, 12].
-  const torch::Tensor& grid_grad() const { return grid_grad_; }
+  const torch::Tensor& grid_grad() const { return grid_grads_.at(place()); }
 
  private:
   double lr_, variation_weight_;
   int iterations_;
   std::int64_t n_views_;
   torch::Device device_;
-  torch::Tensor corrected_, corrected_room_, cell_sums_, grid_grad_;
-  torch::Tensor no_grad_;  // on a CPU: zeros
+  torch::Tensor corrected_, corrected_room_, cell_sums_;
+  std::vector<torch::Tensor> grid_grads_;  // by place
+  torch::Tensor no_grad_;                  // on a CPU: zeros
 };
 
 }  // namespace b3dgs

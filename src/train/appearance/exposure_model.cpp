@@ -67,8 +67,10 @@ ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, to
       lr_final_(config.exposure_lr_final),
       iterations_(config.iterations),
       n_views_(n_views),
-      device_(device),
-      transform_grad_(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device))) {
+      device_(device) {
+  for (int place = 0; place < config.batch; ++place) {
+    transform_grads_.push_back(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device)));
+  }
   if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
 }
 
@@ -111,7 +113,7 @@ void ExposureModel::backward(const AppearanceState& state, std::int32_t view, co
   }
   args.grad = grad.data_ptr<float>();
   args.block_sums = block_sums_.data_ptr<double>();
-  args.transform_grad = transform_grad_.data_ptr<float>();
+  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::exposure_backward(args, torch_launch_context().stream);
 #endif
@@ -127,7 +129,7 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.v = state.v.data_ptr<float>();
   args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
   args.first = std::int64_t{view} * kExposureSize;
-  args.transform_grad = transform_grad_.data_ptr<float>();
+  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::exposure_step(args, torch_launch_context().stream);
 #endif

@@ -2,6 +2,8 @@
 // learning rate, from the identity.
 #pragma once
 
+#include <vector>
+
 #include "train/appearance/appearance_model.h"
 
 namespace b3dgs {
@@ -19,15 +21,16 @@ class ExposureModel final : public AppearanceModel {
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
   /// dL/d(transform) of the last backward(), [3, 4].
-  const torch::Tensor& transform_grad() const { return transform_grad_; }
+  const torch::Tensor& transform_grad() const { return transform_grads_.at(place()); }
 
  private:
   double lr_init_, lr_final_;
   int iterations_;
   std::int64_t n_views_;
   torch::Device device_;
-  torch::Tensor corrected_, corrected_room_, block_sums_, transform_grad_;
-  torch::Tensor all_grads_;  // on a CPU: [V, 3, 4], 0 between steps
+  torch::Tensor corrected_, corrected_room_, block_sums_;
+  std::vector<torch::Tensor> transform_grads_;  // by place
+  torch::Tensor all_grads_;                  // on a CPU: [V, 3, 4], 0 between steps
 };
 
 }  // namespace b3dgs

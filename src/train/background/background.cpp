@@ -1,6 +1,7 @@
 #include "train/background/background.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/check.h"
 #include "core/parallel.h"
@@ -116,19 +117,44 @@ torch::Tensor BackgroundGradient::compute(const BackgroundState& background, con
   return alpha_;
 }
 
-void BackgroundGradient::step(double rate, BackgroundState& background) const {
-  ++background.steps;
+namespace {
+
+AdamArgs step_args(double rate, const torch::Tensor& grad, BackgroundState& background) {
   AdamArgs args;
   args.n = background.coefficients.numel();
   args.param = background.coefficients.data_ptr<float>();
-  args.grad = grad_.data_ptr<float>();
+  args.grad = grad.data_ptr<float>();
   args.m = background.m.data_ptr<float>();
   args.v = background.v.data_ptr<float>();
   args.size = adam_step_size(rate, background.steps);
+  return args;
+}
+
+}  // namespace
+
+void BackgroundGradient::step(double rate, BackgroundState& background) const {
+  ++background.steps;
+  const AdamArgs args = step_args(rate, grad_, background);
 #if B3DGS_TORCH_CUDA
   if (background.coefficients.is_cuda()) return cuda::step_background(args, torch_launch_context().stream);
 #endif
   cpu::adam_step(args);
+}
+
+void BackgroundGradient::add_to_sum(bool is_first) {
+  if (!sum_.defined() || sum_.sizes() != grad_.sizes()) sum_ = torch::empty_like(grad_);
+  is_first ? sum_.copy_(grad_) : sum_.add_(grad_);
+}
+
+void BackgroundGradient::step_along_mean(double rate, int n_views, BackgroundState& background) {
+  background.steps += n_views;
+  sum_.mul_(1.0 / n_views);
+  const AdamArgs args = step_args(std::sqrt(n_views) * rate, sum_, background);
+  const AdamRule rule = adam_rule(n_views);
+#if B3DGS_TORCH_CUDA
+  if (background.coefficients.is_cuda()) return cuda::step_background(args, rule, torch_launch_context().stream);
+#endif
+  cpu::adam_step(args, rule);
 }
 
 }  // namespace b3dgs

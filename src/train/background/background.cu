@@ -66,6 +66,12 @@ __global__ void step_background_kernel(const __grid_constant__ AdamArgs args) {
   if (i < args.n) step_one(args.size, args.grad[i], args.param[i], args.m[i], args.v[i]);
 }
 
+__global__ void step_background_along_mean_kernel(const __grid_constant__ AdamArgs args,
+                                                  const __grid_constant__ AdamRule rule) {
+  const std::int64_t i = threadIdx.x;
+  if (i < args.n) step_one(args.size, rule, args.grad[i], args.param[i], args.m[i], args.v[i]);
+}
+
 }  // namespace
 
 void add_background(const BackgroundArgs& args, cudaStream_t stream) {
@@ -89,6 +95,11 @@ void background_gradient(const BackgroundGradArgs& args, cudaStream_t stream) {
 void step_background(const AdamArgs& args, cudaStream_t stream) {
   static_assert(3 * kBackgroundCoefficients <= kThreads, "a thread per coefficient");
   step_background_kernel<<<1, kThreads, 0, stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+void step_background(const AdamArgs& args, const AdamRule& rule, cudaStream_t stream) {
+  step_background_along_mean_kernel<<<1, kThreads, 0, stream>>>(args, rule);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

@@ -14,5 +14,7 @@ void background_gradient(const BackgroundGradArgs& args, cudaStream_t stream);
 
 /// One Adam step.
 void step_background(const AdamArgs& args, cudaStream_t stream);
+/// Along a mean over several views.
+void step_background(const AdamArgs& args, const AdamRule& rule, cudaStream_t stream);
 
 }  // namespace b3dgs::cuda

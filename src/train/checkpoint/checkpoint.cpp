@@ -249,6 +249,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"kernel_selection", state.kernel_selection},
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
+  if (state.step_iterations != 1) header["step_iterations"] = state.step_iterations;
   if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
   if (state.background.is_defined()) header["background_steps"] = state.background.steps;
@@ -280,6 +281,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   checkpoint.config = std::move(header.config);
   TrainState& state = checkpoint.state;
   state.iteration = header.iteration;
+  state.step_iterations = header.step_iterations;
   state.sh_degree = header.sh_degree;
   state.adam.steps = header.adam_steps;
   state.view_order = std::move(header.view_order);

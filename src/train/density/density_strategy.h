@@ -1,8 +1,9 @@
 // Density control behind one interface: which Gaussians are added and removed while a model is trained.
 //
 // In each iteration the trainer asks plan() what there is to do, and then calls, in this order:
-//   after_step()       right after the optimizer moved the Gaussians: statistics of the view (or noise
-//                      on the means, for strategies that add it)
+//   after_view()       after the backward pass: statistics of the view
+//   after_step()       after the optimizer moved the Gaussians and after_view(): noise on the means, for strategies
+//                      that add it
 //   plan_round()       after the iteration's log line, evaluation and PLY: which rows stay and which are new
 //   lower_opacities()  after the round: an opacity reset, or a decay
 // The strategy decides; the trainer applies the RowEdit to parameters, Adam moments and statistics, keeps the model
@@ -26,15 +27,15 @@ namespace b3dgs {
 
 /// What a strategy does in one iteration.
 struct DensityPlan {
-  bool after_step = false;  // after_step() has work to do
-  bool statistics = false;  // after_step() collects statistics of the view: the step must not be skipped
+  bool after_step = false;  // after_view() or after_step() has work to do
+  bool statistics = false;  // after_view() collects statistics of the view: the step must not be skipped
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
-  bool absolute_gradients = false;  // after_step() needs ViewStatistics::means2d_abs_grad
-  bool score = false;               // after_step() needs DensityStep::error
+  bool absolute_gradients = false;  // after_view() needs ViewStatistics::means2d_abs_grad
+  bool score = false;               // after_view() needs DensityStep::error
 };
 
-/// The optimizer step that was just taken. Tensors are those of its view, valid until the next step.
+/// A view of a step, after its backward pass. Tensors are valid until the next view.
 struct DensityStep {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
@@ -43,7 +44,7 @@ struct DensityStep {
   torch::Tensor truth{};               // [H, W, 3] uint8
   torch::Tensor valid{};               // [H, W] uint8, 0 = invalid; undefined if all pixels are valid
   torch::Tensor error{};               // [H, W] in [0, 1] (error_image.h); undefined unless the plan says `score`
-  Rasterizer* rasterizer = nullptr;    // holds the view's splats and lists, from before the step
+  Rasterizer* rasterizer = nullptr;    // holds the view's splats and lists
 };
 
 /// One round of densification and pruning.
@@ -62,9 +63,12 @@ class DensityStrategy {
 
   virtual DensityPlan plan(int iteration) const = 0;
 
-  /// May change parameters in place. Must neither allocate nor fail: a step that fails is rolled back, and this comes
-  /// after its first change.
-  virtual void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics& statistics) const = 0;
+  /// Adds the view to the statistics. Must neither allocate nor fail: with one view a step, this comes after the first
+  /// change, from where on a step is not rolled back.
+  virtual void after_view(const DensityStep& step, DensityStatistics& statistics) const = 0;
+
+  /// May change parameters in place; called for each iteration of the step, with the same restrictions.
+  virtual void after_step(int /*iteration*/, GaussianTensors& /*gaussians*/) const {}
 
   /// Changes nothing. The edit leaves at most `max_gaussians` rows (0 = no limit), or adds none if there are more
   /// already. Once the edit is applied, end_round() follows.

@@ -48,9 +48,10 @@ struct GaussianMemory {
   /// The rasterizer's buffers are freed for a round if both do not fit.
   double all() const { return state + step + std::max(view, round); }
 };
-/// `absolute_gradients`: whether steps also compute absolute gradients (RenderSettings::absolute_gradient).
+/// `absolute_gradients`: whether steps also compute absolute gradients (RenderSettings::absolute_gradient). `batch`:
+/// views of a step.
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
-                               bool absolute_gradients);
+                               bool absolute_gradients, int batch = 1);
 
 /// Available memory, bytes.
 struct CountLimits {

@@ -32,8 +32,8 @@ AdamState make_adam_state(const GaussianTensors& gaussians) {
   return state;
 }
 
-AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state) {
-  ++state.steps;
+AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, int n_views) {
+  state.steps += n_views;
   check_adam_state(gaussians, state);
   AdamGroups groups;
   for (std::size_t i = 0; i < groups.size(); ++i) {
@@ -46,13 +46,15 @@ AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, A
   return groups;
 }
 
-void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state) {
+void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state,
+               int n_views) {
   B3DGS_CHECK(gaussians.means.is_cpu(), "adam_step() is for the CPU, found ", gaussians.means.device());
-  AdamGroups groups = begin_adam_step(rates, gaussians, state);
+  AdamGroups groups = begin_adam_step(rates, gaussians, state, n_views);
+  const AdamRule rule = n_views == 1 ? AdamRule{} : adam_rule(n_views);
   for (std::size_t i = 0; i < groups.size(); ++i) {
     check_is_like(*grads.all()[i], *gaussians.all()[i], i);
     groups[i].grad = grads.all()[i]->data_ptr<float>();
-    cpu::adam_step(groups[i]);
+    cpu::adam_step(groups[i], rule);
   }
 }
 

@@ -13,13 +13,14 @@ namespace b3dgs {
 namespace cpu {
 
 /// The result does not depend on the number of threads.
-void adam_step(const AdamArgs& args);
+void adam_step(const AdamArgs& args, const AdamRule& rule = {});
 
 }  // namespace cpu
 
 struct AdamState {
-  GaussianTensors m, v;    // first and second moments, shapes of the parameters
-  std::int64_t steps = 0;  // taken so far, by all groups and rows alike (as in torch.optim.Adam)
+  GaussianTensors m, v;  // first and second moments, shapes of the parameters
+  // Taken so far, by all groups and rows alike (as in torch.optim.Adam); a step along n views counts n times.
+  std::int64_t steps = 0;
 };
 
 /// One learning rate per parameter group, in the order of GaussianTensors.
@@ -31,10 +32,12 @@ AdamState make_adam_state(const GaussianTensors& gaussians);
 /// @throws LogicError unless all tensors are contiguous floats on one device, with the shapes of the parameters
 void check_adam_state(const GaussianTensors& gaussians, const AdamState& state);
 
-/// Arguments of the next step for each group, without gradients; increments state.steps. @throws as check_adam_state()
-AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state);
+/// Arguments of the next step for each group, without gradients; adds n_views to state.steps. @throws as
+/// check_adam_state()
+AdamGroups begin_adam_step(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, int n_views = 1);
 
-/// Takes a step on the CPU.
-void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state);
+/// Takes a step on the CPU, along the gradient of a mean over n views (adam_rule()). `rates` are used as they are.
+void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTensors& gaussians, AdamState& state,
+               int n_views = 1);
 
 }  // namespace b3dgs

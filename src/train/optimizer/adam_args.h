@@ -11,6 +11,21 @@ inline constexpr double kAdamBeta1 = 0.9;
 inline constexpr double kAdamBeta2 = 0.999;
 inline constexpr double kAdamEpsilon = 1e-15;  // as in the original 3DGS: gradients of a mean over all pixels are tiny
 
+/// What depends on the number of views of a step (--batch). The default is that of one view.
+struct AdamRule {
+  float beta1 = static_cast<float>(kAdamBeta1), rest1 = static_cast<float>(1 - kAdamBeta1);
+  float beta2 = static_cast<float>(kAdamBeta2), rest2 = static_cast<float>(1 - kAdamBeta2);
+  float epsilon = static_cast<float>(kAdamEpsilon);
+};
+
+/// For the gradient of a mean over n views, where learning rates are multiplied by sqrt(n): the moments then decay by
+/// view as in steps of one view, and t counts views.
+inline AdamRule adam_rule(int n_views) {
+  const double beta1 = std::pow(kAdamBeta1, n_views), beta2 = std::pow(kAdamBeta2, n_views);
+  return {static_cast<float>(beta1), static_cast<float>(1 - beta1), static_cast<float>(beta2),
+          static_cast<float>(1 - beta2), static_cast<float>(kAdamEpsilon / std::sqrt(n_views))};
+}
+
 /// What differs from step to step; t counts from 1.
 struct AdamStepSize {
   float step_size = 0;           // rate / (1 - beta1^t)

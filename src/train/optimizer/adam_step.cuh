@@ -18,4 +18,15 @@ __device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, f
   param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
 }
 
+/// The same with the rule of a step along several views.
+__device__ __forceinline__ void step_one(const AdamStepSize& size, const AdamRule& rule, float grad, float& param,
+                                         float& m, float& v) {
+  m = __fmaf_rn(rule.beta1, m, __fmul_rn(rule.rest1, grad));
+  v = __fmaf_rn(rule.beta2, v, __fmul_rn(__fmul_rn(rule.rest2, grad), grad));
+  float root;
+  asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(v));
+  const float divisor = __fmaf_rn(root, size.inverse_root_bias2, rule.epsilon);
+  param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
+}
+
 }  // namespace b3dgs::cuda

@@ -24,6 +24,20 @@ struct ApplyUpdatesArgs {
   ColorCudaArgs view{};  // used if colours are computed
 };
 
+/// With a rule for each step, for steps along several views.
+struct ApplyRuledUpdatesArgs : ApplyUpdatesArgs {
+  std::array<AdamRule, DeferredSteps::kMax> rules{};
+};
+
+__device__ __forceinline__ void apply_step(const ApplyUpdatesArgs& args, int step, float grad, float& param, float& m,
+                                           float& v) {
+  step_one(args.steps.sizes[step], grad, param, m, v);
+}
+__device__ __forceinline__ void apply_step(const ApplyRuledUpdatesArgs& args, int step, float grad, float& param,
+                                           float& m, float& v) {
+  step_one(args.steps.sizes[step], args.rules[step], grad, param, m, v);
+}
+
 /// The rows of a block with work to do, compacted; in shared memory.
 struct RowList {
   int rows[kRows];
@@ -70,9 +84,9 @@ __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, fl
 /// never had a gradient, so their moments are 0 and a step does not change them. `rests` [n_rows, kActive] holds the
 /// gradients of the first deferred step, and afterwards the coefficients; `n_applied` [n_rows] is the number of steps
 /// that are already applied.
-template <int kActive>
-__device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std::int64_t first_row, int n_rows,
-                                              const int* rows, const int* n_applied, float* rests) {
+template <int kActive, class Args>
+__device__ __forceinline__ void apply_updates(const Args& args, std::int64_t first_row, int n_rows, const int* rows,
+                                              const int* n_applied, float* rests) {
   constexpr int kAtOnce = 4;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;
@@ -98,7 +112,7 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
       if (step[k] < args.steps.n) {
         float grad = rests[place];
         do {
-          step_one(args.steps.sizes[step[k]], grad, param[k], m[k], v[k]);
+          apply_step(args, step[k], grad, param[k], m[k], v[k]);
           grad = 0;
         } while (++step[k] < args.steps.n);
         params[at[k]] = param[k];
@@ -110,8 +124,9 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
   }
 }
 
-template <int kShDegree, bool kColors>
-__global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
+/// The work of a block.
+template <int kShDegree, bool kColors, class Args>
+__device__ __forceinline__ void apply_block_updates(const Args& args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList list;
   __shared__ int n_applied[kRows];
@@ -138,13 +153,23 @@ __global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_co
   }
 }
 
-template <bool kColors>
-void launch(const ApplyUpdatesArgs& args, int sh_degree, const LaunchContext& context) {
-  if (args.rests.n_gaussians == 0) return;
-  const auto blocks = static_cast<unsigned>((args.rests.n_gaussians + kRows - 1) / kRows);
-  with_sh_degree<1>(sh_degree, [&](auto degree) {  // there is nothing to defer at degree 0
-    apply_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
-  });
+template <int kShDegree, bool kColors>
+__global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
+  apply_block_updates<kShDegree, kColors>(args);
+}
+
+template <int kShDegree, bool kColors>
+__global__ void __launch_bounds__(kThreads)
+    apply_ruled_updates_kernel(const __grid_constant__ ApplyRuledUpdatesArgs args) {
+  apply_block_updates<kShDegree, kColors>(args);
+}
+
+/// Calls `run` with the number of blocks and the degree.
+template <class Run>
+void launch(const ShRestArrays& rests, int sh_degree, Run&& run) {
+  if (rests.n_gaussians == 0) return;
+  const auto blocks = static_cast<unsigned>((rests.n_gaussians + kRows - 1) / kRows);
+  with_sh_degree<1>(sh_degree, [&](auto degree) { run(blocks, degree); });  // there is nothing to defer at degree 0
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
@@ -153,6 +178,21 @@ void launch(const ApplyUpdatesArgs& args, int sh_degree, const LaunchContext& co
 void DeferredSh::clear(std::int64_t n_gaussians, const LaunchContext& context) {
   const auto bytes = static_cast<std::size_t>(n_gaussians) * sizeof(DeferredUpdate);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(updates_.resize(n_gaussians, context), 0, bytes, context.stream));
+}
+
+template <bool kColors>
+void DeferredSh::apply(const ColorCudaArgs& view, const LaunchContext& context) {
+  const ApplyUpdatesArgs args{rests_, updates_.data(), steps_, view};
+  if (has_rules_) {
+    const ApplyRuledUpdatesArgs ruled{args, rules_};
+    launch(rests_, sh_degree_, [&](unsigned blocks, auto degree) {
+      apply_ruled_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(ruled);
+    });
+  } else {
+    launch(rests_, sh_degree_, [&](unsigned blocks, auto degree) {
+      apply_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
+    });
+  }
 }
 
 void DeferredSh::begin_view(const ShRestArrays& rests, int sh_degree, const LaunchContext& context) {
@@ -172,7 +212,7 @@ void DeferredSh::color(const ColorCudaArgs& args, const LaunchContext& context) 
   B3DGS_CHECK(args.gaussians.n_gaussians == rests_.n_gaussians && args.gaussians.shN == rests_.param &&
                   args.sh_degree == sh_degree_,
               "color() with other coefficients than begin_view()");
-  launch<true>({rests_, updates_.data(), steps_, args}, sh_degree_, context);
+  apply<true>(args, context);
 }
 
 void DeferredSh::defer_step(const AdamStepSize& size) {
@@ -180,14 +220,22 @@ void DeferredSh::defer_step(const AdamStepSize& size) {
   steps_.sizes[static_cast<std::size_t>(steps_.n++)] = size;
 }
 
+void DeferredSh::defer_step(const AdamStepSize& size, const AdamRule& rule) {
+  B3DGS_CHECK(has_rules_ || steps_.n == 0, "steps along several views, and steps along one, are deferred");
+  rules_[static_cast<std::size_t>(steps_.n)] = rule;
+  defer_step(size);
+  has_rules_ = true;
+}
+
 void DeferredSh::flush(const ShRestArrays& rests, const LaunchContext& context) {
   if (steps_.n == 0) return;
   B3DGS_CHECK(rests == rests_, "flush() with other coefficients than begin_view()");
   if (sh_degree_ > 0) {
-    launch<false>({rests_, updates_.data(), steps_, {}}, sh_degree_, context);
+    apply<false>({}, context);
     clear(rests_.n_gaussians, context);
   }
   steps_.n = 0;
+  has_rules_ = false;
 }
 
 }  // namespace b3dgs::cuda

@@ -65,16 +65,22 @@ class DeferredSh final : public ColorPass {
   DeferredUpdate* updates() const { return updates_.data(); }
   int n_deferred() const { return steps_.n; }
   void defer_step(const AdamStepSize& size);
+  /// A step along several views (batch/batch_step_cuda.h), of the Gaussians that none of them sees.
+  void defer_step(const AdamStepSize& size, const AdamRule& rule);
 
   /// Applies all deferred updates of all Gaussians. `rests` must be what begin_view() was given.
   void flush(const ShRestArrays& rests, const LaunchContext& context);
 
  private:
   void clear(std::int64_t n_gaussians, const LaunchContext& context);
+  template <bool kColors>
+  void apply(const ColorCudaArgs& view, const LaunchContext& context);
 
   ShRestArrays rests_{};
   int sh_degree_ = 0;
   DeferredSteps steps_{};
+  std::array<AdamRule, DeferredSteps::kMax> rules_{};  // of steps_, if has_rules_
+  bool has_rules_ = false;
   DeviceBuffer<DeferredUpdate> updates_;  // all 0 while no step is deferred
 };
 

@@ -1,11 +1,17 @@
 #include "train/optimizer/gaussian_step.h"
 
+#include <cmath>
+
+#include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/array_rows.h"
+#include "train/optimizer/batch/batch_grad_cpu.h"
+#include "train/optimizer/batch/view_batch.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/fused_step.h"
 #include "raster/torch/torch_launch.h"
+#include "train/optimizer/batch/batch_step_cuda.h"
 #include "train/optimizer/gaussian_step_cuda.h"
 #endif
 
@@ -39,6 +45,19 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   });
 }
 
+/// Tensors that a forward pass has checked.
+GaussianArrays arrays_of(const GaussianTensors& g) {
+  return {g.size(),
+          sh_degree_of(g),
+          g.means.data_ptr<float>(),
+          g.log_scales.data_ptr<float>(),
+          g.quats.data_ptr<float>(),
+          g.logit_opacities.data_ptr<float>(),
+          g.sh0.data_ptr<float>(),
+          g.shN.data_ptr<float>(),
+          g.filters.defined() ? g.filters.data_ptr<float>() : nullptr};
+}
+
 }  // namespace
 
 struct GaussianStepper::Impl {
@@ -46,6 +65,9 @@ struct GaussianStepper::Impl {
 
   Rasterizer& rasterizer;
   GaussianTensors grads;  // on the CPU
+  ViewBatch batch;
+  PinholeView view{};  // of the last forward()
+  RenderSettings settings{};
 #if B3DGS_TORCH_CUDA
   cuda::DeferredSh deferred_sh;
 #endif
@@ -56,6 +78,8 @@ GaussianStepper::~GaussianStepper() = default;
 
 RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
                                       RenderSettings settings) {
+  impl_->view = view;
+  impl_->settings = settings;
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     begin_stage(settings.stages, Stage::kProject);
@@ -94,6 +118,68 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
   adam_step(rates, impl_->grads, gaussians, state);
   end_stage(stages);
   return statistics;
+}
+
+void GaussianStepper::make_room_for_view(const GaussianTensors& gaussians) {
+  impl_->batch.make_room(gaussians.size(), impl_->rasterizer.view_size().n_splats, gaussians.means.device());
+  if (!gaussians.means.is_cpu()) return;
+  for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
+    torch::Tensor& grad = *impl_->grads.all()[i];
+    const torch::Tensor& parameter = *gaussians.all()[i];
+    if (!grad.defined() || grad.sizes() != parameter.sizes()) grad = torch::empty_like(parameter);
+  }
+}
+
+ViewStatistics GaussianStepper::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+                                          const RegularizationWeights& regularization) {
+  const ViewStatistics statistics = impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
+  impl_->batch.add(impl_->view, impl_->settings,
+                   b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats));
+  return statistics;
+}
+
+int GaussianStepper::n_kept_views() const {
+  return impl_->batch.n_views();
+}
+
+void GaussianStepper::step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state,
+                                 StageRecorder* stages) {
+  const int n_views = impl_->batch.n_views();
+  B3DGS_CHECK(n_views > 0, "a step without views");
+  AdamRates scaled = rates;
+  for (double& rate : scaled) rate *= std::sqrt(n_views);
+  const BatchGradArgs grad_args = impl_->batch.grad_args(arrays_of(gaussians));
+  begin_stage(stages, Stage::kOptimizer);
+#if B3DGS_TORCH_CUDA
+  if (!gaussians.means.is_cpu()) {
+    cuda::BatchStepArgs args;
+    args.grad = grad_args;
+    args.adam = begin_adam_step(scaled, gaussians, state, n_views);
+    args.rule = adam_rule(n_views);
+    args.updates = impl_->deferred_sh.updates();
+    args.n_deferred = impl_->deferred_sh.n_deferred();
+    cuda::step_batch(args, torch_launch_context());
+    impl_->deferred_sh.defer_step(args.adam.back().size, args.rule);
+    impl_->batch.clear();
+    end_stage(stages);
+    return;
+  }
+#endif
+  GaussianTensors& grads = impl_->grads;
+  cpu::batch_gradients(grad_args, {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(),
+                                   grads.quats.data_ptr<float>(), grads.logit_opacities.data_ptr<float>(),
+                                   grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(), nullptr});
+  adam_step(scaled, grads, gaussians, state, n_views);
+  impl_->batch.clear();
+  end_stage(stages);
+}
+
+void GaussianStepper::drop_views() {
+  impl_->batch.clear();
+}
+
+std::int64_t GaussianStepper::kept_bytes() const {
+  return impl_->batch.bytes();
 }
 
 void GaussianStepper::flush(GaussianTensors& gaussians, AdamState& state) {

@@ -10,9 +10,10 @@
 
 namespace b3dgs {
 
-/// Adam steps, each along the gradients of one view. On a GPU, updates of SH coefficients beyond degree 0 are deferred
-/// until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients or their moments are read,
-/// and before any tensor is replaced.
+/// Adam steps, along the gradients of one view or of several. For a step along several views (--batch), each is
+/// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients
+/// beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients
+/// or their moments are read, and before any tensor is replaced.
 class GaussianStepper {
  public:
   /// `rasterizer` must outlive this.
@@ -26,6 +27,20 @@ class GaussianStepper {
   /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
   ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
                       AdamState& state, StageRecorder* stages, const RegularizationWeights& regularization = {});
+
+  /// Allocates what keep_view() needs for the view that was just rendered.
+  void make_room_for_view(const GaussianTensors& gaussians);
+  /// The backward pass of that view up to its splats, which are kept.
+  ViewStatistics keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+                           const RegularizationWeights& regularization = {});
+  int n_kept_views() const;
+  /// Gradients of the mean over the n kept views, and one step along them, with sqrt(n) times `rates` and the moments'
+  /// decays by adam_rule(). The result does not depend on where views were rendered. Allocates nothing.
+  void step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, StageRecorder* stages);
+  /// Forgets the kept views.
+  void drop_views();
+  /// Memory for kept views, bytes.
+  std::int64_t kept_bytes() const;
 
   /// Applies all deferred updates. Asynchronous on a GPU.
   void flush(GaussianTensors& gaussians, AdamState& state);

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <map>
 #include <string>
-#include <utility>
 
 #include "core/check.h"
 #include "model/raster_input.h"
@@ -61,7 +60,8 @@ bool PoseRefiner::refines(std::int32_t view, int iteration) const {
 }
 
 PinholeView PoseRefiner::camera(std::int32_t view) {
-  if (unfinished_ && unfinished_->view == view) finish_step();
+  const auto is_of_view = [&](const Unfinished& step) { return step.view == view; };
+  if (std::any_of(unfinished_.begin(), unfinished_.end(), is_of_view)) finish_step();
   Camera camera = scene_.train[static_cast<std::size_t>(view)].camera;
   if (state_.is_defined()) {
     camera.cam_from_world = corrected(camera.cam_from_world, state_.correction(static_cast<std::size_t>(view)));
@@ -70,29 +70,40 @@ PinholeView PoseRefiner::camera(std::int32_t view) {
 }
 
 void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad) {
-  B3DGS_CHECK(!unfinished_, "add_gradient() before finish_step()");
+  B3DGS_CHECK(unfinished_.empty(), "add_gradient() before finish_step()");
   B3DGS_CHECK(camera_grad.defined() && camera_grad.numel() == kCameraGradients,
               "no gradient with respect to the camera");
   const double* const values = camera_grad.data_ptr<double>();
+  const std::size_t place = added_.size();
+  added_.push_back({view, iteration});
 #if B3DGS_TORCH_CUDA
   if (camera_grad.is_cuda()) {
-    if (reader_ == nullptr) reader_ = std::make_unique<Reader>();
-    reader_->reader.copy(values, torch_launch_context().stream);
-    unfinished_ = {view, iteration};
+    if (readers_.size() == place) readers_.push_back(std::make_unique<Reader>());
+    readers_[place]->reader.copy(values, torch_launch_context().stream);
     return;
   }
 #endif
-  std::copy_n(values, kCameraGradients, grad_.begin());
-  unfinished_ = {view, iteration};
+  if (grads_.size() == place) grads_.emplace_back();
+  std::copy_n(values, kCameraGradients, grads_[place].begin());
+}
+
+void PoseRefiner::begin_step() {
+  B3DGS_CHECK(unfinished_.empty(), "begin_step() before finish_step()");
+  unfinished_.swap(added_);
 }
 
 void PoseRefiner::finish_step() {
-  if (!unfinished_) return;
-  const Unfinished step = *std::exchange(unfinished_, std::nullopt);
+  for (std::size_t place = 0; place < unfinished_.size(); ++place) {
+    const Unfinished& step = unfinished_[place];
 #if B3DGS_TORCH_CUDA
-  if (reader_ != nullptr) grad_ = reader_->reader.wait();
+    if (!readers_.empty()) {
+      take_step(step.view, step.iteration, readers_[place]->reader.wait());
+      continue;
+    }
 #endif
-  take_step(step.view, step.iteration, grad_);
+    take_step(step.view, step.iteration, grads_[place]);
+  }
+  unfinished_.clear();
 }
 
 void PoseRefiner::take_step(std::int32_t view, int iteration, const std::array<double, kCameraGradients>& grad) {

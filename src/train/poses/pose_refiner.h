@@ -5,7 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <optional>
+#include <vector>
 
 #include "config/train_config.h"
 #include "raster/args.h"
@@ -26,15 +26,20 @@ class PoseRefiner {
   /// Whether the iteration refines the pose of the view: it needs the camera's gradient.
   bool refines(std::int32_t view, int iteration) const;
 
-  /// The camera with its corrected pose. If its last step is unfinished, waits for the GPU.
+  /// The camera with its corrected pose. If its last step has begun and is unfinished, waits for the GPU.
   PinholeView camera(std::int32_t view);
 
-  /// Takes the gradient of an iteration (ViewStatistics::camera_grad); the last step must be finished. Asynchronous on
-  /// a GPU.
+  /// Takes the gradient of an iteration (ViewStatistics::camera_grad), one or several for each step; those of the last
+  /// step must be finished. Asynchronous on a GPU.
   void add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad);
 
-  /// Takes the step along the last gradient, unless that has been done; waits for the gradient. A gradient that is not
-  /// finite is ignored.
+  /// The step is taken: finish_step() is to follow the gradients added since the last one. Until then, drop_gradients()
+  /// forgets them.
+  void begin_step();
+  void drop_gradients() { added_.clear(); }
+
+  /// Takes the steps along the gradients of the last begin_step(), in their order, unless that has been done; waits for
+  /// the gradients. A gradient that is not finite is ignored.
   void finish_step();
 
  private:
@@ -47,10 +52,11 @@ class PoseRefiner {
   const TrainConfig& config_;
   const Scene& scene_;
   PoseState& state_;
-  std::optional<Unfinished> unfinished_;
-  std::array<double, kCameraGradients> grad_{};  // on the CPU
+  std::vector<Unfinished> added_, unfinished_;  // before and after begin_step()
+  // Of each of them:
+  std::vector<std::array<double, kCameraGradients>> grads_;  // on the CPU
   struct Reader;
-  std::unique_ptr<Reader> reader_;  // on a GPU
+  std::vector<std::unique_ptr<Reader>> readers_;  // on a GPU
 };
 
 }  // namespace b3dgs

@@ -39,9 +39,10 @@ void StageTimer::end() {
   stage_.reset();
 }
 
-void StageTimer::finish() {
+void StageTimer::finish(int n_iterations) {
   if (!open_) return;
   end();
+  open_->n_iterations = n_iterations;
   open_->to = clock_->mark();
   finished_.push_back(std::move(*open_));
   open_.reset();
@@ -70,6 +71,12 @@ StageTimes StageTimer::read(const Record& record) {
   }
   clock_->release(record.from);
   clock_->release(record.to);
+  if (record.n_iterations > 1) {
+    times.wall_ms /= record.n_iterations;
+    for (std::optional<double>& ms : times.ms) {
+      if (ms) *ms /= record.n_iterations;
+    }
+  }
   return times;
 }
 

@@ -36,7 +36,8 @@ class StageTimer final : public StageRecorder {
   void start(StageTimes::Kind kind);
   void begin(Stage stage) override;
   void end() override;
-  void finish();
+  /// With several iterations in a step, times are divided by their number.
+  void finish(int n_iterations = 1);
   /// Discards the marks since start().
   void cancel();
 
@@ -54,6 +55,7 @@ class StageTimer final : public StageRecorder {
     StageTimes::Kind kind{};
     int from = 0, to = 0;  // marks
     std::vector<Span> spans;
+    int n_iterations = 1;
   };
   StageTimes read(const Record& record);
 

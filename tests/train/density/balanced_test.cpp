@@ -414,8 +414,9 @@ TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
   GaussianTensors model = gaussians;
   model.means = gaussians.means.clone();
   const auto take_step = [&](int iteration) {
-    strategy->after_step(
-        {iteration, statistics, camera.width, camera.height, view.color, none, none, error, &rasterizer}, model, sums);
+    strategy->after_view(
+        {iteration, statistics, camera.width, camera.height, view.color, none, none, error, &rasterizer}, sums);
+    strategy->after_step(iteration, model);
   };
   take_step(650);  // not scored
   EXPECT_EQ(sums.extra[1].values.abs().max().item<float>(), 0);

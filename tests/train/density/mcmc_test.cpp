@@ -389,8 +389,7 @@ TEST(McmcStrategy, AddsNoiseInProportionToTheLearningRateOfTheMeans) {
   for (const int iteration : {1, 700}) {
     Model model = make_model(torch::full({50}, 0.01f));
     GaussianTensors expected = make_model(torch::full({50}, 0.01f)).gaussians;
-    const ViewStatistics view;
-    strategy->after_step({iteration, view, 100, 50}, model.gaussians, model.statistics);
+    strategy->after_step(iteration, model.gaussians);
     const double rate = kExtent * 0.00016 * std::pow(0.01, iteration / 1000.0);
     add_mean_noise(expected, 500000 * rate, 4, iteration);
     EXPECT_TRUE(test::within(model.gaussians.means, expected.means, 1e-6 * (1 + expected.means.abs())));

@@ -135,7 +135,7 @@ class BalancedStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return balanced_plan(config_, iteration); }
 
-  void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics& statistics) const override {
+  void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
     const DensityPlan now = plan(step.iteration);
     if (now.absolute_gradients) {
       add_view(step.view, step.width, step.height, statistics);
@@ -146,10 +146,12 @@ class BalancedStrategy final : public DensityStrategy {
           step.error, {column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
                        column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
     }
-    if (adds_mean_noise(config_, step.iteration)) {
-      const double position_lr = adam_rates(config_, extent_, step.iteration)[0];
-      add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, step.iteration);
-    }
+  }
+
+  void after_step(int iteration, GaussianTensors& gaussians) const override {
+    if (!adds_mean_noise(config_, iteration)) return;
+    const double position_lr = adam_rates(config_, extent_, iteration)[0];
+    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, iteration);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,

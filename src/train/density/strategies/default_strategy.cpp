@@ -71,7 +71,7 @@ class DefaultStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return density_plan(config_, iteration); }
 
-  void after_step(const DensityStep& step, GaussianTensors&, DensityStatistics& statistics) const override {
+  void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
     add_view(step.view, step.width, step.height, statistics);
   }
 

@@ -121,9 +121,12 @@ class McmcStrategy final : public DensityStrategy {
     return plan;
   }
 
-  void after_step(const DensityStep& step, GaussianTensors& gaussians, DensityStatistics&) const override {
-    const double position_lr = adam_rates(config_, extent_, step.iteration)[0];
-    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, step.iteration);
+  void after_view(const DensityStep&, DensityStatistics&) const override {}
+
+  void after_step(int iteration, GaussianTensors& gaussians) const override {
+    if (!adds_mean_noise(config_, iteration)) return;
+    const double position_lr = adam_rates(config_, extent_, iteration)[0];
+    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, iteration);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics&, int iteration,

@@ -1,0 +1,56 @@
+#include "train/optimizer/batch/view_batch.h"
+
+#include "core/check.h"
+#include "raster/torch/tensor_storage.h"
+
+namespace b3dgs {
+
+void ViewBatch::make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch::Device device) {
+  B3DGS_CHECK(n_views_ < kMaxBatch, "a step has at most ", kMaxBatch, " views");
+  constexpr std::int64_t kWords = sizeof(SplatRecord) / sizeof(float), kSpare = 4;
+  if (slots_.size() == static_cast<std::size_t>(n_views_)) slots_.emplace_back();
+  Slot& slot = slots_[static_cast<std::size_t>(n_views_)];
+  const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
+  place_tensor(slot.splats.records, slot.record_room, {n_splats, kWords}, floats, kSpare);
+  place_tensor(slot.splats.record_of_gaussian, slot.index_room, {n_gaussians}, floats.dtype(torch::kInt32), kSpare);
+}
+
+void ViewBatch::add(const PinholeView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
+  if (n_views_ == 0) {
+    sh_degree_ = settings.sh_degree;
+    antialiasing_ = settings.antialiasing;
+  }
+  B3DGS_CHECK(sh_degree_ == settings.sh_degree && antialiasing_ == settings.antialiasing,
+              "the views of a step have different settings");
+  Slot& slot = slots_[static_cast<std::size_t>(n_views_++)];
+  slot.view = view;
+  slot.regularization = regularization;
+}
+
+BatchGradArgs ViewBatch::grad_args(const GaussianArrays& gaussians) const {
+  BatchGradArgs args;
+  args.gaussians = gaussians;
+  args.sh_degree = sh_degree_;
+  args.antialiasing = antialiasing_;
+  args.n_views = n_views_;
+  for (std::size_t v = 0; v < static_cast<std::size_t>(n_views_); ++v) {
+    const Slot& slot = slots_[v];
+    B3DGS_CHECK(slot.splats.record_of_gaussian.numel() == gaussians.n_gaussians, "a view of ",
+                slot.splats.record_of_gaussian.numel(), " Gaussians in a step of ", gaussians.n_gaussians);
+    args.views[v] = {slot.view, reinterpret_cast<const SplatRecord*>(slot.splats.records.data_ptr<float>()),
+                     slot.splats.record_of_gaussian.data_ptr<std::int32_t>(), slot.regularization};
+  }
+  return args;
+}
+
+std::int64_t ViewBatch::bytes() const {
+  std::int64_t bytes = 0;
+  for (const Slot& slot : slots_) {
+    for (const torch::Tensor* room : {&slot.record_room, &slot.index_room}) {
+      if (room->defined()) bytes += static_cast<std::int64_t>(room->storage().nbytes());
+    }
+  }
+  return bytes;
+}
+
+}  // namespace b3dgs
