@@ -22,6 +22,7 @@
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
+#include "train/count_limit.h"
 #include "train/device.h"
 #include "train/threads.h"
 #include "train/trainer.h"
@@ -186,6 +187,11 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   check_scene(header, load_scene(options), checkpoint.string());
 }
 
+std::string describe_limit(const TrainConfig& config) {
+  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
+                        config.pixels_per_gaussian, ")");
+}
+
 std::string describe_memory(const MemoryForecast& forecast) {
   return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " + format_bytes(forecast.model) +
          ", pairs about " + format_bytes(forecast.pairs) + " of " + format_bytes(forecast.limit) + "; room for about " +
@@ -252,6 +258,10 @@ int run_train(const std::vector<std::string>& words) {
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
+  }
+  if (const std::int64_t limit = count_limit(config, scene); limit != config.max_gaussians) {
+    plan.config.max_gaussians = limit;
+    if (!options.quiet) std::cout << describe_limit(config) << std::endl;
   }
   if (!options.quiet && plan.layers) {
     for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;

@@ -29,6 +29,7 @@ std::string option_tables() {
   for (const RunCommand run_command : kCommands) run_command(words);
   run_bench_step(words);
   run_bench_sweep(words);
+  run_bench_exchange(words);
   return text.str();
 }
 

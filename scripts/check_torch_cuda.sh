@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Type-checks the code that needs a LibTorch with CUDA, where there is only one without: Debian's package has the headers
-# of both, except for one file that CMake generates, which stands in here. Needs the CUDA toolkit, but no GPU.
+# of both, except for one file that CMake generates and NCCL's, which stand in here. Needs the CUDA toolkit, but no GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -14,11 +14,30 @@ fi
 stand_in=build/torch-cuda-headers
 mkdir -p "$stand_in/c10/cuda/impl"
 echo '#define C10_CUDA_BUILD_SHARED_LIBS' >"$stand_in/c10/cuda/impl/cuda_cmake_macros.h"
+cat >"$stand_in/nccl.h" <<'END'  # what the headers of LibTorch 1.13 name
+#define NCCL_MAJOR 2
+#define NCCL_MINOR 14
+enum ncclResult_t { ncclSuccess, ncclUnhandledCudaError, ncclSystemError, ncclInternalError, ncclInvalidArgument,
+                    ncclInvalidUsage, ncclRemoteError, ncclInProgress };
+enum ncclDataType_t { ncclChar };
+enum ncclRedOp_t { ncclSum };
+enum ncclScalarResidence_t { ncclScalarDevice, ncclScalarHostImmediate };
+struct ncclUniqueId { char internal[128]; };
+typedef struct ncclComm* ncclComm_t;
+ncclResult_t ncclCommInitRank(ncclComm_t*, int, ncclUniqueId, int);
+ncclResult_t ncclCommAbort(ncclComm_t);
+ncclResult_t ncclCommDestroy(ncclComm_t);
+ncclResult_t ncclCommGetAsyncError(ncclComm_t, ncclResult_t*);
+ncclResult_t ncclRedOpCreatePreMulSum(ncclRedOp_t*, void*, ncclDataType_t, ncclScalarResidence_t, ncclComm_t);
+ncclResult_t ncclRedOpDestroy(ncclRedOp_t, ncclComm_t);
+const char* ncclGetErrorString(ncclResult_t);
+END
 
 {
   git grep -l -e B3DGS_TORCH_CUDA -e '<c10/cuda/' -- 'src/*.cpp' 'app/*.cpp'
   git ls-files 'tests/train/cuda/*.cpp'
 } | sort -u | xargs -P "$(nproc)" -I FILE g++ -std=c++17 -fsyntax-only -Wall -Wextra -Werror -fopenmp \
-  -DB3DGS_TORCH_CUDA=1 -DB3DGS_HAS_CUDA=1 "-DB3DGS_VERSION=\"\"" -Isrc -I. -Itests -isystem "$stand_in" \
+  -DB3DGS_TORCH_CUDA=1 -DB3DGS_HAS_CUDA=1 -DB3DGS_C10D=1 -DB3DGS_GLOO=0 -DB3DGS_NCCL=1 "-DB3DGS_VERSION=\"\"" \
+  -Isrc -I. -Itests -isystem "$stand_in" \
   -isystem "$cuda_include" -isystem /usr/include/torch/csrc/api/include -isystem /usr/include/opencv4 FILE
 echo "code for a LibTorch with CUDA: type-checked"

@@ -11,7 +11,10 @@ packages=(
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
 )
-libtorch=(libtorch-dev)
+libtorch=(
+  libtorch-dev
+  libgloo-dev  # headers that LibTorch's includes for several processes
+)
 for argument in "$@"; do
   case $argument in
     --tests)

@@ -9,6 +9,7 @@
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/count_limit.h"
 #include "train/device.h"
 #include "train/images/image_store.h"
 
@@ -61,7 +62,8 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
 void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
                               const Scene& scene, std::optional<std::int64_t> image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
-  const TrainConfig config = run_config(configuration, folder, seed);
+  TrainConfig config = run_config(configuration, folder, seed);
+  config.max_gaussians = count_limit(config, scene);
   const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
   turns_.push_back(std::make_unique<Turn>(
       Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, EtaHistory(eta)}));

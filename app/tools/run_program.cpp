@@ -9,11 +9,12 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/nearest_name.h"
+#include "dist/control/limits.h"
 
 namespace b3dgs {
 namespace {
 
-enum ExitCode { kFailed = 1, kBadInput = 2 };
+enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
 
 int report(const std::string& message, ExitCode code) {
   std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
@@ -54,6 +55,8 @@ int run_program(int argc, char** argv, const std::function<int(const std::vector
     return report(error.what(), kBadInput);
   } catch (const OutOfMemoryError& error) {
     return report_out_of_memory(error.what());
+  } catch (const PeerError& error) {
+    return report(error.what(), kPeerFailed);
   } catch (const std::bad_alloc&) {
     return report_out_of_memory("out of memory");
   } catch (const std::exception& error) {

@@ -78,20 +78,22 @@ struct TrainConfig {
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
   double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double background_lr = 0.01;  // of the SH coefficients of --background learned and sky
+  double background_lr = 0.03;  // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
-  double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
-  double scale_reg = 0;    // times their mean scale, world units
-  int reg_from_iter = 0;   // exclusive; of opacity_reg and scale_reg
+  double huber = 0;         // difference of colours in [0, 1]
+  int huber_from_iter = 0;  // exclusive
+  double opacity_reg = 0;   // times the mean opacity of the Gaussians that the view sees
+  double scale_reg = 0;     // times their mean scale, world units
+  int reg_from_iter = 0;    // exclusive; of opacity_reg and scale_reg
   double depth_l1_weight_init = 1;
   double depth_l1_weight_final = 0.01;
 
   // Appearance of each photograph
   bool exposure = false;
   double exposure_lr_init = 0.01;
-  double exposure_lr_final = 0.001;
+  double exposure_lr_final = 0.0001;  // 0.001 in the original code: the transforms never come to rest
   bool bilateral_grid = false;
   double bilateral_grid_lr = 0.002;
   double bilateral_grid_tv = 10;  // weight of the total variation
@@ -111,7 +113,8 @@ struct TrainConfig {
   double prune_screen_size = 0;       // px
   int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
   int sh_increase_interval = 1000;
-  std::int64_t max_gaussians = 0;  // 0 = no limit
+  std::int64_t max_gaussians = 0;  // 0 = no limit, unless pixels_per_gaussian sets one
+  double pixels_per_gaussian = 0;
   double init_opacity = 0.1;
   double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
   // Of strategies mcmc and balanced:
@@ -215,7 +218,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
   field(Option{"skip_share"}, c.skip_share, InRange{0, 0.5},
-        "skip up to X of the steps: of views whose loss was below its running mean (0 = none)");
+        "skip up to X of the steps: of views with a loss no higher than its mean (0 = none)");
   field(Option{"skip_from_iter"}.in_steps(), c.skip_from_iter, AtLeast{0}, "skip no step up to this iteration");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
@@ -240,6 +243,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
+  field(Option{"huber"}, c.huber, InRange{0, 1}, "Huber loss instead of L1, quadratic for errors below X (0 = L1)");
+  field(Option{"huber_from_iter"}.in_steps(), c.huber_from_iter, AtLeast{0}, "use --huber after this iteration");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
   field(Option{"reg_from_iter"}.in_steps(), c.reg_from_iter, AtLeast{0},
@@ -287,6 +292,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
+  field(Option{"pixels_per_gaussian"}, c.pixels_per_gaussian, AtLeast{0},
+        "without --max_gaussians: at most one Gaussian per X training pixels (0 = no limit)");
   field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
         "opacity of the initial Gaussians; not for Gaussians of --init_ply");
   field(Option{"init_scale"}, c.init_scale, Above{0},

@@ -57,4 +57,19 @@ struct ViewSkips {
   }
 };
 
+/// Of `upcoming`, the views of `iteration` and those after it, the ones whose steps will not be skipped, as far as
+/// losses are known now. `may_skip_step(i)`: whether the step of iteration i may be.
+template <class MaySkipStep>
+std::vector<std::int32_t> views_of_steps(ViewSkips skips, const TrainConfig& config, int iteration,
+                                         const std::vector<std::int32_t>& upcoming, MaySkipStep&& may_skip_step) {
+  std::vector<std::int32_t> views;
+  for (const std::int32_t view : upcoming) {
+    const bool is_skipped =
+        may_skip_step(iteration) && skips.skip(view, iteration - config.skip_from_iter, config.skip_share);
+    if (!is_skipped) views.push_back(view);
+    ++iteration;
+  }
+  return views;
+}
+
 }  // namespace b3dgs

@@ -6,6 +6,7 @@
 
 #include "model/formats/splat_formats.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/count_limit.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
 
@@ -71,7 +72,7 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
-  const bool grows = config.growth > 0 && config.max_gaussians == 0;
+  const bool grows = config.growth > 0 && config.max_gaussians == 0 && config.pixels_per_gaussian == 0;
   if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
     input_error(
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
@@ -97,8 +98,9 @@ void check_options(const TrainConfig& config) {
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
-  TrainConfig resolved = config;  // some defaults, such as the tile, follow from the device's name
+  TrainConfig resolved = config;  // some values follow from the device's name and from the scene
   resolved.device = device_name(choose_device(config.device));
+  resolved.max_gaussians = count_limit(config, scene);
   check_options(resolved);
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }

@@ -61,6 +61,8 @@ struct Trainer::Impl {
   /// One step; repeated without the Gaussians that cannot be rendered. Starts with a kernel check if one is due.
   void step();
   void take_step();
+  /// Whether --skip_share may skip the step of this iteration, whatever its view.
+  bool may_skip_step(int iteration) const;
   /// Whether --skip_share skips the step of this iteration, which is then recorded.
   bool skip_step(int iteration);
   /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.

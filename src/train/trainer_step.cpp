@@ -112,7 +112,7 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
   compared.color = appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
-  loss.compute(compared.color, view.truth, view.valid, view.n_valid, loss_weights(config));
+  loss.compute(compared.color, view.truth, view.valid, view.n_valid, loss_weights(config, state.iteration));
   if (compared.plan.score) error_image.compute(compared.color, view.truth, view.valid, config.score_power);
   RenderedViewGrad& grad = compared.grad;
   grad = loss.grad();
@@ -191,9 +191,13 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
-bool Trainer::Impl::skip_step(int iteration) {
+bool Trainer::Impl::may_skip_step(int iteration) const {
   if (!may_skip(config, iteration) || density->plan(iteration).statistics) return false;
-  if (smoothing_filter && is_filter_iteration(iteration)) return false;
+  return !smoothing_filter || !is_filter_iteration(iteration);
+}
+
+bool Trainer::Impl::skip_step(int iteration) {
+  if (!may_skip_step(iteration)) return false;
   const std::int32_t view = state.view_order.upcoming(config.seed, images.size(), 1).front();
   // The same view twice in a row, at the end of an epoch. Whether its loss is known must not depend on the device.
   if (unread_loss && unread_loss->view_index == view) read_loss();
@@ -205,9 +209,14 @@ bool Trainer::Impl::skip_step(int iteration) {
 }
 
 TrainView Trainer::Impl::take_view(int iteration) {
-  const std::vector<std::int32_t> next =
-      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
-  TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
+  // With skips, twice as many: at most half of all steps are skipped.
+  const std::size_t n_ahead = images.n_upcoming_wanted() * (config.skip_share > 0 ? 2 : 1);
+  const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + n_ahead);
+  std::vector<std::int32_t> ahead(next.begin() + 1, next.end());
+  if (config.skip_share > 0) {
+    ahead = views_of_steps(state.view_skips, config, iteration + 1, ahead, [&](int i) { return may_skip_step(i); });
+  }
+  TrainView view = images.take(next.front(), ahead);
   view.camera = poses.camera(view.index);
   const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
   return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);

@@ -69,5 +69,24 @@ TEST(ViewSkips, KeepWithinTheShareAtAllTimes) {
   }
 }
 
+TEST(ViewSkips, ViewsOfStepsAreThoseThatSkipWillNotSkip) {
+  TrainConfig config;
+  config.skip_share = 0.4;
+  config.skip_from_iter = 100;
+  const auto may_skip_step = [](int iteration) { return iteration != 106; };
+  ViewSkips skips;
+  for (const std::int32_t view : {0, 1, 2, 3}) skips.loss_of(view, 5) = {0.5, view != 2};
+  const std::vector<std::int32_t> upcoming = {4, 0, 2, 1, 3, 0, 1};  // of iterations 103, 104, ...
+  const std::vector<std::int32_t> found = views_of_steps(skips, config, 103, upcoming, may_skip_step);
+  EXPECT_EQ(skips.n_skipped, 0) << "only a forecast";
+  std::vector<std::int32_t> expected;
+  for (std::size_t i = 0; i < upcoming.size(); ++i) {
+    const int iteration = 103 + static_cast<int>(i);
+    if (!may_skip_step(iteration) || !skips.skip(upcoming[i], iteration - 100, 0.4)) expected.push_back(upcoming[i]);
+  }
+  EXPECT_EQ(found, expected);
+  EXPECT_EQ(found, (std::vector<std::int32_t>{4, 2, 1, 0})) << "106 may not be skipped, and 0 not twice in a row";
+}
+
 }  // namespace
 }  // namespace b3dgs

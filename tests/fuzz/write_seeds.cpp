@@ -5,6 +5,7 @@
 
 #include "adaptive/kernel_selector.h"
 #include "core/files/atomic_file.h"
+#include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"
 #include "model/formats/ply.h"
 #include "scene/colmap/colmap.h"
@@ -55,7 +56,7 @@ void write_colmap_seeds(const fs::path& folder) {
       write_file(folder / target / std::to_string(n++), joined);
     }
   }
-  fs::remove_all(work);
+  remove_tree(work);
 }
 
 SplatCloud small_cloud(int sh_degree) {
@@ -167,7 +168,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   const std::filesystem::path folder = argv[1];
-  std::filesystem::remove_all(folder);
+  b3dgs::remove_tree(folder);
   b3dgs::write_colmap_seeds(folder);
   b3dgs::write_ply_seeds(folder / "ply");
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");

@@ -181,6 +181,17 @@ TEST(Layers, AWrongIncludeIsFound) {
             "core/a.h: includes \"new/b.h\", whose folder is not in src/layers.txt");
 }
 
+// core/files/remove_tree.h has the reason.
+TEST(Calls, FoldersAreRemovedByRemoveTree) {
+  const std::string call = std::string("remove_all") + "(";  // in two parts, so that this line is not a call
+  for (const fs::path& file : sources({"src", "app", "data_synth", "tests"})) {
+    std::ifstream text(file);
+    for (std::string line; std::getline(text, line);) {
+      EXPECT_EQ(line.find(call), std::string::npos) << fs::relative(file, kRoot) << ": " << line;
+    }
+  }
+}
+
 TEST(Folders, HoldFewFiles) {
   std::map<fs::path, std::size_t> counts;
   for (const fs::path& file : sources({"src", "app", "data_synth", "tests"})) ++counts[file.parent_path()];

@@ -1,4 +1,4 @@
-// Schedules: learning rates, view order, random numbers, outputs.
+// Schedules: learning rates, weights of the loss, limit on the Gaussians, view order, random numbers, outputs.
 
 #include <gtest/gtest.h>
 
@@ -10,6 +10,8 @@
 #include "config/output_plan.h"
 #include "config/view_order.h"
 #include "core/random.h"
+#include "train/count_limit.h"
+#include "train/loss/loss_weights.h"
 #include "train/optimizer/lr_schedule.h"
 
 namespace b3dgs {
@@ -53,6 +55,44 @@ TEST(LearningRate, OfAllButTheMeansFallsToTheFinalScale) {
   config.lr_decay_from_iter = 40000;
   EXPECT_EQ(adam_rates(config, 5.0, 29999)[1], constant[1]) << "nothing left to decay over";
   EXPECT_NEAR(adam_rates(config, 5.0, 30000)[1], 0.01 * constant[1], 1e-18);
+}
+
+TEST(Regularization, ActsAfterItsFirstIteration) {
+  TrainConfig config;
+  config.opacity_reg = 0.25;
+  config.scale_reg = 0.5;
+  EXPECT_EQ(regularization_weights(config, 1).opacity, 0.25);
+  config.reg_from_iter = 100;
+  EXPECT_EQ(regularization_weights(config, 100).opacity, 0);
+  EXPECT_EQ(regularization_weights(config, 100).scale, 0);
+  EXPECT_EQ(regularization_weights(config, 101).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, 101).scale, 0.5);
+}
+
+TEST(LossWeights, UseHuberAfterItsFirstIteration) {
+  TrainConfig config;
+  config.huber = 0.1;
+  config.huber_from_iter = 7;
+  EXPECT_EQ(loss_weights(config, 7).huber, 0);
+  EXPECT_EQ(loss_weights(config, 8).huber, 0.1);
+  EXPECT_EQ(loss_weights(config, 8).dssim, config.lambda_dssim);
+}
+
+TEST(CountLimit, IsOneGaussianForSoManyTrainingPixels) {
+  Scene scene;
+  scene.train.resize(3);
+  for (View& view : scene.train) view.camera.width = 100, view.camera.height = 40;
+  scene.test = scene.train;
+  TrainConfig config;
+  EXPECT_EQ(count_limit(config, scene), 0) << "no limit";
+  config.pixels_per_gaussian = 7;
+  EXPECT_EQ(count_limit(config, scene), 1714) << "12,000 / 7";
+  config.max_gaussians = 20;
+  EXPECT_EQ(count_limit(config, scene), 20) << "--max_gaussians comes first";
+  config.max_gaussians = 0;
+  config.pixels_per_gaussian = 5000;
+  scene.points.positions.resize(3 * 11);
+  EXPECT_EQ(count_limit(config, scene), 11) << "no fewer than there are points";
 }
 
 TEST(ViewOrder, UsesEveryViewOnceBeforeAnyTwice) {

@@ -11,7 +11,7 @@ namespace b3dgs {
 /// Undefined tensors: nothing is learned.
 struct AppearanceState {
   // By training view; one of the two is defined.
-  torch::Tensor exposures;               // [V, 3, 4]: colour' = exposure (r, g, b, 1)
+  torch::Tensor exposures;               // [V, 3, 4], transforms: colour' = transform (r, g, b, 1)
   torch::Tensor grids;                   // [V, 8, 16, 16, 12]: bilateral_grid_args.h
   torch::Tensor m, v;                    // Adam moments, shape of the parameters
   std::int64_t steps = 0;                // of Adam

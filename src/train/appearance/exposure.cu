@@ -1,7 +1,7 @@
 // The exposure model on the GPU.
 //   apply      a thread per pixel
-//   backward   a block of threads per kExposureBlock pixels sums its part of the matrix's gradient; then one block adds
-//              the parts. Both in a fixed order.
+//   backward   a block of threads per kExposureBlock pixels sums its part of the transform's gradient; then one block
+//              adds the parts. Both in a fixed order.
 //   step       a thread per element of all transforms; then one block shifts them
 
 #include "core/cuda_check.h"
@@ -44,7 +44,7 @@ __global__ void __launch_bounds__(kThreads) exposure_backward_kernel(const Expos
   args.block_sums[static_cast<std::int64_t>(blockIdx.x) * kExposureSize + threadIdx.x] = sum;
 }
 
-/// A warp per element of the matrix.
+/// A warp per element of a transform.
 __global__ void __launch_bounds__(32 * kExposureSize) exposure_sum_kernel(const ExposureArgs args) {
   const int element = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
   double sum = 0;
@@ -52,18 +52,18 @@ __global__ void __launch_bounds__(32 * kExposureSize) exposure_sum_kernel(const 
     sum += args.block_sums[block * kExposureSize + element];
   }
   sum = sum_warp(sum);
-  if (lane == 0) args.matrix_grad[element] = static_cast<float>(sum);
+  if (lane == 0) args.transform_grad[element] = static_cast<float>(sum);
 }
 
 __global__ void __launch_bounds__(kThreads) exposure_step_kernel(const ExposureStepArgs args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.adam.n) return;
   const bool has_grad = i >= args.first && i < args.first + kExposureSize;
-  const float grad = has_grad ? args.matrix_grad[i - args.first] : 0.0f;
+  const float grad = has_grad ? args.transform_grad[i - args.first] : 0.0f;
   step_one(args.adam.size, grad, args.adam.param[i], args.adam.m[i], args.adam.v[i]);
 }
 
-/// A warp per element of the matrix.
+/// A warp per element of a transform.
 __global__ void __launch_bounds__(32 * kExposureSize) center_exposures_kernel(const ExposureStepArgs args) {
   const int element = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
   const std::int64_t n_views = args.adam.n / kExposureSize;

@@ -8,39 +8,39 @@
 
 namespace b3dgs {
 
-/// Elements of a transform: [3, 4], colour' = matrix (r, g, b, 1).
+/// Elements of a transform: [3, 4], colour' = transform (r, g, b, 1).
 inline constexpr int kExposureSize = 12;
 
-/// Pixels whose part of the matrix's gradient is summed at once. The same on every device, so that the order of sums
-/// depends on the image only.
+/// Pixels whose part of the transform's gradient is summed at once. The same on every device, so that the order of
+/// sums depends on the image only.
 inline constexpr std::int64_t kExposureBlock = 4096;
 
 /// All arrays are on one device.
 struct ExposureArgs {
   std::int64_t n_pixels = 0;
-  const float* matrix = nullptr;    // [3, 4]
-  const float* rendered = nullptr;  // [H, W, 3]
-  float* corrected = nullptr;       // [H, W, 3] out of the forward pass
-  float* grad = nullptr;            // [H, W, 3] backward pass: dL/d(corrected) in, dL/d(rendered) out
-  double* block_sums = nullptr;     // [n_blocks, 12] scratch of the backward pass
-  float* matrix_grad = nullptr;     // [3, 4] out of the backward pass
+  const float* transform = nullptr;  // [3, 4]
+  const float* rendered = nullptr;   // [H, W, 3]
+  float* corrected = nullptr;        // [H, W, 3] out of the forward pass
+  float* grad = nullptr;             // [H, W, 3] backward pass: dL/d(corrected) in, dL/d(rendered) out
+  double* block_sums = nullptr;      // [n_blocks, 12] scratch of the backward pass
+  float* transform_grad = nullptr;   // [3, 4] out of the backward pass
 
   B3DGS_HD std::int64_t n_blocks() const { return (n_pixels + kExposureBlock - 1) / kExposureBlock; }
 };
 
 /// Writes one pixel of `corrected`.
 B3DGS_HD void expose_pixel(const ExposureArgs& args, std::int64_t pixel) {
-  const float *color = args.rendered + 3 * pixel, *a = args.matrix;
+  const float *color = args.rendered + 3 * pixel, *a = args.transform;
   for (int i = 0; i < 3; ++i) {
     args.corrected[3 * pixel + i] =
         a[4 * i] * color[0] + a[4 * i + 1] * color[1] + a[4 * i + 2] * color[2] + a[4 * i + 3];
   }
 }
 
-/// Replaces the pixel's gradient, and adds its part of dL/d(matrix) to `sums`.
+/// Replaces the pixel's gradient, and adds its part of dL/d(transform) to `sums`.
 template <class Sum>
 B3DGS_HD void expose_pixel_backward(const ExposureArgs& args, std::int64_t pixel, Sum (&sums)[kExposureSize]) {
-  const float *color = args.rendered + 3 * pixel, *a = args.matrix;
+  const float *color = args.rendered + 3 * pixel, *a = args.transform;
   float* grad = args.grad + 3 * pixel;
   const float g[3] = {grad[0], grad[1], grad[2]};
   for (int i = 0; i < 3; ++i) {
@@ -54,9 +54,9 @@ B3DGS_HD void expose_pixel_backward(const ExposureArgs& args, std::int64_t pixel
 /// with torch.optim.Adam. Then all are shifted so that their mean is the identity: brighter transforms with a darker
 /// model would fit the photographs as well, and the first steps, when renders are still dark, would lead there.
 struct ExposureStepArgs {
-  AdamArgs adam{};                     // all transforms; `grad` is not used
-  std::int64_t first = 0;              // element of the transform that has a gradient
-  const float* matrix_grad = nullptr;  // [3, 4] on the device of the transforms
+  AdamArgs adam{};                        // all transforms; `grad` is not used
+  std::int64_t first = 0;                 // element of the transform that has a gradient
+  const float* transform_grad = nullptr;  // [3, 4] on the device of the transforms
 };
 
 /// What is to be subtracted from element `k` of all transforms, from the sum of these elements.

@@ -1,5 +1,6 @@
-// exposure.json: the exposures of a model's training views, as the original 3DGS code writes them: an object from the
-// name of the view to the rows of its 3 x 4 transform, colour' = transform (r, g, b, 1). The PLY does not include them.
+// exposure.json: the colour transforms of a model's training views (--exposure), as the original 3DGS code writes them:
+// an object from the name of the view to the rows of its transform [3, 4], colour' = transform (r, g, b, 1). The PLY
+// does not include them.
 #pragma once
 
 #include <torch/types.h>

@@ -36,7 +36,7 @@ void exposure_backward(const ExposureArgs& args) {
   for (std::int64_t block = 0; block < args.n_blocks(); ++block) {
     for (int k = 0; k < kExposureSize; ++k) total[k] += args.block_sums[block * kExposureSize + k];
   }
-  for (int k = 0; k < kExposureSize; ++k) args.matrix_grad[k] = static_cast<float>(total[k]);
+  for (int k = 0; k < kExposureSize; ++k) args.transform_grad[k] = static_cast<float>(total[k]);
 }
 
 void center_exposures(const ExposureStepArgs& args) {
@@ -55,7 +55,7 @@ ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, cons
   B3DGS_CHECK(view >= 0 && view < state.exposures.size(0), "view ", view, " of ", state.exposures.size(0));
   ExposureArgs args;
   args.n_pixels = rendered.size(0) * rendered.size(1);
-  args.matrix = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
+  args.transform = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
   args.rendered = rendered.data_ptr<float>();
   return args;
 }
@@ -69,7 +69,7 @@ ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, to
       n_views_(n_views),
       device_(device) {
   for (int place = 0; place < config.batch; ++place) {
-    matrix_grads_.push_back(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device)));
+    transform_grads_.push_back(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device)));
   }
   if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
 }
@@ -113,7 +113,7 @@ void ExposureModel::backward(const AppearanceState& state, std::int32_t view, co
   }
   args.grad = grad.data_ptr<float>();
   args.block_sums = block_sums_.data_ptr<double>();
-  args.matrix_grad = matrix_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::exposure_backward(args, torch_launch_context().stream);
 #endif
@@ -129,12 +129,12 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.v = state.v.data_ptr<float>();
   args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
   args.first = std::int64_t{view} * kExposureSize;
-  args.matrix_grad = matrix_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return cuda::exposure_step(args, torch_launch_context().stream);
 #endif
   float* const grads = all_grads_.data_ptr<float>();
-  std::copy_n(args.matrix_grad, kExposureSize, grads + args.first);
+  std::copy_n(args.transform_grad, kExposureSize, grads + args.first);
   args.adam.grad = grads;
   cpu::adam_step(args.adam);
   std::fill_n(grads + args.first, kExposureSize, 0.0f);

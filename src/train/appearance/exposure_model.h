@@ -21,7 +21,7 @@ class ExposureModel final : public AppearanceModel {
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
   /// dL/d(transform) of the last backward(), [3, 4].
-  const torch::Tensor& matrix_grad() const { return matrix_grads_.at(place()); }
+  const torch::Tensor& transform_grad() const { return transform_grads_.at(place()); }
 
  private:
   double lr_init_, lr_final_;
@@ -29,7 +29,7 @@ class ExposureModel final : public AppearanceModel {
   std::int64_t n_views_;
   torch::Device device_;
   torch::Tensor corrected_, corrected_room_, block_sums_;
-  std::vector<torch::Tensor> matrix_grads_;  // by place
+  std::vector<torch::Tensor> transform_grads_;  // by place
   torch::Tensor all_grads_;                  // on a CPU: [V, 3, 4], 0 between steps
 };
 

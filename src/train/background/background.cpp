@@ -18,8 +18,8 @@
 namespace b3dgs {
 namespace {
 
-int degree_of(const torch::Tensor& coefficients) {
-  TensorCheck(coefficients.device()).dims("coefficients", coefficients, {"K", 3});
+int degree_of(const torch::Tensor& coefficients, torch::Device device) {
+  TensorCheck(device).dims("coefficients", coefficients, {"K", 3});
   for (const int degree : {0, kBackgroundDegree}) {
     if (coefficients.size(0) == background_coefficients(degree)) return degree;
   }
@@ -79,7 +79,7 @@ BackgroundState make_background(int degree, torch::Device device) {
 void add_background(const torch::Tensor& coefficients, const PinholeView& view, const RenderedView& rendered) {
   if (!coefficients.defined()) return;
   check_size(view, rendered);
-  const BackgroundArgs args{view, degree_of(coefficients), coefficients.data_ptr<float>(),
+  const BackgroundArgs args{view, degree_of(coefficients, rendered.color.device()), coefficients.data_ptr<float>(),
                             rendered.alpha.data_ptr<float>(), rendered.color.data_ptr<float>()};
 #if B3DGS_TORCH_CUDA
   if (rendered.color.is_cuda()) return cuda::add_background(args, torch_launch_context().stream);
@@ -92,7 +92,7 @@ torch::Tensor BackgroundGradient::compute(const BackgroundState& background, con
   check_size(view, rendered);
   TensorCheck(rendered.color.device()).dims("grad_color", grad_color, {view.height, view.width, 3});
   const torch::TensorOptions options = rendered.color.options();
-  const int degree = degree_of(background.coefficients);
+  const int degree = degree_of(background.coefficients, rendered.color.device());
   place_tensor(alpha_, alpha_room_, rendered.alpha.sizes(), options);
   place_tensor(parts_, parts_room_, {background_parts(view), 3 * background.coefficients.size(0)}, options);
   if (!grad_.defined() || grad_.sizes() != background.coefficients.sizes()) {

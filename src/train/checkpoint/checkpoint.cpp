@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <map>
+#include <set>
 #include <system_error>
+#include <type_traits>
 
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
@@ -37,85 +41,145 @@ Json describe_views(const Scene& scene) {
   return as_read_back(views);
 }
 
-constexpr const char* kCorrections = "poses.corrections";
-const std::string kAppearance = "appearance.";
+// Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0,
+// coefficients of a learned background.
+constexpr std::int64_t kGaussians = -1, kViews = -2, kRest = -3, kBackground = -4;
 
-/// Calls field(name, tensor) for each tensor of a state, in file order.
-template <class State, class Field>
-void visit_tensors(State& state, Field&& field) {
-  const auto visit_groups = [&](const std::string& prefix, auto& groups) {
-    for (std::size_t i = 0; i < groups.kNames.size(); ++i) field(prefix + groups.kNames[i], *groups.all()[i]);
+/// Which files have a tensor.
+enum class Presence {
+  kAlways,
+  kLeads,    // some; it says that a part of the state is there
+  kFollows,  // those with a leading tensor of its part, the text before the dot in its name
+};
+
+enum class Values { kAny, kNotNegative, kFinite };
+
+/// A tensor of the state. `Tensor` is const if the state is.
+template <class Tensor>
+struct Row {
+  std::string name;  // in the file
+  Tensor* tensor = nullptr;
+  Presence presence = Presence::kAlways;
+  std::vector<std::int64_t> shape;
+  Values values = Values::kAny;
+  torch::ScalarType type = torch::kFloat32;
+  bool is_on_host = false;  // also if the Gaussians are on a GPU
+
+  std::string part() const { return name.substr(0, name.find('.')); }
+};
+
+/// All tensors of a state, in file order.
+template <class State>
+auto rows_of(State& state) {
+  using Tensor = std::conditional_t<std::is_const_v<State>, const torch::Tensor, torch::Tensor>;
+  using Shape = std::vector<std::int64_t>;
+  constexpr Presence kAlways = Presence::kAlways, kLeads = Presence::kLeads, kFollows = Presence::kFollows;
+  constexpr Values kAny = Values::kAny, kNotNegative = Values::kNotNegative, kFinite = Values::kFinite;
+  std::vector<Row<Tensor>> rows;
+  const auto add_groups = [&](const std::string& prefix, auto& groups, Values values) {
+    const Shape shapes[]{{kGaussians, 3}, {kGaussians, 3},    {kGaussians, 4},
+                         {kGaussians},    {kGaussians, 1, 3}, {kGaussians, kRest, 3}};
+    for (std::size_t i = 0; i < groups.kNames.size(); ++i) {
+      rows.push_back({prefix + groups.kNames[i], groups.all()[i], kAlways, shapes[i], values});
+    }
   };
-  visit_groups("gaussians.", state.gaussians);
-  visit_groups("adam_m.", state.adam.m);
-  visit_groups("adam_v.", state.adam.v);
+  add_groups("gaussians.", state.gaussians, kAny);
+  add_groups("adam_m.", state.adam.m, kAny);
+  add_groups("adam_v.", state.adam.v, kNotNegative);
   const std::vector<std::string> columns = state.statistics.names();
-  for (std::size_t i = 0; i < columns.size(); ++i) field("statistics." + columns[i], *state.statistics.all()[i]);
-  if (state.gaussians.filters.defined()) field("gaussians.filters", state.gaussians.filters);
-  if (state.poses.is_defined()) {
-    field(kCorrections, state.poses.corrections);
-    field("poses.adam_m", state.poses.adam_m);
-    field("poses.adam_v", state.poses.adam_v);
-    field("poses.steps", state.poses.steps);
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    Row<Tensor> row{"statistics." + columns[i], state.statistics.all()[i], kAlways, {kGaussians}};
+    if (columns[i] == "view_count" || columns[i] == "max_radii") row.type = torch::kInt32;
+    if (columns[i] == "grad_norm_sum" || row.type == torch::kInt32) row.values = kNotNegative;
+    rows.push_back(row);
   }
-  visit_appearance(state.appearance, [&](const char* name, auto& tensor) { field(kAppearance + name, tensor); });
-  if (state.background.is_defined()) {
-    field("background.coefficients", state.background.coefficients);
-    field("background.adam_m", state.background.m);
-    field("background.adam_v", state.background.v);
-  }
+  // What only some trainings learn.
+  constexpr torch::ScalarType kFloat = torch::kFloat32, kInt = torch::kInt32;
+  constexpr bool kOnHost = true;
+  const Shape pose{kViews, kCameraGradients}, background{kBackground, 3}, exposures{kViews, 3, 4},
+      grids{kViews, kGridLevels, kGridHeight, kGridWidth, kTransformSize},
+      transforms = state.appearance.grids.defined() ? grids : exposures;
+  const Row<Tensor> optional[]{
+      {"gaussians.filters", &state.gaussians.filters, kLeads, {kGaussians}},
+      {"poses.corrections", &state.poses.corrections, kLeads, pose, kFinite, kFloat, kOnHost},
+      {"poses.adam_m", &state.poses.adam_m, kFollows, pose, kAny, kFloat, kOnHost},
+      {"poses.adam_v", &state.poses.adam_v, kFollows, pose, kNotNegative, kFloat, kOnHost},
+      {"poses.steps", &state.poses.steps, kFollows, {kViews}, kNotNegative, kInt, kOnHost},
+      {"appearance.exposures", &state.appearance.exposures, kLeads, exposures},
+      {"appearance.grids", &state.appearance.grids, kLeads, grids},
+      {"appearance.m", &state.appearance.m, kFollows, transforms},
+      {"appearance.v", &state.appearance.v, kFollows, transforms, kNotNegative},
+      {"background.coefficients", &state.background.coefficients, kLeads, background},
+      {"background.adam_m", &state.background.m, kFollows, background},
+      {"background.adam_v", &state.background.v, kFollows, background, kNotNegative},
+  };
+  rows.insert(rows.end(), std::begin(optional), std::end(optional));
+  return rows;
 }
 
-bool is_of_poses(const std::string& name) {
-  return name.rfind("poses.", 0) == 0;
+/// Moves the tensors of a file into the state. @throws InputError unless they are those that a state has, in their
+/// order
+void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, TrainState& state,
+                  const std::string& place) {
+  std::set<std::string> held, parts;
+  for (const auto& [name, tensor] : tensors) held.insert(name);
+  const std::vector<Row<torch::Tensor>> rows = rows_of(state);
+  for (const Row<torch::Tensor>& row : rows) {
+    if (row.presence == Presence::kLeads && held.count(row.name) > 0) parts.insert(row.part());
+  }
+  std::size_t next = 0;
+  for (const Row<torch::Tensor>& row : rows) {
+    if (row.presence == Presence::kLeads && held.count(row.name) == 0) continue;
+    if (row.presence == Presence::kFollows && parts.count(row.part()) == 0) continue;
+    if (next == tensors.size() || tensors[next].first != row.name) {
+      input_error(place, ": tensor ", row.name, " is missing",
+                  next < tensors.size() ? ", found " + tensors[next].first : std::string());
+    }
+    *row.tensor = std::move(tensors[next++].second);
+  }
+  if (next != tensors.size()) input_error(place, ": unknown tensor ", tensors[next].first);
 }
 
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
 void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
                   const std::string& place) {
-  const std::int64_t rest = sh_coefficient_count(config.sh_degree) - 1;
   const int background_degree = learned_background_degree(config);
   if (state.background.is_defined() != (background_degree >= 0)) {
     input_error(place, ": --background is ", config.background, ", but the checkpoint has ",
                 state.background.is_defined() ? "a" : "no", " learned background; the file is damaged");
   }
-  visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
-    std::vector<std::int64_t> wanted{n};
-    torch::ScalarType type = torch::kFloat32;
-    const auto is = [&](const char* group) { return name.substr(name.find('.') + 1) == group; };
-    if (is("means") || is("log_scales")) wanted = {n, 3};
-    if (is("quats")) wanted = {n, 4};
-    if (is("sh0")) wanted = {n, 1, 3};
-    if (is("shN")) wanted = {n, rest, 3};
-    if (is("view_count") || is("max_radii") || is("steps")) type = torch::kInt32;
-    if (is_of_poses(name)) {
-      wanted = {n_views};
-      if (!is("steps")) wanted.push_back(kCameraGradients);
+  if (state.appearance.exposures.defined() && state.appearance.grids.defined()) {
+    input_error(place, ": has both exposures and bilateral grids, expected one of them; the file is damaged");
+  }
+  const std::map<std::int64_t, std::int64_t> sizes{{kGaussians, n},
+                                                   {kViews, n_views},
+                                                   {kRest, sh_coefficient_count(config.sh_degree) - 1},
+                                                   {kBackground, sh_coefficient_count(background_degree)}};
+  for (const Row<const torch::Tensor>& row : rows_of(state)) {
+    if (!row.tensor->defined()) continue;
+    std::vector<std::int64_t> wanted = row.shape;
+    for (std::int64_t& size : wanted) {
+      if (size < 0) size = sizes.at(size);
     }
-    if (name.rfind(kAppearance, 0) == 0) {
-      wanted = {n_views, 3, 4};
-      if (state.appearance.grids.defined()) wanted = {n_views, kGridLevels, kGridHeight, kGridWidth, kTransformSize};
+    if (row.tensor->sizes() != torch::IntArrayRef(wanted) || row.tensor->scalar_type() != row.type) {
+      input_error(place, ": tensor ", row.name, " is ", row.tensor->sizes(), " ", row.tensor->scalar_type(),
+                  ", expected ", torch::IntArrayRef(wanted), " ", row.type);
     }
-    if (name.rfind("background.", 0) == 0) wanted = {sh_coefficient_count(background_degree), 3};
-    if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != type) {
-      input_error(place, ": tensor ", name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
-                  torch::IntArrayRef(wanted), " ", type);
-    }
-  });
+  }
 }
 
 /// @throws InputError if a count or a sum of squares is negative. Tensors are on the CPU.
 void check_values(const TrainState& state, const std::string& place) {
-  visit_tensors(state, [&](const std::string& name, const torch::Tensor& tensor) {
-    if (tensor.scalar_type() == torch::kInt32) {
-      check_not_negative(tensor.data_ptr<std::int32_t>(), tensor.numel(), name, place);
-    } else if (name.rfind("adam_v.", 0) == 0 || name == "statistics.grad_norm_sum" || name == "poses.adam_v" ||
-               name == kAppearance + "v" || name == "background.adam_v") {
-      check_not_negative(tensor.data_ptr<float>(), tensor.numel(), name, place);
-    } else if (name == kCorrections && !torch::isfinite(tensor).all().item<bool>()) {
-      input_error(place, ": tensor ", name, " has values that are not finite");
+  for (const Row<const torch::Tensor>& row : rows_of(state)) {
+    if (!row.tensor->defined()) continue;
+    if (row.values == Values::kNotNegative && row.type == torch::kInt32) {
+      check_not_negative(row.tensor->data_ptr<std::int32_t>(), row.tensor->numel(), row.name, place);
+    } else if (row.values == Values::kNotNegative) {
+      check_not_negative(row.tensor->data_ptr<float>(), row.tensor->numel(), row.name, place);
+    } else if (row.values == Values::kFinite && !torch::isfinite(*row.tensor).all().item<bool>()) {
+      input_error(place, ": tensor ", row.name, " has values that are not finite");
     }
-  });
+  }
 }
 
 }  // namespace
@@ -195,10 +259,11 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
 
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
   std::vector<std::pair<std::string, torch::Tensor>> tensors;
-  // Poses are in host memory, but the tensors of a checkpoint are written from one device.
-  visit_tensors(state, [&](const std::string& name, const torch::Tensor& t) {
-    tensors.emplace_back(name, is_of_poses(name) ? t.to(state.gaussians.means.device()) : t);
-  });
+  for (const Row<const torch::Tensor>& row : rows_of(state)) {
+    if (!row.tensor->defined()) continue;
+    // The tensors of a checkpoint are written from one device.
+    tensors.emplace_back(row.name, row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor);
+  }
   return tensors;
 }
 
@@ -229,44 +294,21 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.held_at = header.held_at;
   state.appearance.steps = header.appearance_steps;
   state.appearance.last_steps = std::move(header.appearance_last_steps);
+  state.background.steps = header.background_steps;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  const auto holds = [&](const std::string& name) {
-    return std::any_of(file.tensors.begin(), file.tensors.end(), [&](const auto& t) { return t.first == name; });
-  };
-  if (holds("gaussians.filters")) state.gaussians.filters = torch::empty({0}, torch::kFloat32);
-  if (holds(kCorrections)) state.poses = PoseState::make(/*n_views=*/0);
-  if (holds("background.coefficients")) {
-    state.background.coefficients = torch::empty({0}, torch::kFloat32);
-    state.background.steps = header.background_steps;
-  }
-  for (const auto& [name, parameters] :
-       {std::pair{"exposures", &state.appearance.exposures}, std::pair{"grids", &state.appearance.grids}}) {
-    if (!holds(kAppearance + name)) continue;
-    for (torch::Tensor* tensor : {parameters, &state.appearance.m, &state.appearance.v}) {
-      *tensor = torch::empty({0}, torch::kFloat32);
-    }
-  }
+  take_tensors(file.tensors, state, place);
   if (state.appearance.grids.defined() && state.appearance.last_steps.size() != scene.train.size()) {
     input_error(place, ": appearance_last_steps has ", state.appearance.last_steps.size(), " values, expected ",
                 scene.train.size());
   }
-  std::size_t next = 0;
-  visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
-    if (next == file.tensors.size() || file.tensors[next].first != name) {
-      input_error(place, ": tensor ", name, " is missing",
-                  next < file.tensors.size() ? ", found " + file.tensors[next].first : std::string());
-    }
-    tensor = file.tensors[next++].second;
-  });
-  if (next != file.tensors.size()) input_error(place, ": unknown tensor ", file.tensors[next].first);
   check_shapes(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
   check_values(state, place);
-  visit_tensors(state, [&](const std::string& name, torch::Tensor& tensor) {
-    if (!is_of_poses(name)) tensor = tensor.to(device);
-  });
+  for (const Row<torch::Tensor>& row : rows_of(state)) {
+    if (row.tensor->defined() && !row.is_on_host) *row.tensor = row.tensor->to(device);
+  }
   return checkpoint;
 }
 

@@ -41,8 +41,8 @@ class RowEditor {
                DensityStatistics& statistics);
 
   /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source, but the edit's
-  /// means, scales and opacities; their statistics are 0, and so are their moments unless it copies them. `gaussians.filters` become undefined. Call
-  /// reserve() with this edit first; this allocates nothing.
+  /// means, scales and opacities; their statistics are 0, and so are their moments unless it copies them.
+  /// `gaussians.filters` become undefined. Call reserve() with this edit first; this allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
  private:

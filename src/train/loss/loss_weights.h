@@ -3,19 +3,14 @@
 
 #include "config/train_config.h"
 #include "train/loss/loss_args.h"
-#include "train/optimizer/regularization.h"
 
 namespace b3dgs {
 
-inline LossWeights loss_weights(const TrainConfig& config) {
+inline LossWeights loss_weights(const TrainConfig& config, int iteration) {
   LossWeights weights;
   weights.dssim = config.lambda_dssim;
+  weights.huber = iteration > config.huber_from_iter ? config.huber : 0;
   return weights;
-}
-
-inline RegularizationWeights regularization_weights(const TrainConfig& config, int iteration) {
-  if (iteration <= config.reg_from_iter) return {};
-  return {config.opacity_reg, config.scale_reg};
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// Learning rates by iteration.
+// Learning rates and weights of the regularisation by iteration.
 #pragma once
 
 #include <algorithm>
@@ -6,6 +6,7 @@
 
 #include "config/train_config.h"
 #include "train/optimizer/adam.h"
+#include "train/optimizer/regularization.h"
 
 namespace b3dgs {
 
@@ -37,6 +38,11 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.opacity_lr,
           scale * config.feature_lr,
           scale * config.feature_lr / 20};
+}
+
+inline RegularizationWeights regularization_weights(const TrainConfig& config, int iteration) {
+  if (iteration <= config.reg_from_iter) return {};
+  return {config.opacity_reg, config.scale_reg};
 }
 
 }  // namespace b3dgs

@@ -62,10 +62,11 @@ class CheckpointContent final : public FileContent {
 
 class PlyContent final : public FileContent {
  public:
-  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians)
+  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians, std::filesystem::path obsolete)
       : n_(gaussians.size()),
         sh_degree_(sh_degree_of(gaussians)),
         has_filters_(gaussians.filters.defined()),
+        obsolete_(std::move(obsolete)),
         file_(path, n_, sh_degree_, has_filters_) {}
 
   void fill(const std::vector<Bytes>& arrays, const ReadPieces& read) override {
@@ -89,12 +90,17 @@ class PlyContent final : public FileContent {
       file_.append(rows);
     }
   }
-  void commit() override { file_.commit(); }
+  void commit() override {
+    file_.commit();
+    std::error_code error;  // usually there is none
+    if (!obsolete_.empty()) std::filesystem::remove(obsolete_, error);
+  }
 
  private:
   std::int64_t n_;
   int sh_degree_;
   bool has_filters_;
+  std::filesystem::path obsolete_;
   SplatPlyWriter file_;
 };
 
@@ -246,12 +252,13 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_j
   impl_->write(file, open, arrays, may_copy);
 }
 
-void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy) {
+void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
+                             const std::filesystem::path& obsolete) {
   std::vector<Bytes> arrays;
   for (const torch::Tensor* tensor : gaussians.all()) arrays.push_back(bytes_of(*tensor));
   if (gaussians.filters.defined()) arrays.push_back(bytes_of(gaussians.filters));
   impl_->write(
-      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians); }, arrays, may_copy);
+      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians, obsolete); }, arrays, may_copy);
 }
 
 bool OutputWriter::is_busy() const {

@@ -42,7 +42,9 @@ class OutputWriter {
   /// written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
                         const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
-  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy);
+  /// Removes `obsolete`, a file that belongs to an older PLY of that name, once this one is in its place.
+  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
+                 const std::filesystem::path& obsolete = {});
 
   bool is_busy() const;
   void wait();

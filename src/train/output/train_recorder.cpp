@@ -113,13 +113,12 @@ void TrainRecorder::write_ply(const GaussianTensors& gaussians, const Background
     const torch::Tensor values = background.coefficients.cpu();
     const float* const begin = values.data_ptr<float>();
     try_to_write([&] { write_background_json(background_file, {{begin, begin + values.numel()}}); });
-  } else {
-    std::error_code error;  // one from an earlier session at this iteration; usually there is none
-    std::filesystem::remove(background_file, error);
   }
+  // One from an earlier session at this iteration belongs to that session's PLY.
+  const std::filesystem::path obsolete = background.is_defined() ? std::filesystem::path() : background_file;
   outputs_.n_saved = gaussians.size();
   writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
-                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
+                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)), obsolete);
   if (!is_end()) return;
   writer_.wait();
   collect_files();

@@ -1,9 +1,12 @@
 // Training with --exposure: what it learns, exact resume, files.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/files/remove_tree.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
 #include "support/train/appearance.h"
@@ -116,6 +119,12 @@ TEST(ExposureTraining, DamagedCheckpointsAreRefused) {
     tensor = tensor - 1;
   }));
   EXPECT_TRUE(refused("appearance.v is missing", [&](CheckpointFile& file) { file.tensors.pop_back(); }));
+  EXPECT_TRUE(refused("both exposures and bilateral grids", [&](CheckpointFile& file) {
+    const auto moments = std::find_if(file.tensors.begin(), file.tensors.end(),
+                                      [](const auto& row) { return row.first == "appearance.m"; });
+    file.tensors.insert(moments, {"appearance.grids", torch::zeros({6, 8, 16, 16, 12})});
+    file.header["appearance_last_steps"] = std::vector<int>(6, 0);
+  }));
   EXPECT_TRUE(refused("appearance_steps", [&](CheckpointFile& file) { file.header["appearance_steps"] = -1; }));
 }
 
@@ -159,7 +168,7 @@ TEST(ExposureTraining, MetricsSayHowTheyWereMeasured) {
     EXPECT_NE(test::read_bytes(temp / "model/train.jsonl").find("test_cc_psnr"), std::string::npos);
     EXPECT_NE(test::read_bytes(temp / "model/cfg_args").find(fits_left_half ? "train_test_exp=True" : "exp=False"),
               std::string::npos);
-    std::filesystem::remove_all(temp / "model");
+    remove_tree(temp / "model");
   }
 }
 
@@ -180,8 +189,9 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   const test::TempDir temp;
   TrainConfig config;
   config.sh_degree = 1;
-  config.iterations = 500;
+  config.iterations = 1200;
   config.densify_from_iter = 100;
+  config.max_gaussians = 200;
   config.save_iterations = config.test_iterations = {};
   config.kernel = "shared-memory";
   const double same = test::corrected_psnr(train(config, scene, temp / "same").result.ply, config, scene.test);
@@ -192,7 +202,7 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   RecordProperty("without", std::to_string(without));
   RecordProperty("with", std::to_string(with));
   EXPECT_GT(with, same - 0.3);
-  EXPECT_GT(with, without + 0.5) << "the option makes no difference here";
+  EXPECT_GT(with, without + 1.5) << "the option makes no difference here";
 }
 
 }  // namespace

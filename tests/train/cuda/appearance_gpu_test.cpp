@@ -1,6 +1,7 @@
 // Appearance models on the GPU, against those on the CPU.
 #include <gtest/gtest.h>
 
+#include "core/files/remove_tree.h"
 #include "support/approx.h"
 #include "support/gpu_test.h"
 #include "support/temp_dir.h"
@@ -40,10 +41,10 @@ TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
     host.backward(state, view, image, grad);
     device.backward(own, view, own_image, own_grad);
     EXPECT_TRUE(test::within(own_grad.to(torch::kCPU), grad, 1e-5));
-    const torch::Tensor expected = host.matrix_grad(), found = device.matrix_grad().clone();
+    const torch::Tensor expected = host.transform_grad(), found = device.transform_grad().clone();
     EXPECT_TRUE(test::within(found.to(torch::kCPU), expected, 1e-4 * (1 + expected.abs())));
     device.backward(own, view, own_image, again);
-    EXPECT_TRUE(torch::equal(device.matrix_grad(), found)) << "the order of sums is fixed";
+    EXPECT_TRUE(torch::equal(device.transform_grad(), found)) << "the order of sums is fixed";
     host.step(view, t, state);
     device.step(view, t, own);
     EXPECT_TRUE(test::within(own.exposures.to(torch::kCPU), state.exposures, 1e-4)) << "step " << t;
@@ -100,9 +101,9 @@ TEST(AppearanceOnGpu, ResumedEqualsUninterruptedBitForBitIfDeterministic) {
       const Trained second = train(config, scene, temp / "stopped", first.write_checkpoint());
       EXPECT_TRUE(second.ply == whole.ply) << stop;
       EXPECT_TRUE(second.checkpoint == whole.checkpoint) << stop;
-      std::filesystem::remove_all(temp / "stopped");
+      remove_tree(temp / "stopped");
     }
-    std::filesystem::remove_all(temp / "whole");
+    remove_tree(temp / "whole");
   }
 }
 

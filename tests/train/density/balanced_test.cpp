@@ -359,6 +359,26 @@ TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
   EXPECT_TRUE(balanced_plan(config, 501).score);
 }
 
+TEST(BalancedStrategy, AddsNoiseAfterItsFirstIteration) {
+  TrainConfig config = balanced_config();
+  config.noise_from_iter = 28500;
+  EXPECT_FALSE(balanced_plan(config, 28500).after_step);
+  EXPECT_TRUE(balanced_plan(config, 28501).after_step);
+  config.strategy = "mcmc";
+  const std::unique_ptr<DensityStrategy> mcmc = make_density_strategy(config, 1);
+  EXPECT_FALSE(mcmc->plan(28500).after_step);
+  EXPECT_TRUE(mcmc->plan(28501).after_step);
+}
+
+TEST(BalancedStrategy, GivesPartsTheMomentsOfTheirParentIfAsked) {
+  for (const bool asked : {false, true}) {
+    TrainConfig config = balanced_config();
+    config.split_moments = asked ? "parent" : "zero";
+    const Model model = make_model(5);
+    EXPECT_EQ(plan_round(config, model, 600).edit.copies_moments, asked);
+  }
+}
+
 TEST(BalancedStrategy, LowersOpacitiesByTheFactor) {
   Model model = make_model(3);
   model.gaussians.logit_opacities.copy_(torch::tensor({-4.0f, 0.0f, 3.0f}));

@@ -8,6 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/files/remove_tree.h"
 #include "core/random.h"
 #include "model/cameras/cameras_json.h"
 #include "model/cameras/poses_json.h"
@@ -235,8 +236,8 @@ TEST(PoseTraining, FilesOfTheModelHaveTheRefinedPoses) {
 
   // A training without refinement in the same folder leaves no poses of another one.
   config.pose_opt = false;
-  std::filesystem::remove_all(folder.checkpoint(config.iterations).parent_path());
-  std::filesystem::remove_all(folder.root() / "point_cloud");
+  remove_tree(folder.checkpoint(config.iterations).parent_path());
+  remove_tree(folder.root() / "point_cloud");
   train(config, scene, folder.root());
   EXPECT_FALSE(std::filesystem::exists(folder.poses()));
 }

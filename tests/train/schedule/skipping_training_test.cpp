@@ -6,6 +6,7 @@
 #include "config/view_skips.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
+#include "support/train/disk_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
@@ -83,6 +84,17 @@ TEST(SkippingTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) 
         EXPECT_TRUE(train(config, scene, folder / "again").ply == whole.ply) << threads << " threads";
       }
     }
+  }
+}
+
+TEST(SkippingTraining, GivesTheSameBytesFromPhotographsThatAreReadAhead) {
+  const test::DiskScene disk;
+  const test::TempDir temp;
+  const TrainConfig config = skipping_config();
+  const Trained whole = train(config, disk.load(), temp / "whole");
+  EXPECT_GE(n_skipped(whole.result.checkpoint), 8);
+  for (const double photographs : {0.0, 2.0, 4.0}) {
+    EXPECT_TRUE(train(config, disk.load(photographs), temp / "part").ply == whole.ply) << photographs;
   }
 }
 

@@ -249,6 +249,7 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   plan.densify = grows || is_weight_prune_round(config, iteration);
   plan.lower_opacities = grows && config.opacity_decay < 1;
   plan.absolute_gradients = iteration <= last_growth_round(config);
+  // Also for rounds beyond config.iterations: the training may be resumed with more iterations.
   const int window_end = next_multiple(iteration, config.densification_interval);
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||

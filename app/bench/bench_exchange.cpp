@@ -1,0 +1,202 @@
+// b3dgs bench exchange: times what several processes exchange, with the functions that training uses (src/dist).
+#include <torch/cuda.h>
+#include <torch/types.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/bench/bench_devices.h"
+#include "app/bench/bench_report.h"
+#include "app/tools/commands.h"
+#include "core/check.h"
+#include "core/options/command_line.h"
+#include "core/print.h"
+#include "dist/communicator.h"
+#include "dist/launch/start_ranks.h"
+#if B3DGS_TORCH_CUDA
+#include <c10/cuda/CUDAFunctions.h>
+#endif
+
+namespace b3dgs {
+namespace {
+
+using Counts = std::vector<std::int64_t>;
+
+struct ExchangeConfig {
+  int ranks = 0;
+  std::string device = "auto";
+  std::vector<double> mib{1, 4, 16, 64};
+  int repeat = 9;
+  std::string json;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"ranks"}, c.ranks, InRange{0, 1024},
+        "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
+  field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
+        "where the data is; cuda: a GPU for each rank; auto: GPUs if there are enough");
+  field(Option{"mib"}, c.mib, InRange{0.001, 4096},
+        "MiB that each rank sends to each other rank; a line for each value");
+  field(Option{"repeat"}, c.repeat, InRange{1, 10000}, "timed repetitions after one that is checked");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
+}
+
+constexpr std::int64_t kRowBytes = 64;  // 16 floats, about a splat
+
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place) {
+  if (name == "cpu") return torch::kCPU;
+  const auto n_gpus = static_cast<int>(torch::cuda::device_count());
+  if (place.local_rank < n_gpus) return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank));
+  if (name == "auto") return torch::kCPU;
+  input_error("--device cuda: rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ",
+              place.local_rank, " of this machine, which has ", n_gpus, "); use fewer ranks or --device cpu");
+}
+
+void wait_for(const torch::Device& device) {
+  if (device.is_cuda()) torch::cuda::synchronize(device.index());
+}
+
+/// Rows of floats that depend on where they come from and go to.
+torch::Tensor make_rows(int from, int to, std::int64_t n, const torch::Device& device) {
+  const auto options = torch::TensorOptions().dtype(torch::kInt32).device(device);
+  const torch::Tensor values = torch::arange(n * (kRowBytes / 4), options) + (from * 1024 + to) * 8191;
+  return values.view({n, kRowBytes / 4});
+}
+
+struct Operation {
+  const char* name;
+  std::function<torch::Tensor()> run;
+  torch::Tensor expected;
+};
+
+Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Device& device) {
+  Counts send, receive;
+  std::vector<torch::Tensor> sent, expected;
+  for (int other = 0; other < ranks.size(); ++other) {
+    if (other == ranks.rank()) {
+      send.push_back(0);
+      continue;
+    }
+    send.push_back(n);
+    sent.push_back(make_rows(ranks.rank(), other, n, device));
+    expected.push_back(make_rows(other, ranks.rank(), n, device));
+  }
+  receive = ranks.exchange_counts("bench", send);
+  const torch::Tensor rows = torch::cat(sent);
+  return {"all-to-all", [&ranks, rows, send, receive] { return ranks.all_to_all_rows(rows, send, receive); },
+          torch::cat(expected)};
+}
+
+Operation make_all_gather(Communicator& ranks, std::int64_t n, const torch::Device& device) {
+  std::vector<torch::Tensor> expected;
+  for (int rank = 0; rank < ranks.size(); ++rank) expected.push_back(make_rows(rank, 0, n, device));
+  const Counts counts(static_cast<std::size_t>(ranks.size()), n);
+  const torch::Tensor rows = expected[static_cast<std::size_t>(ranks.rank())].clone();
+  return {"all-gather", [&ranks, rows, counts] { return ranks.all_gather_rows(rows, counts); }, torch::cat(expected)};
+}
+
+/// Times of the slowest rank, from a common start until the results are there. The first run is not timed.
+Timing time_on_all(Communicator& ranks, const torch::Device& device, int repeat, const std::function<void()>& run) {
+  std::vector<double> ms;
+  for (int i = 0; i <= repeat; ++i) {
+    wait_for(device);
+    ranks.barrier("start");
+    const auto start = std::chrono::steady_clock::now();
+    run();
+    wait_for(device);
+    const double own_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    const std::vector<double> all_ms = ranks.exchange_record("time", own_ms);
+    if (i > 0) ms.push_back(*std::max_element(all_ms.begin(), all_ms.end()));
+  }
+  return summarize(ms);
+}
+
+class ExchangeTable {
+ public:
+  ExchangeTable(bool is_shown, const std::string& json) : is_shown_(is_shown), file_(is_shown ? json : "") {}
+
+  void begin(const Communicator& ranks, const RankPlace& place, const torch::Device& device) {
+    if (!is_shown_) return;
+    std::printf("%d ranks, %s, %s; results checked\n", ranks.size(), device.is_cuda() ? "GPUs (NCCL)" : "CPU (Gloo)",
+                place.launcher.c_str());
+    std::printf("%-12s %10s %10s %23s %12s\n", "exchange", "MiB", "median ms", "min .. max", "GB/s a rank");
+    file_.set("ranks", ranks.size());
+    file_.set("device", device.is_cuda() ? "cuda" : "cpu");
+  }
+
+  /// @param mib       that a rank sends to each other; 0: a record
+  /// @param received  bytes that each rank receives from others
+  void add(const char* name, double mib, std::int64_t received, const Timing& timing) {
+    if (!is_shown_) return;
+    const double gb_per_s = 1e-6 * static_cast<double>(received) / timing.median_ms;
+    const bool is_record = received == 0;
+    std::printf("%-12s %10s %10.3f %10.3f .. %9.3f %12s\n", name, is_record ? "-" : print_to_string("%g", mib).c_str(),
+                timing.median_ms, timing.min_ms, timing.max_ms,
+                is_record ? "-" : print_to_string("%.2f", gb_per_s).c_str());
+    nlohmann::ordered_json row{{"exchange", name}, {"mib", mib}, {"received_bytes", received}};
+    row.update(to_json(timing));
+    rows_.push_back(row);
+    file_.set("rows", rows_);
+  }
+
+ private:
+  bool is_shown_;
+  BenchFile file_;
+  nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
+};
+
+void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const RankPlace& place,
+                    const torch::Device& device) {
+  ExchangeTable table(ranks.is_first(), config.json);
+  table.begin(ranks, place, device);
+  table.add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
+  for (const auto make : {make_all_to_all, make_all_gather}) {
+    for (const double mib : config.mib) {
+      const auto n = std::max<std::int64_t>(1, static_cast<std::int64_t>(mib * (1 << 20) / kRowBytes));
+      const Operation operation = make(ranks, n, device);
+      const bool is_right = operation.run().equal(operation.expected);
+      if (!is_right) throw LogicError(std::string(operation.name) + ": wrong bytes received");
+      const Timing timing = time_on_all(ranks, device, config.repeat, [&] { operation.run(); });
+      table.add(operation.name, mib, (ranks.size() - 1) * n * kRowBytes, timing);
+    }
+  }
+}
+
+}  // namespace
+
+int run_bench_exchange(const std::vector<std::string>& words) {
+  ExchangeConfig config;
+  CommandLine line("bench exchange",
+                   "Time what several processes exchange, on one machine (--ranks) or started by torchrun, mpirun or "
+                   "srun: a small record on the host, an all-to-all, and an all-gather. Times are those of the slowest "
+                   "rank.",
+                   "b3dgs bench exchange --ranks 2");
+  line.add(config, "Benchmark");
+  if (!line.parse(words)) return 0;
+  line.apply(config);
+  if (config.mib.empty()) input_error("--mib needs at least one value");
+  const std::optional<RankPlace> place = choose_rank_place(config.ranks);
+  if (!place) {
+    std::vector<std::string> all{"bench", "exchange"};
+    all.insert(all.end(), words.begin(), words.end());
+    return start_ranks(config.ranks, all);
+  }
+  if (place->size == 1) input_error("bench exchange needs at least two ranks: add --ranks 2");
+
+  const torch::Device device = choose_rank_device(config.device, *place);
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) c10::cuda::set_device(device.index());
+#endif
+  const std::unique_ptr<Communicator> ranks = Communicator::connect(*place, device);
+  run_as_rank(*ranks, [&] { time_exchanges(*ranks, config, *place, device); });
+  return 0;
+}
+
+}  // namespace b3dgs

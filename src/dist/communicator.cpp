@@ -1,0 +1,244 @@
+#include "dist/communicator.h"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <sstream>
+#include <utility>
+
+#include "core/check.h"
+#include "dist/control/rank_hub.h"
+#include "dist/control/rank_link.h"
+#include "dist/control/socket.h"
+#include "dist/tensor_group.h"
+
+namespace b3dgs {
+namespace {
+
+/// The same memory as a 1-D tensor of another type: c10d's groups differ in which types they know.
+torch::Tensor as_type(const torch::Tensor& tensor, torch::ScalarType type) {
+  const std::int64_t size = static_cast<std::int64_t>(torch::elementSize(type));
+  const bool is_aligned = tensor.storage_offset() * static_cast<std::int64_t>(tensor.element_size()) % size == 0;
+  return (is_aligned ? tensor : tensor.clone()).view({tensor.numel()}).view(type);
+}
+torch::Tensor as_bytes(const torch::Tensor& tensor) {
+  return as_type(tensor, torch::kUInt8);
+}
+
+std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
+  return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
+}
+
+torch::Tensor empty_rows_like(const torch::Tensor& rows, std::int64_t n) {
+  std::vector<std::int64_t> shape = rows.sizes().vec();
+  shape[0] = n;
+  return torch::empty(shape, rows.options());
+}
+
+std::int64_t bytes_per_row(const torch::Tensor& rows) {
+  std::int64_t bytes = static_cast<std::int64_t>(rows.element_size());
+  for (std::int64_t i = 1; i < rows.dim(); ++i) bytes *= rows.size(i);
+  return bytes;
+}
+
+/// What an all-to-all counts. c10d (1.13) counts no further than 2^31 - 1, so the largest type that divides a row.
+struct Unit {
+  torch::ScalarType type;
+  std::int64_t per_row;
+
+  explicit Unit(const torch::Tensor& rows) {
+    const std::int64_t bytes = bytes_per_row(rows);
+    type = bytes % 8 == 0 ? torch::kInt64 : bytes % 4 == 0 ? torch::kInt32 : torch::kUInt8;
+    per_row = bytes / static_cast<std::int64_t>(torch::elementSize(type));
+  }
+
+  std::vector<std::int64_t> counts(std::vector<std::int64_t> rows) const {
+    for (std::int64_t& count : rows) count *= per_row;
+    B3DGS_CHECK(sum_of(rows) <= std::numeric_limits<std::int32_t>::max(), "exchange of ", sum_of(rows),
+                " numbers at once; exchange fewer rows at a time");
+    return rows;
+  }
+};
+
+/// Rank 0 listens at an address and port that torchrun's agent tells all ranks.
+Socket listen_through_agent(RankPlace& place, const RankLimits& limits) {
+  Socket listening;
+  std::string where;
+  if (place.rank == 0) {
+    const std::string own_address = own_address_towards(place.address, place.port);
+    listening = listen_at(own_address, 0);
+    where = own_address + " " + std::to_string(port_of(listening));
+  }
+  std::istringstream words(share_through_agent(place, where, limits.join));
+  words >> place.address >> place.port;
+  return listening;
+}
+
+/// The listening socket of rank 0; none on the others.
+Socket prepare_to_listen(RankPlace& place, const RankLimits& limits) {
+  if (place.agent_prefix) return listen_through_agent(place, limits);
+  if (place.rank != 0) return {};
+  if (place.listening_socket >= 0) return Socket(place.listening_socket);
+  return listen_at(place.address, place.port);
+}
+
+}  // namespace
+
+std::unique_ptr<Communicator> Communicator::alone() {
+  return std::unique_ptr<Communicator>(new Communicator);
+}
+
+std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch::Device& device,
+                                                    const RankLimits& limits) {
+  std::unique_ptr<Communicator> communicator = alone();
+  if (place.size == 1) return communicator;
+  const std::string reason = why_no_tensor_group(device);
+  if (!reason.empty()) input_error(place.size, " ranks: ", reason);
+  communicator->rank_ = place.rank;
+  communicator->size_ = place.size;
+  communicator->device_ = device;
+  Socket listening = prepare_to_listen(place, limits);
+  if (place.rank == 0) {
+    communicator->hub_ = std::make_unique<RankHub>(std::move(listening), place.size, place.job, limits);
+  }
+  communicator->link_ =
+      std::make_unique<RankLink>(place.address, place.port, place.rank, place.size, place.job, limits);
+  try {
+    communicator->check_same_device();
+    communicator->group_ = make_tensor_group(device, *communicator->link_);
+  } catch (const PeerError&) {
+    throw;
+  } catch (const std::exception& error) {
+    communicator->stop_others(error.what());
+    throw;
+  }
+  return communicator;
+}
+
+Communicator::~Communicator() {
+  if (link_ && std::uncaught_exceptions() > n_exceptions_) link_->fail("an error there");
+  group_.reset();
+  link_.reset();
+  hub_.reset();
+}
+
+void Communicator::check_same_device() {
+  const std::vector<std::string> kinds = exchange("device", c10::DeviceTypeName(device_.type(), /*lower_case=*/true));
+  for (int r = 1; r < size_; ++r) {
+    const std::string& kind = kinds[static_cast<std::size_t>(r)];
+    if (kind == kinds[0]) continue;
+    input_error("rank ", r, " of ", size_, " uses the device ", kind, ", but rank 0 ", kinds[0],
+                "; name the same device on all ranks (--device)");
+  }
+}
+
+std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {
+  if (size_ == 1) return {bytes};
+  return link_->gather(label, bytes);
+}
+
+std::vector<std::int64_t> Communicator::exchange_counts(const std::string& label,
+                                                        const std::vector<std::int64_t>& counts) {
+  B3DGS_CHECK(counts.size() == static_cast<std::size_t>(size_), counts.size(), " counts for ", size_, " ranks");
+  if (size_ == 1) return counts;
+  const std::size_t n_bytes = counts.size() * sizeof(std::int64_t);
+  std::vector<std::int64_t> receive;
+  for (const std::string& row : exchange(label, std::string(reinterpret_cast<const char*>(counts.data()), n_bytes))) {
+    B3DGS_CHECK(row.size() == n_bytes, label);
+    std::memcpy(&receive.emplace_back(), row.data() + static_cast<std::size_t>(rank_) * sizeof(std::int64_t),
+                sizeof(std::int64_t));
+  }
+  return receive;
+}
+
+std::int64_t Communicator::sum(const std::string& label, std::int64_t value) {
+  return sum_of(exchange_record(label, value));
+}
+
+std::int64_t Communicator::max(const std::string& label, std::int64_t value) {
+  const std::vector<std::int64_t> values = exchange_record(label, value);
+  return *std::max_element(values.begin(), values.end());
+}
+
+void Communicator::barrier(const std::string& label) {
+  exchange(label, "");
+}
+
+void Communicator::check_tensor(const torch::Tensor& tensor) const {
+  B3DGS_CHECK(tensor.is_contiguous() && (size_ == 1 || tensor.device() == device_), "tensor ", tensor.sizes(), " on ",
+              tensor.device().str(), ", expected a contiguous one on ", device_.str());
+}
+
+void Communicator::check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const {
+  check_tensor(rows);
+  B3DGS_CHECK(rows.dim() >= 1, "a tensor without rows");
+  B3DGS_CHECK(counts.size() == static_cast<std::size_t>(size_), counts.size(), " counts for ", size_, " ranks");
+  B3DGS_CHECK(std::all_of(counts.begin(), counts.end(), [](std::int64_t n) { return n >= 0; }), "negative count");
+}
+
+torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
+                                            const std::vector<std::int64_t>& receive) {
+  check_rows(rows, send);
+  check_rows(rows, receive);
+  B3DGS_CHECK(sum_of(send) == rows.size(0), sum_of(send), " rows to send, ", rows.size(0), " given");
+  B3DGS_CHECK(send[static_cast<std::size_t>(rank_)] == receive[static_cast<std::size_t>(rank_)], "rows to itself");
+  if (size_ == 1) return rows;
+  const Unit unit(rows);
+  const torch::Tensor received = empty_rows_like(rows, sum_of(receive));
+  group_->all_to_all(as_type(received, unit.type), unit.counts(receive), as_type(rows, unit.type), unit.counts(send));
+  return received;
+}
+
+torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) {
+  check_rows(rows, counts);
+  const std::int64_t own = counts[static_cast<std::size_t>(rank_)];
+  B3DGS_CHECK(own == rows.size(0), own, " rows announced, ", rows.size(0), " given");
+  if (size_ == 1) return rows;
+  const std::int64_t total = sum_of(counts), most = *std::max_element(counts.begin(), counts.end());
+  const torch::Tensor all = empty_rows_like(rows, total);
+  if (total == 0) {
+    throw_if_failed();
+    return all;
+  }
+  if (device_.is_cuda() && most * size_ == total) {
+    group_->all_gather(as_bytes(all), as_bytes(rows));
+    return all;
+  }
+  // c10d gathers parts of one size only, and Gloo in a ring with copies. Sending the rows to each rank is as many
+  // bytes.
+  std::vector<std::int64_t> shape(static_cast<std::size_t>(rows.dim()), 1);
+  shape[0] = size_;
+  const Unit unit(rows);
+  const std::vector<std::int64_t> send(static_cast<std::size_t>(size_), own);
+  group_->all_to_all(as_type(all, unit.type), unit.counts(counts), as_type(rows.repeat(shape), unit.type),
+                     unit.counts(send));
+  return all;
+}
+
+void Communicator::broadcast(torch::Tensor& tensor, int from_rank) {
+  B3DGS_CHECK(from_rank >= 0 && from_rank < size_, "rank ", from_rank, " of ", size_);
+  check_tensor(tensor);
+  if (size_ > 1 && tensor.numel() > 0) group_->broadcast(as_bytes(tensor), from_rank);
+}
+
+void Communicator::all_reduce_sum(torch::Tensor& tensor) {
+  check_tensor(tensor);
+  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "only sums of integers do not depend on the number of ranks");
+  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce(tensor, TensorGroup::Reduction::kSum);
+}
+
+void Communicator::all_reduce_max(torch::Tensor& tensor) {
+  check_tensor(tensor);
+  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "only sums of integers do not depend on the number of ranks");
+  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce(tensor, TensorGroup::Reduction::kMax);
+}
+
+void Communicator::stop_others(const std::string& cause) noexcept {
+  if (link_) link_->fail(cause);
+}
+
+void Communicator::throw_if_failed() {
+  if (link_) link_->throw_if_failed();
+}
+
+}  // namespace b3dgs

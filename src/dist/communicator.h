@@ -1,0 +1,130 @@
+// What several processes (ranks) that work on one job exchange with each other.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "dist/control/limits.h"
+#include "dist/launch/rank_place.h"
+
+namespace b3dgs {
+
+class RankHub;
+class RankLink;
+class TensorGroup;
+
+/// All ranks call the same functions in one order. Every function throws a PeerError within 30 s after another rank has
+/// failed: it called stop_others(), destroyed its Communicator because of an exception, ended, or was silent.
+///
+/// There is no floating-point reduction: its result would depend on the number of ranks. Gather, then add in a fixed
+/// order.
+///
+/// Small records on the host (exchange() and what is built on it) go through a TCP connection to rank 0. Tensors go
+/// through LibTorch: Gloo on CPUs, NCCL on GPUs. On a GPU, functions for tensors do not wait on the host: the current
+/// stream does.
+class Communicator {
+ public:
+  /// The only rank of 1: every function returns its input, nothing is connected.
+  static std::unique_ptr<Communicator> alone();
+
+  /// Joins the other ranks. alone() if place.size is 1.
+  /// @param device  of the tensors: the CPU, or this rank's GPU, with index
+  /// @throws InputError if this build cannot do that, the address is not available or this rank is refused
+  static std::unique_ptr<Communicator> connect(RankPlace place, const torch::Device& device,
+                                               const RankLimits& limits = {});
+
+  /// If an exception is the reason, tells the others. Otherwise rank 0 waits here until all ranks have finished.
+  ~Communicator();
+  Communicator(const Communicator&) = delete;
+  Communicator& operator=(const Communicator&) = delete;
+
+  int rank() const { return rank_; }
+  int size() const { return size_; }
+  bool is_first() const { return rank_ == 0; }
+
+  // Records on the host. `label` says what is exchanged; it must be the same on all ranks, or all of them fail.
+
+  /// The bytes of every rank, by rank.
+  std::vector<std::string> exchange(const std::string& label, const std::string& bytes);
+
+  /// The same for a struct of numbers.
+  template <class Record>
+  std::vector<Record> exchange_record(const std::string& label, const Record& record) {
+    static_assert(std::is_trivially_copyable_v<Record>);
+    std::vector<Record> records;
+    for (const std::string& bytes :
+         exchange(label, std::string(reinterpret_cast<const char*>(&record), sizeof record))) {
+      B3DGS_CHECK(bytes.size() == sizeof(Record), label);
+      std::memcpy(&records.emplace_back(), bytes.data(), sizeof(Record));
+    }
+    return records;
+  }
+
+  /// counts[r] of rank s is result[s] on rank r: how many rows each rank will receive.
+  std::vector<std::int64_t> exchange_counts(const std::string& label, const std::vector<std::int64_t>& counts);
+
+  std::int64_t sum(const std::string& label, std::int64_t value);
+  std::int64_t max(const std::string& label, std::int64_t value);
+  void barrier(const std::string& label);
+
+  // Tensors: contiguous, of any type, on the device of connect(). Rows are along the first dimension; all ranks agree
+  // on the type and on the other dimensions. Results are new tensors; with one rank, the input itself.
+
+  /// Rows [0, send[0]) go to rank 0, the next send[1] to rank 1, and so on. Returns the received rows in the order of
+  /// the ranks, receive[r] from rank r, as exchange_counts() says.
+  torch::Tensor all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
+                                const std::vector<std::int64_t>& receive);
+
+  /// The rows of all ranks in the order of the ranks, counts[r] from rank r.
+  torch::Tensor all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts);
+
+  /// Overwrites `tensor` by that of `from_rank`.
+  void broadcast(torch::Tensor& tensor, int from_rank);
+
+  /// Overwrites an int64 tensor by the element-wise sum or maximum over all ranks.
+  void all_reduce_sum(torch::Tensor& tensor);
+  void all_reduce_max(torch::Tensor& tensor);
+
+  /// Tells the others that this rank stops. Afterwards, only the destructor may be called.
+  void stop_others(const std::string& cause) noexcept;
+
+  /// @throws PeerError if another rank is known to have failed
+  void throw_if_failed();
+
+ private:
+  Communicator() = default;
+  void check_same_device();
+  void check_tensor(const torch::Tensor& tensor) const;
+  void check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const;
+
+  int rank_ = 0, size_ = 1;
+  torch::Device device_ = torch::kCPU;
+  int n_exceptions_ = std::uncaught_exceptions();
+  std::unique_ptr<RankHub> hub_;  // of rank 0
+  std::unique_ptr<RankLink> link_;
+  std::unique_ptr<TensorGroup> group_;
+};
+
+/// Calls body(). If it throws, tells the other ranks why before the exception goes on. If another rank has failed
+/// before, throws that PeerError instead: what follows a failed exchange is a consequence.
+template <class Body>
+auto run_as_rank(Communicator& communicator, Body&& body) {
+  try {
+    return body();
+  } catch (const PeerError&) {
+    throw;
+  } catch (const std::exception& error) {
+    communicator.throw_if_failed();
+    communicator.stop_others(error.what());
+    throw;
+  }
+}
+
+}  // namespace b3dgs

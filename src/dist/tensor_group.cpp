@@ -1,0 +1,300 @@
+#include "dist/tensor_group.h"
+
+#if B3DGS_GLOO && !defined(USE_C10D_GLOO)
+#define USE_C10D_GLOO  // the header is empty without it
+#endif
+#if B3DGS_NCCL && !defined(USE_C10D_NCCL)
+#define USE_C10D_NCCL
+#endif
+
+#if B3DGS_C10D
+#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
+#include <torch/csrc/distributed/c10d/Store.hpp>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+#include <torch/csrc/distributed/c10d/Types.hpp>
+#include <torch/csrc/distributed/c10d/Work.hpp>
+#endif
+#if B3DGS_GLOO
+#include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+#endif
+#if B3DGS_NCCL
+#include <c10/cuda/CUDAGuard.h>
+
+#include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
+#endif
+
+#include <torch/version.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <utility>
+
+#include "core/check.h"
+#include "dist/control/socket.h"
+
+namespace b3dgs {
+
+std::string why_no_tensor_group(const torch::Device& device) {
+#if !B3DGS_C10D
+  static_cast<void>(device);
+  return "the LibTorch of this build has no support for several processes (c10d)";
+#else
+  if (device.is_cuda()) {
+    return B3DGS_NCCL ? ""
+                      : "this build has no NCCL (needs a LibTorch with CUDA, and the header nccl.h of its NCCL, "
+                        "before CMake configures)";
+  }
+  return B3DGS_GLOO ? ""
+                    : "this build has no Gloo, which LibTorch needs for several processes on CPUs (on Debian: install "
+                      "libgloo-dev, then configure and build again)";
+#endif
+}
+
+#if B3DGS_C10D
+
+namespace {
+
+using std::chrono::milliseconds;
+
+std::string to_text(const std::vector<std::uint8_t>& bytes) {
+  return {bytes.begin(), bytes.end()};
+}
+std::vector<std::uint8_t> to_vector(const std::string& text) {
+  return {text.begin(), text.end()};
+}
+
+/// RankLink's table for c10d. LibTorch's own TCPStore (1.13) listens at all addresses of the machine, and does not
+/// notice a rank that has ended.
+class LinkStore final : public c10d::Store {
+ public:
+  explicit LinkStore(RankLink& link) : link_(link) {}
+
+  void set(const std::string& key, const std::vector<std::uint8_t>& value) override { link_.set(key, to_text(value)); }
+  std::vector<std::uint8_t> compareSet(const std::string& key, const std::vector<std::uint8_t>& expected,
+                                       const std::vector<std::uint8_t>& desired) override {
+    return to_vector(link_.compare_set(key, to_text(expected), to_text(desired)));
+  }
+  std::vector<std::uint8_t> get(const std::string& key) override { return to_vector(link_.get(key, timeout_)); }
+  std::int64_t add(const std::string& key, std::int64_t number) override { return link_.add(key, number); }
+  bool deleteKey(const std::string& key) override { return link_.remove(key); }
+  bool check(const std::vector<std::string>& keys) override { return link_.check(keys); }
+  std::int64_t getNumKeys() override { return link_.count(); }
+  void wait(const std::vector<std::string>& keys) override { wait(keys, timeout_); }
+  void wait(const std::vector<std::string>& keys, const milliseconds& limit) override {
+    for (const std::string& key : keys) link_.get(key, limit);
+  }
+  /// Pure virtual in LibTorch since 2.7, unknown before.
+  c10::intrusive_ptr<c10d::Store> clone() { return c10::make_intrusive<LinkStore>(link_); }
+
+ private:
+  RankLink& link_;
+};
+
+// A rank may wait long for another one that writes a checkpoint. That a rank has failed is found out by RankLink, so
+// the groups' own limit is only there for what nobody foresaw.
+constexpr milliseconds kGroupLimit = std::chrono::hours(24);
+
+/// For groups whose destructor would wait for a rank that has failed.
+template <class Group>
+void keep_forever(c10::intrusive_ptr<Group> group) {
+  static auto* const groups = new std::vector<c10::intrusive_ptr<Group>>;
+  groups->push_back(std::move(group));
+}
+
+/// What both kinds of groups share. `Group` is a c10d::ProcessGroup (LibTorch 1) or a c10d::Backend (2).
+template <class Group>
+class C10dGroup : public TensorGroup {
+ public:
+  C10dGroup(c10::intrusive_ptr<Group> group, RankLink& link) : group_(std::move(group)), link_(link) {}
+
+  void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
+                  const std::vector<std::int64_t>& in_counts) override {
+    std::vector<std::int64_t> out_splits = out_counts, in_splits = in_counts;
+    run([&] { return group_->alltoall_base(out, in, out_splits, in_splits, c10d::AllToAllOptions()); });
+  }
+
+  void all_gather(const torch::Tensor& out, torch::Tensor in) override {
+    std::vector<torch::Tensor> ins{in};
+    std::vector<std::vector<torch::Tensor>> outs{out.view({link_.size(), in.numel()}).unbind(0)};
+    ins[0] = in.view({in.numel()});
+    run([&] { return group_->allgather(outs, ins, c10d::AllgatherOptions()); });
+  }
+
+  void broadcast(torch::Tensor tensor, int from_rank) override {
+    std::vector<torch::Tensor> tensors{tensor};
+    c10d::BroadcastOptions options;
+    options.rootRank = from_rank;
+    run([&] { return group_->broadcast(tensors, options); });
+  }
+
+  void all_reduce(torch::Tensor tensor, Reduction reduction) override {
+    std::vector<torch::Tensor> tensors{tensor};
+    c10d::AllreduceOptions options;
+    options.reduceOp = reduction == Reduction::kSum ? c10d::ReduceOp::SUM : c10d::ReduceOp::MAX;
+    run([&] { return group_->allreduce(tensors, options); });
+  }
+
+ protected:
+  /// Starts an operation and waits for it.
+  template <class Start>
+  void run(Start&& start) {
+    link_.throw_if_failed();
+    try {
+      wait(*start());
+    } catch (const PeerError&) {
+      throw;
+    } catch (const std::exception& error) {
+      // A rank that ends closes its connections to all others: who it was, rank 0 knows in a moment.
+      link_.wait_for_failure(std::chrono::seconds(15));
+      link_.throw_if_failed();
+      throw Error(detail::concat("exchange between ranks failed: ", error.what()));
+    }
+  }
+
+  virtual void wait(c10d::Work& work) = 0;
+
+  c10::intrusive_ptr<Group> group_;
+  RankLink& link_;
+};
+
+#if B3DGS_GLOO
+class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
+ public:
+  explicit GlooGroup(RankLink& link) : C10dGroup(make(link), link) {}
+
+  ~GlooGroup() override {
+    // Its destructor waits for operations, also for those that a failed rank will never complete.
+    if (link_.wait_for_failure(milliseconds(0)) || is_waiting_) keep_forever(std::move(group_));
+  }
+
+ private:
+  static c10::intrusive_ptr<c10d::ProcessGroupGloo> make(RankLink& link) {
+    const auto options = c10d::ProcessGroupGloo::Options::create(kGroupLimit);
+    // The network that leads to rank 0, and no other.
+    options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname(link.own_address())};
+    options->threads = 1;
+    return c10::make_intrusive<c10d::ProcessGroupGloo>(c10::make_intrusive<LinkStore>(link), link.rank(), link.size(),
+                                                       options);
+  }
+
+  void wait(c10d::Work& work) override {
+    is_waiting_ = true;
+    while (!work.isCompleted()) {
+      link_.throw_if_failed();
+      try {
+        work.wait(std::chrono::seconds(1));
+      } catch (const std::exception&) {
+        if (work.isCompleted()) throw;  // failed; otherwise the time is over
+      }
+    }
+    is_waiting_ = false;
+    work.wait();
+  }
+
+  bool is_waiting_ = false;  // an operation was given up
+};
+#endif
+
+#if B3DGS_NCCL
+// Where LibTorch has no CUDA, scripts/check_torch_cuda.sh type-checks this against the headers of 1.13, so the lines
+// for LibTorch 2 are compiled on GPU machines only.
+class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
+ public:
+  NcclGroup(const torch::Device& device, RankLink& link) : C10dGroup(make(device, link), link) {
+    // Operations that wait for a rank that has failed never end, and so does the host in its next wait for the GPU.
+#if TORCH_VERSION_MAJOR >= 2
+    link_.on_failure([group = group_] { group->abort(); });
+#endif
+  }
+
+  ~NcclGroup() override {
+    link_.on_failure([] {});
+    if (link_.wait_for_failure(milliseconds(0))) {
+      keep_forever(std::move(group_));
+      return;
+    }
+#if TORCH_VERSION_MAJOR >= 2
+    group_->shutdown();
+#endif
+  }
+
+ private:
+  static c10::intrusive_ptr<c10d::ProcessGroupNCCL> make(const torch::Device& device, RankLink& link) {
+    // NCCL's watchdog would end the process before it can say which rank has failed.
+    setenv("TORCH_NCCL_ASYNC_ERROR_HANDLING", "0", /*overwrite=*/0);
+    setenv("TORCH_NCCL_ENABLE_MONITORING", "0", /*overwrite=*/0);
+    // Without this, NCCL takes the first network that is not the loopback, also on one machine.
+    const std::string interface = interface_with(link.own_address());
+    if (!interface.empty()) setenv("NCCL_SOCKET_IFNAME", ("=" + interface).c_str(), /*overwrite=*/0);
+    const c10::cuda::CUDAGuard guard(device);
+    const auto options = c10d::ProcessGroupNCCL::Options::create();
+    options->timeout = kGroupLimit;
+    auto group = c10::make_intrusive<c10d::ProcessGroupNCCL>(c10::make_intrusive<LinkStore>(link), link.rank(),
+                                                             link.size(), options);
+#if TORCH_VERSION_MAJOR >= 2
+    group->setBoundDeviceId(device);
+    group->eagerConnectSingleDevice(device);
+#endif
+    return group;
+  }
+
+  void wait(c10d::Work& work) override {
+    work.wait();
+  }
+};
+#endif
+
+}  // namespace
+
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link) {
+  const std::string reason = why_no_tensor_group(device);
+  if (!reason.empty()) input_error(link.size(), " ranks: ", reason);
+  try {
+#if B3DGS_NCCL
+    if (device.is_cuda()) return std::make_unique<NcclGroup>(device, link);
+#endif
+#if B3DGS_GLOO
+    if (device.is_cpu()) return std::make_unique<GlooGroup>(link);
+#endif
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    link.wait_for_failure(std::chrono::seconds(15));
+    link.throw_if_failed();
+    throw Error(detail::concat("ranks cannot connect to each other: ", error.what()));
+  }
+  B3DGS_CHECK(false, "no group for this device");
+  return nullptr;
+}
+
+std::string share_through_agent(const RankPlace& place, const std::string& value, milliseconds limit) {
+  const std::string key = "b3dgs";
+  try {
+    c10d::TCPStoreOptions options;
+    options.port = static_cast<std::uint16_t>(place.port);
+    options.waitWorkers = false;
+    options.timeout = limit;
+    c10d::PrefixStore store(place.agent_prefix.value_or(""),
+                            c10::make_intrusive<c10d::TCPStore>(place.address, options));
+    if (place.rank == 0) store.set(key, to_vector(value));
+    return to_text(store.get(key));
+  } catch (const std::exception& error) {
+    const std::string text = error.what();
+    throw Error(detail::concat("cannot reach torchrun's agent at ", place.address, " port ", place.port, ": ",
+                               text.substr(0, text.find('\n'))));
+  }
+}
+
+#else
+
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link) {
+  input_error(link.size(), " ranks: ", why_no_tensor_group(device));
+}
+
+std::string share_through_agent(const RankPlace& place, const std::string&, std::chrono::milliseconds) {
+  input_error(place.size, " ranks: ", why_no_tensor_group(torch::kCPU));
+}
+
+#endif
+
+}  // namespace b3dgs

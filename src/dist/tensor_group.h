@@ -1,0 +1,48 @@
+// Collective operations on tensors, by the process groups of LibTorch (c10d). tensor_group.cpp is the only file that
+// knows c10d, and the differences between its versions.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dist/control/rank_link.h"
+#include "dist/launch/rank_place.h"
+
+namespace b3dgs {
+
+/// All ranks call the same functions in one order. Tensors are contiguous, and on the group's device. On a CPU the
+/// functions return when the results are there; on a GPU, the current stream waits for them, not the host.
+/// @throws PeerError if another rank has failed. Gloo notices in every function, NCCL as far as the host waits.
+class TensorGroup {
+ public:
+  virtual ~TensorGroup() = default;
+
+  /// 1-D tensors of uint8, int32 or int64: in_counts[r] elements of `in`, in order, go to rank r; `out` takes what
+  /// comes, out_counts[r] from rank r. At most 2^31 - 1 elements each.
+  virtual void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
+                          const std::vector<std::int64_t>& in_counts) = 0;
+
+  /// `out` has `size` times the elements of `in`.
+  virtual void all_gather(const torch::Tensor& out, torch::Tensor in) = 0;
+
+  virtual void broadcast(torch::Tensor tensor, int from_rank) = 0;
+
+  enum class Reduction { kSum, kMax };
+  /// int64 only: sums of integers do not depend on their order.
+  virtual void all_reduce(torch::Tensor tensor, Reduction reduction) = 0;
+};
+
+/// Why this build has no group for the device, and what to do about it; "" if it has one.
+std::string why_no_tensor_group(const torch::Device& device);
+
+/// All ranks of the link call this together. @throws InputError with why_no_tensor_group()
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link);
+
+/// Rank 0 passes `value`, and all ranks return it, through the store of torchrun's agent (place.agent_prefix).
+std::string share_through_agent(const RankPlace& place, const std::string& value, std::chrono::milliseconds limit);
+
+}  // namespace b3dgs

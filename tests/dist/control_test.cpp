@@ -1,0 +1,307 @@
+// The connections over which ranks learn of each other: ranks as threads of this process.
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+
+#include <chrono>
+#include <functional>
+#include <future>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/check.h"
+#include "dist/control/message.h"
+#include "dist/control/rank_hub.h"
+#include "dist/control/rank_link.h"
+#include "dist/control/socket.h"
+#include "support/expect_error.h"
+
+namespace b3dgs {
+namespace {
+
+using std::chrono::milliseconds;
+using test::fails_with;
+
+constexpr milliseconds kLong{60000};  // where a test fails if it is reached
+
+/// A hub, and ranks that join it.
+class Job {
+ public:
+  explicit Job(int size, const RankLimits& limits = {}) : size_(size), limits_(limits) {
+    Socket listening = listen_at("127.0.0.1", 0);
+    port_ = port_of(listening);
+    hub_ = std::make_unique<RankHub>(std::move(listening), size, "job", limits);
+  }
+
+  int port() const { return port_; }
+  std::unique_ptr<RankLink> join(int rank) const { return join(rank, size_, "job"); }
+  std::unique_ptr<RankLink> join(int rank, int size, const std::string& job) const {
+    return std::make_unique<RankLink>("127.0.0.1", port_, rank, size, job, limits_);
+  }
+
+  /// A connection that has said hello, and does nothing else.
+  Socket join_without_link(int rank) const {
+    Socket socket = std::move(*try_to_connect("127.0.0.1", port_, kLong));
+    say(socket, to_bytes({MessageKind::kHello, 0,
+                          BodyWriter().bytes(kProtocol).bytes("job").number(rank).number(size_).take()}));
+    return socket;
+  }
+
+  static void say(const Socket& socket, const std::string& bytes) {
+    ASSERT_EQ(send(socket.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL), static_cast<ssize_t>(bytes.size()));
+  }
+
+  /// Calls body(link) as every rank, and rethrows what the lowest rank threw.
+  void run(const std::function<void(RankLink&)>& body) const {
+    std::vector<std::future<void>> ranks;
+    for (int rank = 0; rank < size_; ++rank) {
+      ranks.push_back(std::async(std::launch::async, [this, rank, &body] { body(*join(rank)); }));
+    }
+    for (std::future<void>& rank : ranks) rank.wait();
+    for (std::future<void>& rank : ranks) rank.get();
+  }
+
+ private:
+  int size_, port_ = 0;
+  RankLimits limits_;
+  std::unique_ptr<RankHub> hub_;
+};
+
+TEST(Control, GathersRecordsOfAnySize) {
+  Job(4).run([](RankLink& link) {
+    const auto record = [](int rank) {
+      return std::string(rank == 1 ? 0 : rank == 2 ? 3000000 : 10, static_cast<char>(rank));
+    };
+    for (int round = 0; round < 5; ++round) {
+      const std::vector<std::string> all = link.gather("step", record(link.rank()));
+      ASSERT_EQ(all.size(), 4u);
+      for (int rank = 0; rank < 4; ++rank) EXPECT_EQ(all[static_cast<std::size_t>(rank)], record(rank));
+    }
+  });
+}
+
+TEST(Control, OneRankAlone) {
+  Job(1).run([](RankLink& link) { EXPECT_EQ(link.gather("x", "y"), std::vector<std::string>{"y"}); });
+}
+
+TEST(Control, SharesValues) {
+  Job(2).run([](RankLink& link) {
+    if (link.rank() == 0) {
+      EXPECT_EQ(link.get("set later", kLong), "value");
+      EXPECT_TRUE(link.check({"set later"}));
+      EXPECT_FALSE(link.check({"set later", "unknown"}));
+      EXPECT_EQ(link.count(), 1);
+      EXPECT_TRUE(link.remove("set later"));
+      EXPECT_FALSE(link.remove("set later"));
+      EXPECT_EQ(link.compare_set("c", "", "first"), "first") << "a missing key is set if nothing is expected";
+      EXPECT_EQ(link.compare_set("c", "other", "second"), "first");
+      EXPECT_EQ(link.compare_set("c", "first", "second"), "second");
+      EXPECT_EQ(link.compare_set("d", "expected", "x"), "expected");
+      EXPECT_FALSE(link.check({"d"}));
+      EXPECT_TRUE(fails_with<Error>({"no answer"}, [&] { link.get("never set", milliseconds(50)); }));
+    } else {
+      link.set("set later", "value");
+    }
+    link.gather("before add", "");
+    link.add("sum", 10 + link.rank());
+    link.gather("after add", "");
+    EXPECT_EQ(link.add("sum", 0), 21);
+    EXPECT_EQ(link.get("sum", kLong), "21") << "decimal digits, as c10d expects";
+    link.gather("end", "");
+  });
+}
+
+TEST(Control, TellsAllWhyARankStops) {
+  Job(4).run([](RankLink& link) {
+    if (link.rank() == 2) {
+      link.fail("out of memory: 4 GB\nstack trace");
+      link.fail("a later cause");
+    } else {
+      EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4 stopped: out of memory: 4 GB"}, [&] {
+        link.rank() == 1 ? static_cast<void>(link.get("key", kLong)) : static_cast<void>(link.gather("step", ""));
+      }));
+      EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.throw_if_failed(); })) << "from then on";
+      EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.set("a", "b"); }));
+    }
+  });
+}
+
+TEST(Control, CallsBackOnFailure) {
+  Job(2).run([](RankLink& link) {
+    if (link.rank() == 1) {
+      EXPECT_FALSE(link.wait_for_failure(milliseconds(1)));
+      link.set("ready", "");
+      std::promise<void> called;
+      link.on_failure([&] { called.set_value(); });
+      link.set("has callback", "");
+      EXPECT_EQ(called.get_future().wait_for(kLong), std::future_status::ready);
+      EXPECT_TRUE(link.wait_for_failure(kLong));
+    } else {
+      link.get("has callback", kLong);
+      link.fail("stop");
+    }
+  });
+}
+
+TEST(Control, NamesARankThatVanishes) {
+  const Job job(2);
+  std::optional<Socket> vanishing = job.join_without_link(1);
+  const auto link = job.join(0);
+  std::future<void> rank0 = std::async(std::launch::async, [&] {
+    EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: its process ended"}, [&] { link->gather("step", ""); }));
+  });
+  vanishing.reset();
+  rank0.get();
+}
+
+TEST(Control, NamesARankThatIsSilent) {
+  RankLimits limits;
+  limits.silence = milliseconds(500);
+  const Job job(2, limits);
+  const Socket silent = job.join_without_link(1);
+  const auto link = job.join(0);
+  EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: no sign of life"}, [&] { link->gather("step", ""); }));
+}
+
+TEST(Control, NamesRankZeroIfTheHubVanishes) {
+  Socket listening = listen_at("127.0.0.1", 0);
+  std::future<void> rank1 = std::async(std::launch::async, [port = port_of(listening)] {
+    RankLink link("127.0.0.1", port, 1, 2, "job", {});
+    EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: its process ended"}, [&] { link.gather("step", ""); }));
+  });
+  {
+    const Socket connection(accept(listening.fd(), nullptr, nullptr));
+    Job::say(connection, to_bytes({MessageKind::kWelcome, 0, ""}));
+    std::string hello(64, '\0');
+    ASSERT_GT(recv(connection.fd(), hello.data(), hello.size(), 0), 0);
+  }
+  rank1.get();
+}
+
+TEST(Control, ARankThatLeavesIsNoFailure) {
+  Job(3).run([](RankLink& link) {
+    if (link.rank() == 0) return;  // the hub stays until all have left
+    link.set(std::to_string(link.rank()), "x");
+    link.get(std::to_string(3 - link.rank()), kLong);
+    link.throw_if_failed();
+  });
+}
+
+TEST(Control, NobodyWaitsForARankThatHasLeft) {
+  Job(2).run([](RankLink& link) {
+    if (link.rank() == 1) return;
+    EXPECT_TRUE(
+        fails_with<PeerError>({"rank 1 of 2 stopped: it finished", "\"step\""}, [&] { link.gather("step", ""); }));
+  });
+}
+
+TEST(Control, NoticesRanksAtDifferentPlaces) {
+  Job(2).run([](RankLink& link) {
+    EXPECT_TRUE(fails_with<PeerError>({"\"step\"", "\"density\""},
+                                      [&] { link.gather(link.rank() == 0 ? "step" : "density", ""); }));
+  });
+}
+
+TEST(Control, RefusesStrangers) {
+  const Job job(2);
+  EXPECT_TRUE(fails_with<InputError>({"another job", "MASTER_PORT"}, [&] { job.join(1, 2, "another"); }));
+  const Socket garbage = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
+  Job::say(garbage, "GET / HTTP/1.1\r\nHost: rank0\r\n\r\n");
+  const Socket nothing = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
+  job.run([&](RankLink& link) {
+    EXPECT_EQ(link.gather("step", "x").size(), 2u) << "strangers disturb nobody";
+    if (link.rank() == 0) {
+      EXPECT_TRUE(fails_with<InputError>({"two processes say that they are rank 1 of 2"}, [&] { job.join(1); }));
+    }
+    link.gather("end", "");
+  });
+}
+
+TEST(Control, RefusesAnotherNumberOfRanks) {
+  const Job job(2);
+  std::future<void> rank0 = std::async(std::launch::async, [&] {
+    EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: ", "WORLD_SIZE is 2 on rank 0 and 4 on rank 1"},
+                                      [&] { job.join(0); }));
+  });
+  EXPECT_TRUE(fails_with<InputError>({"WORLD_SIZE is 2 on rank 0 and 4 on rank 1"}, [&] { job.join(1, 4, "job"); }));
+  rank0.get();
+}
+
+TEST(Control, NamesRanksThatDoNotJoin) {
+  RankLimits limits;
+  limits.join = milliseconds(1000);
+  const Job job(4, limits);
+  std::future<void> rank2 = std::async(std::launch::async, [&] {
+    EXPECT_TRUE(fails_with<PeerError>({"did not join within 1 s", "WORLD_SIZE"}, [&] { job.join(2); }));
+  });
+  EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 4 stopped: did not join within 1 s", "3; "}, [&] { job.join(0); }));
+  rank2.get();
+}
+
+TEST(Control, RankZeroThatDoesNotListen) {
+  RankLimits limits;
+  limits.join = milliseconds(100);
+  const int free_port = port_of(listen_at("127.0.0.1", 0));
+  EXPECT_TRUE(fails_with<InputError>({"rank 0 does not listen at 127.0.0.1 port"},
+                                     [&] { RankLink("127.0.0.1", free_port, 1, 2, "job", limits); }));
+  EXPECT_TRUE(fails_with<InputError>({"address of rank 0 not found", "no.such.host.invalid"},
+                                     [&] { RankLink("no.such.host.invalid", free_port, 1, 2, "job", limits); }));
+}
+
+TEST(Sockets, ListenOnlyAtTheAddressGiven) {
+  const Socket listening = listen_at("127.0.0.1", 0);
+  EXPECT_EQ(own_address_of(listening), "127.0.0.1");
+  EXPECT_TRUE(try_to_connect("127.0.0.1", port_of(listening), kLong));
+  EXPECT_FALSE(try_to_connect("127.0.0.2", port_of(listening), kLong)) << "the same machine by another address";
+}
+
+TEST(Sockets, NameAnOccupiedPort) {
+  const Socket listening = listen_at("127.0.0.1", 0);
+  const std::string port = std::to_string(port_of(listening));
+  EXPECT_TRUE(fails_with<InputError>({"port " + port + " of 127.0.0.1 is occupied", "MASTER_PORT"},
+                                     [&] { listen_at("127.0.0.1", port_of(listening)); }));
+  EXPECT_TRUE(fails_with<InputError>({"cannot listen at 192.0.2.1"}, [] { listen_at("192.0.2.1", 0); }));
+}
+
+TEST(Sockets, OwnAddressTowardsAnother) {
+  EXPECT_EQ(own_address_towards("127.0.0.1", 80), "127.0.0.1");
+  EXPECT_TRUE(fails_with<InputError>({"not found"}, [] { own_address_towards("no.such.host.invalid", 80); }));
+}
+
+TEST(Sockets, InterfaceWithAnAddress) {
+  EXPECT_FALSE(interface_with("127.0.0.1").empty());
+  EXPECT_EQ(interface_with("192.0.2.1"), "") << "an address for documentation";
+}
+
+TEST(Messages, AreAssembledFromPieces) {
+  const std::string bytes = to_bytes({MessageKind::kSet, 7, BodyWriter().bytes("key").number(-5).take()}) +
+                            to_bytes({MessageKind::kBeat, 0, ""});
+  MessageStream stream;
+  std::vector<Message> messages;
+  for (const char byte : bytes) {
+    stream.feed(&byte, 1);
+    while (std::optional<Message> message = stream.next(100)) messages.push_back(*message);
+  }
+  ASSERT_EQ(messages.size(), 2u);
+  EXPECT_EQ(messages[0].id, 7u);
+  BodyReader body(messages[0].body);
+  EXPECT_EQ(body.bytes(), "key");
+  EXPECT_EQ(body.number(), -5);
+  EXPECT_THROW(body.number(), Error) << "nothing left";
+  EXPECT_EQ(messages[1].kind, MessageKind::kBeat);
+}
+
+TEST(Messages, OfAbsurdLengthAreRefused) {
+  MessageStream stream;
+  const std::string bytes = to_bytes({MessageKind::kSet, 0, std::string(101, 'x')});
+  stream.feed(bytes.data(), 12);
+  EXPECT_THROW(stream.next(100), Error);
+  const std::string negative = BodyWriter().number(-1).take(), absurd = BodyWriter().number(1LL << 40).take();
+  EXPECT_THROW(BodyReader(negative).bytes(), Error);
+  EXPECT_THROW(BodyReader(absurd).bytes(), Error);
+}
+
+}  // namespace
+}  // namespace b3dgs

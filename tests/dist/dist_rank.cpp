@@ -1,0 +1,263 @@
+// A program of several ranks for dist_tests: dist_rank RANKS SCENARIO. Without the environment of a launcher it starts
+// its own ranks. Prints what is wrong to standard error and fails, or "ok RANK" to standard output.
+#include <torch/types.h>
+#include <torch/utils.h>
+#include <unistd.h>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/check.h"
+#include "dist/communicator.h"
+#include "dist/launch/start_ranks.h"
+
+namespace b3dgs {
+namespace {
+
+using Counts = std::vector<std::int64_t>;
+
+void expect(bool condition, const std::string& what) {
+  if (!condition) throw LogicError("expectation failed: " + what);
+}
+
+std::int64_t total(const Counts& counts) {
+  return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
+}
+
+/// Bytes that tell where they come from: row i that rank `from` sends to rank `to`. Every bit pattern occurs, also
+/// those that are NaN as floats.
+torch::Tensor make_rows(int from, int to, std::int64_t n, std::int64_t bytes) {
+  torch::Tensor rows = torch::empty({n, bytes}, torch::kUInt8);
+  std::uint32_t state = static_cast<std::uint32_t>(from * 1000 + to + 1);
+  for (std::int64_t i = 0; i < rows.numel(); ++i) {
+    state = state * 1664525u + 1013904223u;
+    rows.data_ptr<std::uint8_t>()[i] = static_cast<std::uint8_t>(state >> 24);
+  }
+  return rows;
+}
+
+bool same_bytes(const torch::Tensor& a, const torch::Tensor& b) {
+  return a.numel() * static_cast<std::int64_t>(a.element_size()) ==
+             b.numel() * static_cast<std::int64_t>(b.element_size()) &&
+         (a.numel() == 0 ||
+          std::memcmp(a.data_ptr(), b.data_ptr(), static_cast<std::size_t>(a.numel()) * a.element_size()) == 0);
+}
+
+/// Rows of `type` with the bytes of make_rows(); 12 bytes a row.
+torch::Tensor typed(const torch::Tensor& bytes, torch::ScalarType type) {
+  const auto size = static_cast<std::int64_t>(torch::elementSize(type));
+  torch::Tensor rows = torch::empty({bytes.size(0), 2, bytes.size(1) / size / 2}, type);
+  if (rows.numel() > 0) std::memcpy(rows.data_ptr(), bytes.data_ptr(), static_cast<std::size_t>(bytes.numel()));
+  return rows;
+}
+
+/// count_of(from, to) rows go from each rank to each.
+template <class CountOf>
+void check_all_to_all(Communicator& ranks, const char* name, CountOf&& count_of) {
+  for (const torch::ScalarType type : {torch::kFloat32, torch::kUInt8, torch::kInt32, torch::kInt64, torch::kBool}) {
+    constexpr std::int64_t kBytes = 48;
+    Counts send, receive_expected;
+    std::vector<torch::Tensor> sent, expected;
+    for (int other = 0; other < ranks.size(); ++other) {
+      send.push_back(count_of(ranks.rank(), other));
+      receive_expected.push_back(count_of(other, ranks.rank()));
+      sent.push_back(make_rows(ranks.rank(), other, send.back(), kBytes));
+      expected.push_back(make_rows(other, ranks.rank(), receive_expected.back(), kBytes));
+    }
+    const Counts receive = ranks.exchange_counts(name, send);
+    expect(receive == receive_expected, std::string(name) + ": counts");
+    const torch::Tensor received = ranks.all_to_all_rows(typed(torch::cat(sent), type), send, receive);
+    expect(received.scalar_type() == type && received.size(0) == total(receive), std::string(name) + ": shape");
+    expect(same_bytes(received, torch::cat(expected)), std::string(name) + ": bytes");
+  }
+}
+
+template <class CountOf>
+void check_all_gather(Communicator& ranks, const char* name, CountOf&& count_of) {
+  Counts counts;
+  std::vector<torch::Tensor> expected;
+  for (int rank = 0; rank < ranks.size(); ++rank) {
+    counts.push_back(count_of(rank));
+    expected.push_back(make_rows(rank, 7, counts.back(), 24));
+  }
+  const torch::Tensor own = typed(expected[static_cast<std::size_t>(ranks.rank())], torch::kFloat32);
+  const torch::Tensor all = ranks.all_gather_rows(own, counts);
+  expect(all.size(0) == total(counts) && all.size(1) == 2, std::string(name) + ": shape");
+  expect(same_bytes(all, torch::cat(expected)), std::string(name) + ": bytes");
+}
+
+void check_collectives(Communicator& ranks) {
+  const int size = ranks.size(), rank = ranks.rank();
+  check_all_to_all(ranks, "uneven", [](int from, int to) { return 3 * from + 5 * to + 1; });
+  check_all_to_all(ranks, "nothing at all", [](int, int) { return 0; });
+  check_all_to_all(ranks, "only to the last rank", [&](int, int to) { return to == size - 1 ? 11 : 0; });
+  check_all_to_all(ranks, "only from rank 0", [](int from, int) { return from == 0 ? 11 : 0; });
+  check_all_to_all(ranks, "nothing to itself", [](int from, int to) { return from == to ? 0 : 4; });
+  check_all_to_all(ranks, "many", [](int from, int to) { return 20000 + 1000 * from + to; });
+  const torch::Tensor shifted = torch::arange(1 + 3 * ranks.size(), torch::kInt32).narrow(0, 1, 3 * ranks.size());
+  const torch::Tensor pairs = torch::stack({shifted, shifted}, 1).view({-1}).narrow(0, 1, 2 * ranks.size());
+  const Counts ones(static_cast<std::size_t>(size), 1);  // rows of 8 bytes that begin at 4: no whole int64
+  expect(ranks.all_to_all_rows(pairs.view({size, 2}), ones, ones)
+             .equal(pairs.view({size, 2}).narrow(0, rank, 1).expand({size, 2})),
+         "rows at an odd address");
+  const torch::Tensor odd = make_rows(0, 0, size, 7);  // rows of 7 bytes
+  expect(ranks.all_to_all_rows(odd, ones, ones).equal(odd.narrow(0, rank, 1).expand({size, 7})), "rows of odd size");
+  check_all_gather(ranks, "equal parts", [](int) { return 1000; });
+  check_all_gather(ranks, "nearly equal parts", [](int r) { return 1000 + r; });
+  check_all_gather(ranks, "one part", [&](int r) { return r == size - 1 ? 1000 : 0; });
+  check_all_gather(ranks, "no part", [](int) { return 0; });
+
+  for (int from = 0; from < size; ++from) {
+    torch::Tensor tensor = typed(make_rows(rank, 3, 9, 24), torch::kFloat32);
+    ranks.broadcast(tensor, from);
+    expect(same_bytes(tensor, make_rows(from, 3, 9, 24)), "broadcast");
+  }
+  torch::Tensor empty = torch::empty({0, 3});
+  ranks.broadcast(empty, 0);
+
+  torch::Tensor sums = torch::tensor({std::int64_t{1} << 40, std::int64_t{rank}, std::int64_t{-rank}}, torch::kInt64);
+  torch::Tensor largest = sums.clone();
+  ranks.all_reduce_sum(sums);
+  ranks.all_reduce_max(largest);
+  const std::int64_t triangle = size * (size - 1) / 2;
+  expect(sums.equal(torch::tensor({size * (std::int64_t{1} << 40), triangle, -triangle}, torch::kInt64)), "sum");
+  expect(largest.equal(torch::tensor({std::int64_t{1} << 40, std::int64_t{size - 1}, std::int64_t{0}}, torch::kInt64)),
+         "max");
+
+  expect(ranks.sum("sum", rank + 1) == triangle + size && ranks.max("max", -rank) == 0, "sums on the host");
+  const std::vector<std::string> texts = ranks.exchange("texts", std::string(static_cast<std::size_t>(rank), 'x'));
+  for (int r = 0; r < size; ++r) {
+    expect(texts[static_cast<std::size_t>(r)] == std::string(static_cast<std::size_t>(r), 'x'), "texts");
+  }
+  for (int i = 0; i < 200; ++i) expect(ranks.sum("many", i) == i * size, "many small records");
+  ranks.barrier("end");
+}
+
+struct StopSignal {
+  int exit_code;
+};
+
+/// Where ranks other than the failing one wait for it.
+void wait_in(const std::string& operation, Communicator& ranks) {
+  const auto n = static_cast<std::size_t>(ranks.size());
+  if (operation == "exchange") {
+    ranks.barrier("wait");
+  } else if (operation == "tensors") {
+    ranks.all_to_all_rows(torch::zeros({ranks.size(), 3}), Counts(n, 1), Counts(n, 1));
+  } else {
+    std::this_thread::sleep_for(std::chrono::hours(1));  // "elsewhere": not in a function of Communicator
+  }
+}
+
+void run_scenario(const std::string& scenario, Communicator& ranks) {
+  const std::size_t colon = scenario.find(':');
+  const std::string what = scenario.substr(0, colon),
+                    operation = colon == std::string::npos ? "" : scenario.substr(colon + 1);
+  const bool is_failing = ranks.rank() == (what == "kill0" ? 0 : ranks.size() - 1);
+  if (what == "collectives") {
+    check_collectives(ranks);
+  } else if (what == "kill" || what == "kill0") {
+    ranks.barrier("start");
+    if (is_failing) raise(SIGKILL);
+    wait_in(operation, ranks);
+  } else if (what == "throw") {
+    ranks.barrier("start");
+    if (is_failing) throw InputError("the disk is full\nand more");
+    wait_in(operation, ranks);
+  } else if (what == "silent") {
+    ranks.barrier("start");
+    if (is_failing) raise(SIGSTOP);
+    wait_in(operation, ranks);
+  } else if (what == "exit") {
+    ranks.barrier("start");
+    if (is_failing) std::_Exit(3);
+    wait_in(operation, ranks);
+  } else if (what == "wait") {  // for a signal, and leave files in the folder that `operation` names
+    static volatile std::sig_atomic_t got = 0;
+    std::signal(SIGTERM, [](int signal) { got = signal; });
+    const std::string name = operation + "/" + std::to_string(ranks.rank());
+    std::ofstream(name + ".ready").put('1');
+    while (got == 0) usleep(10000);
+    std::ofstream(name + ".stopped").put('1');
+    ranks.barrier("all have stopped");
+    throw StopSignal{128 + got};
+  } else {
+    throw LogicError("unknown scenario " + scenario);
+  }
+}
+
+void read_limit(const char* name, std::chrono::milliseconds& limit) {
+  if (const char* const value = std::getenv(name)) limit = std::chrono::milliseconds(std::atoi(value));
+}
+
+/// Starts ranks with the environment that torchrun gives them, and a store as that of its agent.
+int start_as_torchrun(int size) {
+  c10d::TCPStoreOptions options;
+  options.port = 0;
+  options.isServer = true;
+  options.waitWorkers = false;
+  const c10d::TCPStore store("127.0.0.1", options);
+  std::error_code error;
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe", error).string();
+  StartOptions start;
+  start.program = "/usr/bin/env";
+  return start_ranks(size,
+                     {"-u", "B3DGS_JOB", "-u", "B3DGS_LISTENING_SOCKET", "TORCHELASTIC_RUN_ID=test",
+                      "TORCHELASTIC_RESTART_COUNT=2", "TORCHELASTIC_USE_AGENT_STORE=True",
+                      "MASTER_PORT=" + std::to_string(store.getPort()), program, std::to_string(size), "collectives"},
+                     start);
+}
+
+int run(int size, const std::string& scenario) {
+  if (scenario == "agent" && std::getenv("RANK") == nullptr) return start_as_torchrun(size);
+  if (scenario == "wrong size" && std::getenv("RANK") != nullptr && std::atoi(std::getenv("RANK")) == size - 1) {
+    setenv("WORLD_SIZE", std::to_string(size + 1).c_str(), 1);
+  }
+  // The number is that of the environment where a launcher gave one.
+  const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? size : 0);
+  if (!place) {
+    StartOptions options;
+    read_limit("TEST_GRACE_MS", options.grace);
+    return start_ranks(size, {std::to_string(size), scenario}, options);
+  }
+  torch::set_num_threads(1);
+  RankLimits limits;
+  read_limit("TEST_JOIN_MS", limits.join);
+  read_limit("TEST_SILENCE_MS", limits.silence);
+  read_limit("TEST_STUCK_MS", limits.stuck);
+  if (scenario == "missing" && place->rank == size - 1) return 0;
+  const auto ranks = Communicator::connect(place.value_or(RankPlace{}), torch::kCPU, limits);
+  try {
+    run_as_rank(*ranks, [&] { run_scenario(scenario, *ranks); });
+  } catch (const StopSignal& stop) {
+    return stop.exit_code;
+  }
+  std::printf("ok %d\n", ranks->rank());
+  return 0;
+}
+
+}  // namespace
+}  // namespace b3dgs
+
+int main(int argc, char** argv) {
+  if (argc != 3) return 2;
+  try {
+    return b3dgs::run(std::atoi(argv[1]), argv[2]);
+  } catch (const std::exception& error) {
+    const std::string line = std::string("error: ") + error.what() + "\n";
+    std::fputs(line.c_str(), stderr);
+    if (dynamic_cast<const b3dgs::PeerError*>(&error) != nullptr) return b3dgs::PeerError::kExitCode;
+    return dynamic_cast<const b3dgs::InputError*>(&error) != nullptr ? 2 : 1;
+  }
+}
