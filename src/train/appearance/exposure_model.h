@@ -30,7 +30,7 @@ class ExposureModel final : public AppearanceModel {
   torch::Device device_;
   torch::Tensor corrected_, corrected_room_, block_sums_;
   std::vector<torch::Tensor> transform_grads_;  // by place
-  torch::Tensor all_grads_;                  // on a CPU: [V, 3, 4], 0 between steps
+  torch::Tensor all_grads_;                     // on a CPU: [V, 3, 4], 0 between steps
 };
 
 }  // namespace b3dgs
