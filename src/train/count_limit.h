@@ -12,8 +12,8 @@ namespace b3dgs {
 /// --max_gaussians; without it, one Gaussian for every --pixels_per_gaussian pixels of the training photographs, but no
 /// fewer than the scene has points. 0 = no limit.
 ///
-/// A Gaussian has 59 parameters, and a pixel three values. More Gaussians than the photographs can determine fit the
-/// training views and spoil all others.
+/// A Gaussian has 59 parameters, and a pixel three values: too many Gaussians overfit the training views. Pixels are
+/// those of the cameras; masked ones count.
 inline std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
   if (config.max_gaussians > 0 || config.pixels_per_gaussian == 0) return config.max_gaussians;
   double pixels = 0;
