@@ -96,6 +96,7 @@ Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Devi
 
 Operation make_all_gather(Communicator& ranks, std::int64_t n, const torch::Device& device) {
   std::vector<torch::Tensor> expected;
+  expected.reserve(static_cast<std::size_t>(ranks.size()));
   for (int rank = 0; rank < ranks.size(); ++rank) expected.push_back(make_rows(rank, 0, n, device));
   const Counts counts(static_cast<std::size_t>(ranks.size()), n);
   const torch::Tensor rows = expected[static_cast<std::size_t>(ranks.rank())].clone();

@@ -158,7 +158,7 @@ TEST(Control, NamesARankThatVanishes) {
 
 TEST(Control, NamesARankThatIsSilent) {
   RankLimits limits;
-  limits.silence = milliseconds(500);
+  limits.silence = milliseconds(3000);
   const Job job(2, limits);
   const Socket silent = job.join_without_link(1);
   const auto link = job.join(0);

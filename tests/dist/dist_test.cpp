@@ -100,11 +100,11 @@ TEST(FailingRank, EndsOthersThatAreStuckElsewhere) {
 }
 
 TEST(FailingRank, SaysNothingAnyMore) {
-  const Variables limits{{"TEST_SILENCE_MS", "2000"}, {"TEST_GRACE_MS", "1000"}};
+  const Variables limits{{"TEST_SILENCE_MS", "5000"}, {"TEST_GRACE_MS", "1000"}};
   const Outcome outcome = run_b3dgs({"2", "silent:tensors"});
   EXPECT_EQ(outcome.exit_code, PeerError::kExitCode);
   EXPECT_EQ(outcome.err,
-            "error: rank 1 of 2 stopped: no sign of life for 2 s\n"
+            "error: rank 1 of 2 stopped: no sign of life for 5 s\n"
             "error: rank 1 of 2 was killed: it still ran 1 s after another one had failed\n");
 }
 

@@ -56,7 +56,7 @@ TEST(StartRanks, ReturnsTheFirstFailingStatus) {
   const test::TempDir folder;
   const std::string gate = (folder.path() / "gate").string();
   EXPECT_EQ(run_shells(2, "if [ $RANK = 0 ]; then while [ ! -e " + gate +
-                              " ]; do sleep 0.01; done; sleep 0.5; exit 4; "
+                              " ]; do sleep 0.01; done; sleep 2; exit 4; "
                               "else touch " +
                               gate + "; exit 5; fi")
                 .status,
@@ -67,7 +67,7 @@ TEST(StartRanks, PrefersTheStatusOfTheRankThatFailed) {
   const test::TempDir folder;
   const std::string gate = (folder.path() / "gate").string();
   EXPECT_EQ(run_shells(2, "if [ $RANK = 0 ]; then while [ ! -e " + gate +
-                              " ]; do sleep 0.01; done; sleep 0.5; exit 2; "
+                              " ]; do sleep 0.01; done; exit 2; "
                               "else touch " +
                               gate + "; exit 3; fi")
                 .status,
