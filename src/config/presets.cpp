@@ -51,11 +51,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"opacity_lr", "0.05"},
         {"opacity_reg", "0.005"},
         {"scale_reg", "0.01"},
-        {"noise_lr", "0"},
-        {"score_views", "20"},
-        {"score_power", "2"},
-        {"split", "preserve"},
-        {"prune_weight", "0.03"}}},
+        {"noise_lr", "0"}}},
   };
   return kStrategyDefaults;
 }

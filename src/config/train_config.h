@@ -123,14 +123,14 @@ struct TrainConfig {
   // Of strategy mcmc:
   double growth = 0.05;  // of the count, per round
   // Of strategy balanced:
-  int score_views = 10;                // before each round
-  double score_power = 1;              // of the mean difference of a pixel's channels
+  int score_views = 20;                // before each round
+  double score_power = 2;              // of the mean difference of a pixel's channels
   double abs_grad_threshold = 0.0003;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
   std::string parents = "draw";
-  std::string split = "cover";
+  std::string split = "preserve";
   std::string split_moments = "zero";
   double budget_power = 0.5;
-  double prune_weight = 0.01;
+  double prune_weight = 0.03;
   int prune_interval = 3000;
   int prune_until_iter = 28000;  // exclusive
   double opacity_decay = 1;      // per round

@@ -229,7 +229,7 @@ void Communicator::all_reduce_sum(torch::Tensor& tensor) {
 
 void Communicator::all_reduce_max(torch::Tensor& tensor) {
   check_tensor(tensor);
-  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "only sums of integers do not depend on the number of ranks");
+  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "expected int64");
   if (size_ > 1 && tensor.numel() > 0) group_->all_reduce(tensor, TensorGroup::Reduction::kMax);
 }
 

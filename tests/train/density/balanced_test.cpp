@@ -26,6 +26,9 @@ TrainConfig balanced_config() {
   TrainConfig config;
   config.strategy = "balanced";
   config.abs_grad_threshold = 1;
+  config.score_views = 10;
+  config.prune_weight = 0.01;
+  config.split = "cover";
   config.max_gaussians = 1000;
   return config;
 }
@@ -478,6 +481,9 @@ TEST(BalancedTraining, LearnsASceneWithinItsBudget) {
   const test::TempDir temp;
   TrainConfig config;
   config.strategy = "balanced";
+  config.score_views = 10;
+  config.prune_weight = 0.01;
+  config.split = "cover";
   config.iterations = 800;
   config.densify_from_iter = 100;
   config.densify_until_iter = 600;
