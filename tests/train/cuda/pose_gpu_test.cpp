@@ -71,6 +71,7 @@ TEST(PosesOnGpu, ResumeOnTheOtherDevice) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = refining_config();
+  config.keep_checkpoints = 100;  // corrections_of() reads them all at the end
   config.iterations = 8;
   const Trained first = train(config, scene, temp / "model");
   config.iterations = 16;
