@@ -76,6 +76,15 @@ void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::o
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
                           const ColorEvaluation& colors, const torch::Tensor& background) {
+  const RenderFn render = [&](const PinholeView& view, const RenderSettings& with) {
+    return rasterizer.forward(gaussians, view, with);
+  };
+  return evaluate_views(render, gaussians.means.device(), views, settings, on_rendered, lpips, colors, background);
+}
+
+Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
+                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
+                          const ColorEvaluation& colors, const torch::Tensor& background) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
@@ -87,13 +96,13 @@ Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussia
     images.push_back(view.image);
   }
   Image8 truth;
-  const ReadingLoad load = gaussians.means.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kNothing;
+  const ReadingLoad load = device.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kNothing;
   read_in_order(images, reading_threads(load), [&](std::size_t i, const std::uint8_t* rgb) {
     const View& view = views[i];
     truth.width = view.camera.width;
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
-    RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), forward_only);
+    RenderedView rendered = render(to_pinhole_view(view.camera), forward_only);
     add_background(background, to_pinhole_view(view.camera), rendered);
     const ImageQuality quality = compare_view(view, truth, colors, rendered, lpips);
     add_to_mean(quality.lpips, views.size(), evaluation.mean.lpips);

@@ -42,9 +42,18 @@ ColorEvaluation color_evaluation(const TrainConfig& config);
 /// Called after each view with the render, in transformed colours, which is valid until it returns.
 using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
 
+/// Renders one view.
+using RenderFn = std::function<RenderedView(const PinholeView&, const RenderSettings&)>;
+
 /// Renders each view with `settings` and compares it with its photograph. Views keep their order. `lpips`: may be null.
 /// `background`: the coefficients of a learned background (add_background()), or undefined.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
+                          const RenderSettings& settings, const RenderedFn& on_rendered = {},
+                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
+                          const torch::Tensor& background = {});
+
+/// The same with another way to render. `device`: that of the rendered views.
+Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},
                           const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
                           const torch::Tensor& background = {});

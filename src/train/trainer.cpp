@@ -35,6 +35,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       scene(scene),
       folder(std::move(folder)),
       hooks(std::move(hooks)),
+      ranks(this->hooks.ranks),
       device(choose_device(config.device)),
       memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, config.gpu_memory_gb)),
       row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
@@ -52,7 +53,12 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       poses(this->config, scene, state.poses),
-      recorder({this->config, this->folder, this->hooks, state, time, *memory, timer}, device) {
+      recorder({this->config, this->folder, this->hooks, state, time, *memory, timer},
+               is_distributed() ? torch::Device(torch::kCPU) : device) {  // gathered rows are in host memory
+  if (is_distributed()) {
+    check_options_of_ranks();
+    splats.emplace(*ranks);
+  }
   if (config.antialiasing) {
     std::vector<PinholeView> views;
     for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
@@ -108,7 +114,8 @@ Trainer::~Trainer() = default;
 
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {
   Impl& impl = *impl_;
-  Checkpoint read = read_checkpoint(checkpoint, impl.scene, impl.device);
+  Checkpoint read =
+      read_checkpoint(checkpoint, impl.scene, impl.is_distributed() ? torch::Device(torch::kCPU) : impl.device);
   check_resume_options(read.config, read.state.iteration, impl.config, checkpoint.string());
   impl.fingerprint = scene_fingerprint(impl.scene);
   const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), impl.fingerprint);
@@ -121,6 +128,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   if (impl.config.skip_share == 0) impl.state.view_skips = {};
+  if (impl.is_distributed()) impl.keep_own_rows();
   impl.prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
@@ -140,7 +148,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
 
 void Trainer::step() {
   Impl& impl = *impl_;
-  if (impl.state.gaussians.size() == 0) impl.initialize_model();
+  if (impl.state.n_gaussians() == 0) impl.initialize_model();
   impl.time.train([&] { impl.step(); });
   impl.time.train([&] { impl.control_density(); });
   impl.recorder.collect_stage_times();
@@ -156,7 +164,7 @@ std::string Trainer::describe_images() const {
 }
 
 std::int64_t Trainer::n_gaussians() const {
-  return impl_->state.gaussians.size();
+  return impl_->state.n_gaussians();
 }
 
 int Trainer::sh_degree() const {
@@ -180,7 +188,7 @@ TrainResult Trainer::run_until(int iteration) {
   result.train_s = impl.time.train_s();
   result.output_s = impl.time.output_s();
   result.iteration = impl.state.iteration;
-  result.n_gaussians = impl.state.gaussians.size();
+  result.n_gaussians = impl.state.n_gaussians();
   result.peak_memory_bytes = impl.memory->use().peak_reserved;
   result.n_removed = impl.state.n_removed;
   return result;
@@ -193,8 +201,9 @@ void Trainer::Impl::iterate() {
     const OutputPlan plan = output_plan(config, first_of_step(), state.iteration, !scene.test.empty());
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
     // Reading the loss waits for most of the step on a GPU.
-    if (plan.log || uses_device || plan.checkpoint || is_stopped()) time.train([&] { read_loss(); });
-    if (uses_device || plan.checkpoint || is_stopped()) time.train([&] { flush(); });
+    const bool ends = must_stop();
+    if (plan.log || uses_device || plan.checkpoint || ends) time.train([&] { read_loss(); });
+    if (uses_device || plan.checkpoint || ends) time.train([&] { flush(); });
     if (uses_device) {
       time.output([&] { write_outputs(plan); });
     } else if (plan.log) {
@@ -202,14 +211,18 @@ void Trainer::Impl::iterate() {
       // count the part of the step that runs meanwhile.
       time.train([&] { write_outputs(plan); });
     }
-    if (hooks.on_result && state.iteration == config.iterations) {
-      time.output([&] { recorder.try_to_write(hooks.on_result); });
+    if (state.iteration == config.iterations && (hooks.on_result || is_distributed())) {
+      time.output([&] {
+        on_first_rank([&] {
+          if (hooks.on_result) recorder.try_to_write(hooks.on_result);
+        });
+      });
     }
     // If the last PLY could not be written, density control is left to the resumed training: it writes that PLY first.
-    if (recorder.failed_files().empty() || state.iteration < config.iterations) time.train([&] { control_density(); });
-    result.interrupted = state.iteration < config.iterations && is_stopped();
+    if (state.iteration < config.iterations || has_written_files()) time.train([&] { control_density(); });
+    result.interrupted = state.iteration < config.iterations && (is_distributed() ? ends : is_stopped());
     recorder.set_ending(result.interrupted);
-    const bool is_due = recorder.is_checkpoint_due();
+    const bool is_due = is_distributed() ? agreed.write_checkpoint : recorder.is_checkpoint_due();
     if (plan.checkpoint || result.interrupted || is_due) time.output([&] { write_checkpoint(); });
     if (hooks.wait_for_files) recorder.wait_for_files();
     recorder.collect_files();
@@ -226,11 +239,11 @@ int Trainer::iteration() const {
 
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   Impl& impl = *impl_;
-  B3DGS_CHECK(impl.recorder.is_log_open(), "evaluate() before run_until()");
-  impl.read_loss();
+  B3DGS_CHECK(impl.has_begun, "evaluate() before run_until()");
+  if (!impl.is_distributed()) impl.read_loss();
   const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
   return impl.without_invalid_gaussians([&] {
-    return evaluate_views(impl.rasterizer, impl.flushed_state().gaussians, refined,
+    return evaluate_views([&](auto&&... view) { return impl.render(view...); }, impl.device, refined,
                           evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, /*lpips=*/nullptr,
                           impl.color_evaluation(), impl.state.background.coefficients);
   });
@@ -238,7 +251,7 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
 
 std::filesystem::path Trainer::write_checkpoint() {
   Impl& impl = *impl_;
-  B3DGS_CHECK(impl.recorder.is_log_open(), "write_checkpoint() before run_until()");
+  B3DGS_CHECK(impl.has_begun, "write_checkpoint() before run_until()");
   impl.recorder.set_ending(true);
   impl.write_checkpoint();
   impl.recorder.set_ending(false);

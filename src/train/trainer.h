@@ -18,6 +18,8 @@
 
 namespace b3dgs {
 
+class Communicator;
+
 /// Of a GPU, bytes besides the CUDA context, before the first step.
 struct MemoryForecast {
   std::int64_t limit = 0;          // what training may use
@@ -32,6 +34,8 @@ struct TrainHooks : TrainListeners {
   const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
   // After the files of the last iteration and before its density control: the model is the one that was saved.
   std::function<void()> on_result;
+
+  Communicator* ranks = nullptr;  // processes that train together; null: this one alone
 
   // For tests and benchmarks.
   std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty

@@ -72,12 +72,12 @@ void Trainer::Impl::learn_from_kept_views() {
                                         state.background);
   }
   timer.begin(Stage::kDensify);
-  for (const LearnedView& view : learned_views) density->after_step(view.iteration, state.gaussians);
+  for (const LearnedView& view : learned_views) density->after_step(view.iteration, state.gaussians, shards());
   timer.end();
 }
 
-void Trainer::Impl::take_batched_step() {
-  const int from = state.iteration, last = step_end(config.batch, config.iterations, from);
+bool Trainer::Impl::begin_step_of_views(int last) {
+  const int from = state.iteration;
   const auto has_multiple = [&](int interval, int phase) {  // a k in the step with k % interval == phase
     return (last - phase + interval) / interval > (from - phase + interval) / interval;
   };
@@ -89,7 +89,13 @@ void Trainer::Impl::take_batched_step() {
   bool is_filter_due = false;
   for (int iteration = from + 1; iteration <= last; ++iteration) is_filter_due |= is_filter_iteration(iteration);
   learned_views.clear();
-  for (int iteration = from + 1; iteration <= last; ++iteration) {
+  return is_filter_due;
+}
+
+void Trainer::Impl::take_batched_step() {
+  const int last = step_end(config.batch, config.iterations, state.iteration);
+  bool is_filter_due = begin_step_of_views(last);
+  for (int iteration = state.iteration + 1; iteration <= last; ++iteration) {
     const bool is_skipped = skip_step(iteration);
     TrainView view;
     if (!is_skipped) {

@@ -21,7 +21,7 @@ void Trainer::Impl::control_density(int iteration) {
     flush();
     run_density_round(iteration);
     timer.finish();
-    if (state.gaussians.size() == 0) {
+    if (state.n_gaussians() == 0) {
       is_consistent = false;
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
                                         "lower --prune_opacity or the learning rates"));
@@ -40,7 +40,9 @@ std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
   if (!limit) return std::nullopt;
   const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes() + stepper.kept_bytes();
   const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
-  return largest_count(limits, memory_of_gaussian());
+  const std::int64_t count = largest_count(limits, memory_of_gaussian());
+  // The rank with the least memory decides.
+  return is_distributed() ? -ranks->max("room", -count) * ranks->size() : count;
 }
 
 void Trainer::Impl::hold_count(std::int64_t count) {
@@ -66,14 +68,24 @@ bool Trainer::Impl::can_grow_again(std::int64_t room) const {
 }
 
 void Trainer::Impl::plan_and_apply_round(int iteration) {
-  const std::int64_t before = state.gaussians.size();
+  const std::int64_t before = state.n_gaussians();
   const std::int64_t room = room_for_gaussians().value_or(0);
   if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
   const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
   const std::int64_t limit = smaller_limit(allowed, room);
-  const DensityRound round = density->plan_round(state.gaussians, state.statistics, iteration, limit);
+  const DensityRound round = is_distributed()
+                                 ? plan_round_of_ranks(iteration, limit)
+                                 : density->plan_round(state.gaussians, state.statistics, iteration, limit);
   if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
+  if (is_distributed()) {
+    is_consistent = false;
+    apply_row_edit(*ranks, round.edit, before, state.gaussians, state.adam, state.statistics);
+    state.n_of_all_ranks = round.edit.sources.size(0);
+    density->end_round(iteration, state.statistics);
+    is_consistent = true;
+    return;
+  }
   const std::int64_t n_rows = round.edit.sources.size(0);
   // Spare capacity, so that most rounds reallocate nothing, but within the limit.
   constexpr std::int64_t kSparePart = 8;
@@ -93,6 +105,7 @@ void Trainer::Impl::plan_and_apply_round(int iteration) {
 
 void Trainer::Impl::run_density_round(int iteration) {
   view_ratios.begin_round();
+  if (is_distributed()) return plan_and_apply_round(iteration);  // ranks would disagree on a repetition
   try {
     with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(iteration); });
   } catch (const OutOfMemoryError&) {

@@ -40,6 +40,7 @@ void Trainer::Impl::roll_back() {
     return;
   }
   if (unread_loss && unread_loss->iteration > step_start.iteration) unread_loss.reset();
+  while (!unread_losses.empty() && unread_losses.back().iteration > step_start.iteration) unread_losses.pop_back();
   stepper.drop_views();
   poses.drop_gradients();
   if (std::exchange(saved_statistics.is_in_use, false)) {
@@ -62,14 +63,13 @@ void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) 
   read_loss();  // throws if it is not finite, which would be the cause
   flush();
   is_consistent = false;
-  const std::int64_t n =
-      b3dgs::remove_invalid_gaussians(error.row(), scene.extent, state.gaussians, state.adam, state.statistics);
+  const std::int64_t n = remove_invalid_rows(error.row());
   is_consistent = true;
   state.n_removed += n;
   const std::string reason = first_line(error.what());
   recorder.log_event(state.iteration, "gaussians_removed",
                      {{"count", n}, {"total", state.n_removed}, {"reason", reason}});
-  if (state.gaussians.size() == 0) {
+  if (state.n_gaussians() == 0) {
     throw LossError(detail::concat("after iteration ", state.iteration,
                                    ": no Gaussian is left that can be rendered: ", reason, recorder.last_checkpoint()));
   }
@@ -83,6 +83,7 @@ void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) 
 /// The end of the error message: where training can be resumed.
 std::string Trainer::Impl::save_last_state() {
   if (!recorder.is_log_open() || state.iteration == 0) return "";
+  if (is_distributed()) return recorder.last_checkpoint();  // the other ranks may not be there any more
   read_loss();
   if (!is_consistent) return recorder.last_checkpoint();
   recorder.set_ending(true);
@@ -116,7 +117,7 @@ void Trainer::Impl::end_with_checkpoint() {
   } catch (const std::exception& error) {
     if (!is_out_of_memory(error)) throw Error(first_line(error.what()) + saved);
     throw OutOfMemoryError(detail::concat("out of memory after iteration ", state.iteration, ", with ",
-                                          state.gaussians.size(), " Gaussians", saved));
+                                          state.n_gaussians(), " Gaussians", saved));
   }
 }
 

@@ -1,12 +1,14 @@
 // The trainer's members, shared by its sources in the order of an iteration:
 //   trainer_step.cpp      one optimizer step, with the kernel check before it
 //   trainer_batch.cpp     a step of several views (--batch)
+//   trainer_ranks.cpp     several processes that train together: their steps, and renders of the whole model
 //   trainer_outputs.cpp   what is evaluated, logged and saved after it, and at the start of a session
 //   trainer_density.cpp   density control within the memory of the device
 //   trainer_faults.cpp    what happens when a step fails
 //   trainer.cpp           the public interface and the loop
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -34,6 +36,7 @@
 #include "train/optimizer/gaussian_step.h"
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
+#include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
@@ -55,6 +58,8 @@ struct Trainer::Impl {
   /// One iteration and everything it writes. @throws what failed, with the path of the checkpoint written appended
   void iterate();
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
+  /// Whether training is to end after this step; the same on all ranks.
+  bool must_stop() const { return is_distributed() ? agreed.stop : is_stopped(); }
 
   // trainer_step.cpp
   void initialize_model();
@@ -81,6 +86,10 @@ struct Trainer::Impl {
   };
   /// Renders a view and compares it with its photograph. `is_filter_due`: the filters are computed before.
   ComparedView compare(const TrainView& view, bool is_filter_due);
+  /// The comparison alone: the loss, and its gradient with respect to the render.
+  void compare_with_photograph(const TrainView& view, ComparedView& compared);
+  /// Memory is planned with the sizes of the views that were rendered.
+  void note_view_size();
   /// Adds the view to the density statistics.
   void add_to_statistics(const TrainView& view, const ComparedView& compared, const ViewStatistics& statistics);
   RenderSettings step_settings();
@@ -89,6 +98,7 @@ struct Trainer::Impl {
   void read_loss();
   /// Times the blending kernels before the step of `iteration`, if that is due. Does not change the training state.
   void check_kernels(int iteration);
+  CheckMoment check_moment(int iteration) const;
   /// The next views, and the current model.
   BlendInput kernel_check_input();
   /// Applies the deferred optimizer updates, which is part of training.
@@ -118,8 +128,46 @@ struct Trainer::Impl {
   void keep_view(const TrainView& view, bool is_filter_due);
   /// The step along the gradients of the views that were kept. Cannot fail, and allocates nothing.
   void learn_from_kept_views();
+  /// The part of a step before its views, up to iteration `last`. Returns whether filters for anti-aliasing are due.
+  bool begin_step_of_views(int last);
   /// First iteration of the last step.
   int first_of_step() const { return state.iteration - state.step_iterations + 1; }
+
+  // trainer_ranks.cpp
+  bool is_distributed() const { return ranks != nullptr && ranks->size() > 1; }
+  /// Whether this process writes the files: one of several does.
+  bool writes_files() const { return !is_distributed() || ranks->is_first(); }
+  /// @throws InputError for options that several ranks do not support
+  void check_options_of_ranks() const;
+  /// Of a model that is whole on every rank, keeps the rows of this one, on its device.
+  void keep_own_rows();
+  /// The state with the rows of all ranks: on rank 0, in host memory; on the others without rows.
+  TrainState gathered_state();
+  void take_distributed_step();
+  /// The view of an iteration that this rank draws; `next`: the views of the iterations that follow.
+  TrainView take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next);
+  /// The camera of a view, as take_view() has it.
+  PinholeView camera_of(std::int32_t index, int iteration);
+  /// Losses of the last step's views, in their order.
+  void read_losses_of_ranks();
+  void read_own_losses();
+  void add_losses(const std::vector<std::vector<double>>& of_ranks);
+  /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
+  void on_first_rank(const std::function<void()>& work);
+  void serve_renders();
+  /// A view of the whole model: of several ranks, on rank 0 within on_first_rank(). @throws InvalidGaussianError
+  RenderedView render(const PinholeView& view, const RenderSettings& settings);
+  RenderedView project_and_draw(const PinholeView& view, const RenderSettings& settings);
+  void adopt_kernels_of_first_rank();
+  /// At the start of a session, what rank 0 finds in the model folder; and whether kernels are to be checked.
+  void agree_on_start(bool& lacks_ply, bool& lacks_checkpoint);
+  /// Whether all files of the last iteration could be written; the same on all ranks.
+  bool has_written_files();
+  /// Which rows of the model this rank has.
+  RowShards shards() const { return is_distributed() ? shards_of(*ranks) : RowShards{}; }
+  DensityRound plan_round_of_ranks(int iteration, std::int64_t limit);
+  /// Removes the Gaussian of this row of the model, and others that are invalid. Returns their number.
+  std::int64_t remove_invalid_rows(std::int64_t row);
 
   // trainer_outputs.cpp
   void begin();
@@ -176,6 +224,7 @@ struct Trainer::Impl {
   const Scene& scene;
   const ModelFolder folder;
   const TrainHooks hooks;
+  Communicator* const ranks;  // null: this process trains alone
   const torch::Device device;
 
   const std::shared_ptr<MemorySource> memory;
@@ -210,6 +259,22 @@ struct Trainer::Impl {
   };
   std::optional<UnreadLoss> unread_loss;
 
+  // With several ranks:
+  /// What ranks agree on in each step.
+  struct Agreed {
+    bool stop = false;              // after this step
+    bool write_checkpoint = false;  // likewise
+    bool check_kernels = false;     // before the next step
+  };
+  Agreed agreed;
+  /// Views of the last step whose losses have not been added to the average, and the losses of those drawn here. That
+  /// of the last one may still be on the device.
+  std::vector<UnreadLoss> unread_losses;
+  std::vector<double> own_losses;
+  bool has_unread_own_loss = false;
+  std::optional<SplatExchange> splats;
+  bool renders_on_first = false;  // within on_first_rank()
+
   /// What a step changes before it changes the Gaussians, for roll_back().
   struct StepStart {
     int iteration = 0, step_iterations = 1, sh_degree = 0;
@@ -235,6 +300,7 @@ struct Trainer::Impl {
   SavedStatistics saved_statistics;
   void make_room_for_statistics();
   void save_statistics();
+  bool has_begun = false;     // this session
   bool is_consistent = true;  // false while, or after, a change to the state was interrupted halfway
 
   std::filesystem::path resumed;             // checkpoint

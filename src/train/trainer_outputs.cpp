@@ -14,6 +14,7 @@ namespace b3dgs {
 
 /// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
 void Trainer::Impl::claim_folder() {
+  if (!writes_files()) return;
   if (resumed.empty()) {
     state.training_id = new_training_id();
   } else {
@@ -29,20 +30,22 @@ void Trainer::Impl::claim_folder() {
 
 /// Prepares the first step of this session. Does nothing when called again.
 void Trainer::Impl::begin() {
-  if (recorder.is_log_open()) return;
-  if (state.gaussians.size() == 0) initialize_model();
+  if (std::exchange(has_begun, true)) return;
+  if (state.n_gaussians() == 0) initialize_model();
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
   claim_folder();
-  folder.write_inputs(config, scene);
-  write_poses();
-  if (!state.appearance.exposures.defined()) {  // those of an earlier session; each PLY keeps its own beside it
-    std::error_code error;
-    std::filesystem::remove(folder.exposures(), error);
+  if (writes_files()) {
+    folder.write_inputs(config, scene);
+    write_poses();
+    if (!state.appearance.exposures.defined()) {  // those of an earlier session; each PLY keeps its own beside it
+      std::error_code error;
+      std::filesystem::remove(folder.exposures(), error);
+    }
   }
   if (config.pose_opt && scene.train.size() < 3) {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
   }
-  recorder.open_log();
+  if (writes_files()) recorder.open_log();
   if (!resumed.empty()) {
     recorder.log_event(state.iteration, "resumed",
                        {{"kernel", kernels.forward_name()},
@@ -54,17 +57,17 @@ void Trainer::Impl::begin() {
     recorder.say(detail::concat("steps of ", config.batch, " views: mean gradient, learning rates x ", root,
                                 ", Adam's epsilon / ", root, ", betas to the power of ", config.batch));
   }
-  const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), state.gaussians.size(),
+  const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), state.n_gaussians(),
                                         config.sh_degree, config.keep_checkpoints);
   if (!disk.empty()) recorder.warn(disk);
   // If the session before ended between a step and its density control, what was left of that iteration is done now.
   const bool wants_ply = state.iteration > 0 && output_plan(config, first_of_step(), state.iteration, false).save;
   const bool is_complete = state.iteration == config.iterations;
-  const bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
-  if (lacks_ply && (state.is_density_pending || is_complete)) write_ply();
+  bool lacks_ply = wants_ply && !std::filesystem::exists(folder.ply(state.iteration));
   // A complete training that is resumed in another folder has its files there, too.
-  const bool lacks_checkpoint =
-      state.is_density_pending || !std::filesystem::exists(folder.checkpoint(state.iteration));
+  bool lacks_checkpoint = state.is_density_pending || !std::filesystem::exists(folder.checkpoint(state.iteration));
+  if (is_distributed()) agree_on_start(lacks_ply, lacks_checkpoint);
+  if (lacks_ply && (state.is_density_pending || is_complete)) write_ply();
   if (state.is_density_pending) control_density();
   if (is_complete && lacks_checkpoint) write_checkpoint();
   if (is_complete) {
@@ -78,7 +81,7 @@ void Trainer::Impl::log_load() {
   const TrainView& view = images.stored_view(0);
   RenderSettings settings = evaluation_settings(config, state.sh_degree);
   settings.keep_for_backward = false;
-  without_invalid_gaussians([&] { rasterizer.forward(flushed_state().gaussians, view.camera, settings); });
+  without_invalid_gaussians([&] { render(view.camera, settings); });
   recorder.log_event(state.iteration, "load_statistics", load_json(view.name, rasterizer.count_load()));
 }
 
@@ -101,7 +104,7 @@ ColorEvaluation Trainer::Impl::color_evaluation() const {
 ImageQuality Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
-    return evaluate_views(rasterizer, flushed_state().gaussians, scene.test,
+    return evaluate_views([this](auto&&... view) { return render(view...); }, device, scene.test,
                           evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr, color_evaluation(),
                           state.background.coefficients);
   });
@@ -110,11 +113,15 @@ ImageQuality Trainer::Impl::evaluate_test_views() {
 }
 
 void Trainer::Impl::write_outputs(const OutputPlan& plan) {
-  if (plan.statistics) log_load();
-  if (plan.kernel_times) log_kernel_times();
   std::optional<ImageQuality> test_quality;
-  if (plan.evaluate) test_quality = evaluate_test_views();
-  if (plan.log) recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name());
+  if (plan.statistics || plan.kernel_times || plan.evaluate) {
+    on_first_rank([&] {
+      if (plan.statistics) log_load();
+      if (plan.kernel_times) log_kernel_times();
+      if (plan.evaluate) test_quality = evaluate_test_views();
+    });
+  }
+  if (plan.log && writes_files()) recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name());
   if (plan.save) write_ply();
 }
 
@@ -123,8 +130,13 @@ void Trainer::Impl::write_ply() {
   if (state.appearance.exposures.defined()) {
     recorder.write_exposures(named_exposures(state.appearance.exposures, scene.train));
   }
-  recorder.write_ply(flushed_state().gaussians, state.background);
-  recorder.try_to_write([&] { write_poses(); });
+  if (is_distributed()) {
+    const TrainState whole = gathered_state();
+    if (writes_files()) recorder.write_ply(whole.gaussians, state.background);
+  } else {
+    recorder.write_ply(flushed_state().gaussians, state.background);
+  }
+  if (writes_files()) recorder.try_to_write([&] { write_poses(); });
 }
 
 void Trainer::Impl::write_poses() {
@@ -136,7 +148,12 @@ void Trainer::Impl::write_checkpoint() {
   recorder.report_progress("checkpoint");
   read_loss();
   state.elapsed_s = recorder.elapsed_s();
-  recorder.write_checkpoint(flushed_state(), fingerprint);
+  if (is_distributed()) {
+    const TrainState whole = gathered_state();
+    if (writes_files()) recorder.write_checkpoint(whole, fingerprint);
+  } else {
+    recorder.write_checkpoint(flushed_state(), fingerprint);
+  }
 }
 
 }  // namespace b3dgs

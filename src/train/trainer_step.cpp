@@ -23,13 +23,15 @@ namespace b3dgs {
 void Trainer::Impl::initialize_model() {
   const SplatCloud cloud = initial_splats(config, scene);
   state.sh_degree = std::min(cloud.sh_degree, config.sh_degree);
-  state.gaussians = to_tensors(cloud, config.sh_degree, device);
+  // Of several ranks, none holds the whole model on its GPU.
+  state.gaussians = to_tensors(cloud, config.sh_degree, is_distributed() ? torch::Device(torch::kCPU) : device);
+  if (is_distributed()) keep_own_rows();
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
   prepare_appearance();
   state.background = make_background(learned_background_degree(config), device);
-  if (config.max_gaussians > 0 && state.gaussians.size() > config.max_gaussians) {
-    recorder.warn(detail::concat("training starts with ", state.gaussians.size(),
+  if (config.max_gaussians > 0 && state.n_gaussians() > config.max_gaussians) {
+    recorder.warn(detail::concat("training starts with ", state.n_gaussians(),
                                  " Gaussians, more than --max_gaussians ", config.max_gaussians,
                                  "; none will be added"));
   }
@@ -48,6 +50,7 @@ RenderSettings Trainer::Impl::step_settings() {
 }
 
 void Trainer::Impl::read_loss() {
+  if (is_distributed()) return read_losses_of_ranks();
   poses.finish_step();
   if (!unread_loss) return;
   const auto [iteration, view, view_index] = *std::exchange(unread_loss, std::nullopt);
@@ -64,7 +67,7 @@ void Trainer::Impl::read_loss() {
 }
 
 void Trainer::Impl::update_filters(bool is_due) {
-  if (!smoothing_filter || state.gaussians.size() == 0) return;
+  if (!smoothing_filter || state.n_gaussians() == 0) return;
   if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
 }
 
@@ -80,13 +83,12 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   ComparedView compared;
   compared.plan = density->plan(state.iteration);
   compared.refines_pose = poses.refines(view.index, state.iteration);
-  RenderedView& rendered = compared.rendered;
   try {
     RenderSettings settings = step_settings();
     settings.absolute_gradient = compared.plan.absolute_gradients;
     settings.camera_gradient = compared.refines_pose;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
-    rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
+    compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
       update_filters(is_filter_due);
       RenderedView image = stepper.forward(state.gaussians, state.adam, view.camera, settings);
       if (is_batched()) {
@@ -100,14 +102,26 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
+  note_view_size();
+  read_loss();  // of the view before: the device has finished it by now
+  if (!step_start.loss_average) step_start.loss_average = state.loss_average;
+  compare_with_photograph(view, compared);
+  unread_loss = {state.iteration, view.name, view.index};
+  if (device.is_cpu()) read_loss();
+  return compared;
+}
+
+void Trainer::Impl::note_view_size() {
   ViewSize view_size = rasterizer.view_size();
   // Memory is planned for views of full size: there a splat touches at most as many times more tiles.
   const std::int64_t scale = coarse_scale_at(config, state.iteration);
   view_size.n_pairs *= scale * scale;
   view_ratios.add(view_size, state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
-  read_loss();  // of the view before: the device has finished it by now
-  if (!step_start.loss_average) step_start.loss_average = state.loss_average;
+}
+
+void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {
+  const RenderedView& rendered = compared.rendered;
   timer.begin(Stage::kLoss);
   add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
@@ -122,17 +136,15 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   }
   if (depth_priors) grad.depth = depth_gradient(view, rendered);
   timer.end();
-  unread_loss = {state.iteration, view.name, view.index};
-  if (device.is_cpu()) read_loss();
-  return compared;
 }
 
 void Trainer::Impl::add_to_statistics(const TrainView& view, const ComparedView& compared,
                                       const ViewStatistics& statistics) {
-  const torch::Tensor error = compared.plan.score ? error_image.error() : torch::Tensor();
-  density->after_view({state.iteration, statistics, view.camera.width, view.camera.height, compared.color, view.truth,
-                       view.valid, error, &rasterizer},
-                      state.statistics);
+  DensityStep step{state.iteration, statistics, view.camera.width, view.camera.height};
+  if (compared.plan.score) {
+    step.add_scores = [this](const GaussianScores& scores) { rasterizer.score(error_image.error(), scores); };
+  }
+  density->after_view(step, state.statistics);
 }
 
 void Trainer::Impl::learn(const TrainView& view) {
@@ -171,6 +183,9 @@ torch::Tensor Trainer::Impl::depth_gradient(const TrainView& view, const Rendere
 
 BlendInput Trainer::Impl::kernel_check_input() {
   BlendInput input{rasterizer, flushed_state().gaussians, evaluation_settings(config, state.sh_degree), {}};
+  if (is_distributed()) {
+    input.render = [this, settings = input.settings](const PinholeView& view) { return render(view, settings); };
+  }
   for (const std::int32_t view :
        state.view_order.upcoming(config.seed, images.size(), static_cast<std::size_t>(config.kernel_check_views))) {
     input.views.push_back(images.stored_view(view).camera);
@@ -178,16 +193,23 @@ BlendInput Trainer::Impl::kernel_check_input() {
   return input;
 }
 
+CheckMoment Trainer::Impl::check_moment(int iteration) const {
+  CheckMoment now{iteration, config.iterations - iteration + 1, recorder.step_ms()};
+  if (kernels.is_due(now)) now.is_after_reset = density->is_recovering(iteration);
+  return now;
+}
+
 void Trainer::Impl::check_kernels(int iteration) {
-  CheckMoment now{iteration, config.iterations - state.iteration, recorder.step_ms()};
-  if (!kernels.is_due(now)) return;
-  now.is_after_reset = density->is_recovering(iteration);
-  if (!kernels.is_due(now)) return;
-  recorder.report_progress("checking kernels");
-  for (const KernelCheck& check : kernels.check(now, kernel_check_input())) {
-    recorder.log_event(iteration, "kernel_check", to_json(check));
-    if (!check.message.empty()) recorder.say(check.message);
-  }
+  const CheckMoment now = check_moment(iteration);
+  if (is_distributed() ? !agreed.check_kernels : !kernels.is_due(now)) return;
+  on_first_rank([&] {
+    recorder.report_progress("checking kernels");
+    for (const KernelCheck& check : kernels.check(now, kernel_check_input())) {
+      recorder.log_event(iteration, "kernel_check", to_json(check));
+      if (!check.message.empty()) recorder.say(check.message);
+    }
+  });
+  if (is_distributed()) adopt_kernels_of_first_rank();
   state.kernel_selection = kernels.to_json();
 }
 
@@ -223,6 +245,7 @@ TrainView Trainer::Impl::take_view(int iteration) {
 }
 
 void Trainer::Impl::take_step() {
+  if (is_distributed()) return take_distributed_step();
   if (is_batched()) return take_batched_step();
   // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
   // the number of Gaussians, and the next step reallocates.

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "config/view_order.h"
@@ -20,7 +21,8 @@ struct TrainState {
   int iteration = 0;        // last one done; random numbers follow from it and the seed (core/random.h)
   int step_iterations = 1;  // of the last step, see --batch
   int sh_degree = 0;        // currently optimised; shN has coefficients up to the config's degree
-  GaussianTensors gaussians;
+  GaussianTensors gaussians;  // of several ranks, each has some of the rows
+  std::optional<std::int64_t> n_of_all_ranks;  // Gaussians of the model, if there are several ranks
   AdamState adam;
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
@@ -36,6 +38,9 @@ struct TrainState {
   std::int64_t n_removed = 0;  // invalid Gaussians that were removed (invalid_gaussians.h)
   std::int64_t held_at = 0;    // the count is held here for lack of memory; 0 = not held
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
+
+  /// Gaussians of the model.
+  std::int64_t n_gaussians() const { return n_of_all_ranks.value_or(gaussians.size()); }
 };
 
 }  // namespace b3dgs

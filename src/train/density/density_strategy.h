@@ -15,6 +15,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 
 #include "config/train_config.h"
@@ -32,7 +33,7 @@ struct DensityPlan {
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
   bool absolute_gradients = false;  // after_view() needs ViewStatistics::means2d_abs_grad
-  bool score = false;               // after_view() needs DensityStep::error
+  bool score = false;               // after_view() needs DensityStep::add_scores
 };
 
 /// A view of a step, after its backward pass. Tensors are valid until the next view.
@@ -40,11 +41,9 @@ struct DensityStep {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
   std::int32_t width = 0, height = 0;  // px, of the view
-  torch::Tensor rendered{};            // [H, W, 3] colour
-  torch::Tensor truth{};               // [H, W, 3] uint8
-  torch::Tensor valid{};               // [H, W] uint8, 0 = invalid; undefined if all pixels are valid
-  torch::Tensor error{};               // [H, W] in [0, 1] (error_image.h); undefined unless the plan says `score`
-  Rasterizer* rasterizer = nullptr;    // holds the view's splats and lists
+  // Adds what the view's pixels say about its Gaussians (Rasterizer::score()), given their errors (error_image.h). Empty
+  // unless the plan says `score`.
+  std::function<void(const GaussianScores&)> add_scores{};
 };
 
 /// One round of densification and pruning.

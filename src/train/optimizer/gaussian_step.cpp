@@ -121,7 +121,11 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
 }
 
 void GaussianStepper::make_room_for_view(const GaussianTensors& gaussians) {
-  impl_->batch.make_room(gaussians.size(), impl_->rasterizer.view_size().n_splats, gaussians.means.device());
+  make_room(gaussians, impl_->rasterizer.view_size().n_splats);
+}
+
+void GaussianStepper::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
+  impl_->batch.make_room(gaussians.size(), n_splats, gaussians.means.device());
   if (!gaussians.means.is_cpu()) return;
   for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
     torch::Tensor& grad = *impl_->grads.all()[i];
@@ -135,6 +139,30 @@ ViewStatistics GaussianStepper::keep_view(const RenderedViewGrad& view_grad, con
   const ViewStatistics statistics = impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
   impl_->batch.add(impl_->view, impl_->settings,
                    b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats));
+  return statistics;
+}
+
+ViewSplats GaussianStepper::project(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
+                                    const RenderSettings& settings) {
+#if B3DGS_TORCH_CUDA
+  if (!gaussians.means.is_cpu()) {
+    begin_stage(settings.stages, Stage::kProject);
+    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    return FusedStep(impl_->rasterizer)
+        .project(gaussians, view, settings, settings.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
+  }
+#endif
+  (void)state;
+  return impl_->rasterizer.project(gaussians, view, settings);
+}
+
+ViewStatistics GaussianStepper::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
+                                            const RenderSettings& settings, const GaussianTensors& gaussians,
+                                            std::int64_t n_splats, const RegularizationWeights& regularization) {
+  make_room(gaussians, own.size());
+  const ViewStatistics statistics =
+      impl_->owner.keep(own, sums, gaussians.size(), settings.absolute_gradient, impl_->batch.room());
+  impl_->batch.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
   return statistics;
 }
 

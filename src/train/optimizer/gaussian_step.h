@@ -33,6 +33,16 @@ class GaussianStepper {
   /// The backward pass of that view up to its splats, which are kept.
   ViewStatistics keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                            const RegularizationWeights& regularization = {});
+
+  /// Of several ranks, each projects its Gaussians for every view of the step, another may draw the view, and each
+  /// keeps the sums of its splats: project() instead of forward(), keep_splats() instead of keep_view(). `n_splats`: of
+  /// the view, on all ranks. keep_splats() allocates; project() throws as forward() does.
+  ViewSplats project(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
+                     const RenderSettings& settings);
+  ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
+                             const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
+                             const RegularizationWeights& regularization = {});
+
   int n_kept_views() const;
   /// Gradients of the mean over the n kept views, and one step along them, with sqrt(n) times `rates` and the moments'
   /// decays by adam_rule(). The result does not depend on where views were rendered. Allocates nothing.
@@ -46,6 +56,8 @@ class GaussianStepper {
   void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
+  void make_room(const GaussianTensors& gaussians, std::int64_t n_splats);
+
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

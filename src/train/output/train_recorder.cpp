@@ -21,7 +21,7 @@ void TrainRecorder::report_progress(const char* activity) const {
   progress.iteration = source_.state.iteration;
   progress.iterations = source_.config.iterations;
   progress.loss = source_.state.loss_average;
-  progress.n_gaussians = source_.state.gaussians.size();
+  progress.n_gaussians = source_.state.n_gaussians();
   progress.held_at = source_.state.held_at;
   progress.elapsed_s = source_.time.train_s();
   progress.view_scale = coarse_scale_at(source_.config, std::max(1, source_.state.iteration));
@@ -55,7 +55,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
   line.loss = state.loss_average;
   line.ms = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
   logged_ms_ = line.ms;
-  line.count = state.gaussians.size();
+  line.count = state.n_gaussians();
   if (source_.config.skip_share > 0) line.n_skipped = state.view_skips.n_skipped;
   line.peak_memory_bytes = source_.memory.use().peak_reserved;
   line.elapsed_s = elapsed_s();

@@ -11,7 +11,7 @@ class ForwardBlend final : public BlendPass {
  public:
   explicit ForwardBlend(const BlendInput& input) : input_(input) {}
 
-  void prepare(const PinholeView& view) override { input_.rasterizer.forward(input_.gaussians, view, input_.settings); }
+  void prepare(const PinholeView& view) override { input_.forward(view); }
   void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
   void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
   std::string fault() const override { return image_fault(image_, kept_); }
@@ -26,7 +26,7 @@ class BackwardBlend final : public BlendPass {
   explicit BackwardBlend(const BlendInput& input) : input_(input) {}
 
   void prepare(const PinholeView& view) override {
-    const torch::Tensor color = input_.rasterizer.forward(input_.gaussians, view, input_.settings).color;
+    const torch::Tensor color = input_.forward(view).color;
     // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
   }

@@ -1,6 +1,7 @@
 // The blending of one view, repeatable with any kernel, to compare and time kernels.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,6 +16,12 @@ struct BlendInput {
   const GaussianTensors& gaussians;
   RenderSettings settings;         // of training steps
   std::vector<PinholeView> views;  // the next views of the training
+  // Renders a view with `settings` and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
+  std::function<RenderedView(const PinholeView&)> render{};
+
+  RenderedView forward(const PinholeView& view) const {
+    return render ? render(view) : rasterizer.forward(gaussians, view, settings);
+  }
 };
 
 class BlendPass {

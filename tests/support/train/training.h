@@ -115,4 +115,28 @@ inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, c
   }
 }
 
+/// Checkpoints in the middle of a training, and the end from each of them, equal those of the uninterrupted one, which is
+/// returned.
+inline Trained expect_exact_resume_from_checkpoints(TrainConfig config, const Scene& scene,
+                                                    const std::filesystem::path& folder) {
+  config.checkpoint_interval = 5;  // also in the middle of steps
+  config.keep_checkpoints = 100;
+  const Trained whole = train(config, scene, folder / "whole");
+  EXPECT_EQ(whole.result.iteration, config.iterations);
+  const std::vector<int> saved = ModelFolder(folder / "whole").checkpoint_iterations();
+  EXPECT_GE(saved.size(), 5u);
+  for (const int iteration : saved) {
+    if (iteration == config.iterations) continue;
+    EXPECT_EQ(iteration % config.batch, 0) << "checkpoints are between steps";
+    const std::filesystem::path own = folder / ("from" + std::to_string(iteration));
+    std::filesystem::create_directories(own);
+    const std::filesystem::path copy = own / "start.b3dgs";
+    std::filesystem::copy_file(ModelFolder(folder / "whole").checkpoint(iteration), copy);
+    const Trained resumed = train(config, scene, own / "model", copy);
+    EXPECT_TRUE(resumed.ply == whole.ply) << "from " << iteration;
+    EXPECT_TRUE(resumed.checkpoint == whole.checkpoint) << "from " << iteration;
+  }
+  return whole;
+}
+
 }  // namespace b3dgs::test

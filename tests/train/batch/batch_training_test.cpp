@@ -28,25 +28,9 @@ TrainConfig batched_config(const std::string& strategy = "default") {
   return config;
 }
 
-/// Checkpoints in the middle of a training, and the end from each of them, equal those of the uninterrupted one.
-void expect_exact_resume_from_checkpoints(TrainConfig config, const Scene& scene, const fs::path& folder) {
-  config.checkpoint_interval = 5;  // in the middle of steps
-  config.keep_checkpoints = 100;
-  const Trained whole = train(config, scene, folder / "whole");
-  EXPECT_EQ(whole.result.iteration, config.iterations);
-  const std::vector<int> saved = ModelFolder(folder / "whole").checkpoint_iterations();
-  EXPECT_GE(saved.size(), 5u);
-  for (const int iteration : saved) {
-    if (iteration == config.iterations) continue;
-    EXPECT_EQ(iteration % config.batch, 0) << "checkpoints are between steps";
-    const fs::path own = folder / ("from" + std::to_string(iteration));
-    fs::create_directories(own);
-    const fs::path copy = own / "start.b3dgs";
-    fs::copy_file(ModelFolder(folder / "whole").checkpoint(iteration), copy);
-    const Trained resumed = train(config, scene, own / "model", copy);
-    EXPECT_TRUE(resumed.ply == whole.ply) << "from " << iteration;
-    EXPECT_TRUE(resumed.checkpoint == whole.checkpoint) << "from " << iteration;
-  }
+/// The same, also on other numbers of threads.
+void expect_exact_resume_on_any_threads(TrainConfig config, const Scene& scene, const fs::path& folder) {
+  const Trained whole = test::expect_exact_resume_from_checkpoints(config, scene, folder);
   for (const int threads : {1, 3}) {
     config.threads = threads;
     EXPECT_TRUE(train(config, scene, folder / "again").ply == whole.ply) << threads << " threads";
@@ -58,7 +42,7 @@ TEST(BatchTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
   const test::TempDir temp;
   for (const char* strategy : {"default", "mcmc", "balanced"}) {
     SCOPED_TRACE(strategy);
-    expect_exact_resume_from_checkpoints(batched_config(strategy), scene, temp / strategy);
+    expect_exact_resume_on_any_threads(batched_config(strategy), scene, temp / strategy);
   }
 }
 
@@ -83,7 +67,7 @@ TEST(BatchTraining, ResumesExactlyWithAllThatIsLearnedOfPhotographs) {
     SCOPED_TRACE(appearance);
     config.exposure = appearance == std::string("exposure");
     config.bilateral_grid = !config.exposure;
-    expect_exact_resume_from_checkpoints(config, scene, temp / appearance);
+    expect_exact_resume_on_any_threads(config, scene, temp / appearance);
     const auto header = read_checkpoint_header(ModelFolder(temp / appearance / "whole").checkpoint(40));
     const int n_skipped = header.at("view_skips").at("n_skipped").get<int>();
     EXPECT_GE(n_skipped, 2);

@@ -142,8 +142,7 @@ class BalancedStrategy final : public DensityStrategy {
       add_absolute_gradients(step, column(statistics, BalancedColumn::kAbsGradSum));
     }
     if (now.score) {
-      step.rasterizer->score(
-          step.error, {column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
+      step.add_scores({column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
                        column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
     }
   }

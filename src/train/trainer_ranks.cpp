@@ -1,0 +1,376 @@
+// Training on several ranks (processes, src/dist). Each has some rows of the model (core/row_shards.h), with their
+// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of view v go
+// to rank v % size, which draws it, compares it with the photograph and blends backward; the sums of each splat go back
+// to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of ranks.
+//
+// Ranks take the same decisions in the same order: from what all of them know, or from what StepRecord tells them.
+// Rank 0 writes the files. To evaluate or to time kernels, it renders views of the whole model; the other ranks then
+// project their Gaussians on its request.
+
+#include <algorithm>
+#include <cmath>
+
+#include "config/batch_steps.h"
+#include "config/coarse_schedule.h"
+#include "train/density/invalid_gaussians.h"
+#include "train/ranks/sharded_edit.h"
+#include "train/trainer_impl.h"
+
+namespace b3dgs {
+namespace {
+
+/// What each rank tells the others in a step, after its projections.
+struct StepRecord {
+  std::int64_t n_splats[kMaxBatch]{};  // of each view
+  std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
+  double losses[kMaxBatch]{};          // of the views of the step before, if drawn by this rank
+  std::int32_t stop = 0;
+  std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
+};
+
+/// What rank 0 asks of the others in on_first_rank().
+struct RenderRequest {
+  enum Kind : std::int32_t { kDone, kRender, kRemove };
+  std::int64_t row = 0;  // to remove
+  PinholeView view{};
+  RenderSettings settings{};
+  Kind kind = kDone;
+};
+
+struct ProjectRecord {
+  std::int64_t n_splats = 0, first_invalid = -1;
+};
+
+/// All tensors with a row per Gaussian.
+template <class Visit>
+void visit_rows(TrainState& state, Visit&& visit) {
+  for (GaussianTensors* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
+    for (torch::Tensor* tensor : group->all()) visit(*tensor);
+  }
+  visit(state.gaussians.filters);
+  for (torch::Tensor* column : state.statistics.all()) visit(*column);
+}
+
+/// @throws InvalidGaussianError, on all ranks, if one of them has found an invalid Gaussian
+template <class Record>
+void check_valid(const std::vector<Record>& records) {
+  std::int64_t first = -1;
+  for (const Record& record : records) {
+    if (record.first_invalid >= 0 && (first < 0 || record.first_invalid < first)) first = record.first_invalid;
+  }
+  if (first >= 0) throw InvalidGaussianError(first, detail::concat("Gaussian ", first, kInvalidText));
+}
+
+}  // namespace
+
+void Trainer::Impl::check_options_of_ranks() const {
+  const std::pair<bool, const char*> unsupported[]{
+      {config.pose_opt, "--pose_opt"},
+      {config.exposure, "--exposure"},
+      {config.bilateral_grid, "--bilateral_grid"},
+      {learned_background_degree(config) >= 0, "--background learned or sky"},
+      {config.skip_share > 0, "--skip_share"},
+  };
+  for (const auto& [is_set, option] : unsupported) {
+    if (is_set) input_error(option, ": not supported with several ranks (--ranks, --gpus); leave out one of them");
+  }
+}
+
+void Trainer::Impl::keep_own_rows() {
+  state.n_of_all_ranks = state.gaussians.size();
+  visit_rows(state, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) tensor = own_rows(tensor, shards()).to(device);
+  });
+}
+
+TrainState Trainer::Impl::gathered_state() {
+  TrainState whole = flushed_state();
+  visit_rows(whole, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) tensor = gather_rows_on_first(*ranks, tensor, state.n_gaussians());
+  });
+  whole.n_of_all_ranks.reset();
+  return whole;
+}
+
+PinholeView Trainer::Impl::camera_of(std::int32_t index, int iteration) {
+  const PinholeView camera = poses.camera(index);
+  const int scale = coarse_scale_of(coarse_scale_at(config, iteration), camera.width, camera.height);
+  return scale == 1 ? camera : reduced_camera(camera, scale);
+}
+
+TrainView Trainer::Impl::take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next) {
+  TrainView view = images.take(index, next);
+  view.camera = poses.camera(index);
+  const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
+  return reducer.reduce(view, scene.train[static_cast<std::size_t>(index)].valid.get(), scale);
+}
+
+void Trainer::Impl::take_distributed_step() {
+  const int from = state.iteration, last = step_end(config.batch, config.iterations, from);
+  const auto n_views = static_cast<std::size_t>(last - from), size = static_cast<std::size_t>(ranks->size());
+  const bool is_filter_due = begin_step_of_views(last);
+  const std::size_t n_ahead = images.n_upcoming_wanted();
+  const std::vector<std::int32_t> next = state.view_order.upcoming(
+      config.seed, images.size(), n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch)));
+  const auto draws = [&](std::size_t place) { return place % size == static_cast<std::size_t>(ranks->rank()); };
+  std::vector<std::int32_t> own_next;  // the views that this rank draws, in this step and later
+  for (std::size_t i = 0; i < next.size(); ++i) {
+    if (draws(i < n_views ? i : (i - n_views) % static_cast<std::size_t>(config.batch))) own_next.push_back(next[i]);
+  }
+
+  // Every view's projection.
+  struct View {
+    int iteration;
+    DensityPlan plan;
+    PinholeView camera;
+    RenderSettings settings;
+    ViewSplats own;
+    std::int64_t n_splats = 0;  // on all ranks
+  };
+  std::vector<View> views(n_views);
+  StepRecord record;
+  try {
+    for (std::size_t v = 0; v < n_views; ++v) {
+      View& view = views[v];
+      view.iteration = state.iteration = from + 1 + static_cast<int>(v);
+      state.view_order.next(config.seed, images.size());
+      view.plan = density->plan(view.iteration);
+      view.camera = camera_of(next[v], view.iteration);
+      view.settings = step_settings();
+      view.settings.absolute_gradient = view.plan.absolute_gradients;
+      view.own = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
+        update_filters(is_filter_due && v == 0);
+        return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
+      });
+      record.n_splats[v] = view.own.size();
+    }
+  } catch (const InvalidGaussianError& error) {
+    record.first_invalid = shards().global_row(error.row());
+  }
+  record.stop = is_stopped();
+  record.write_checkpoint = recorder.is_checkpoint_due();
+  record.check_kernels = kernels.is_due(check_moment(last + 1));
+  read_own_losses();
+  std::copy(own_losses.begin(), own_losses.end(), record.losses);
+  const std::vector<StepRecord> records = ranks->exchange_record("step", record);
+  agreed = {false, records[0].write_checkpoint != 0, records[0].check_kernels != 0};
+  std::vector<std::vector<std::int64_t>> counts;
+  std::vector<std::vector<double>> losses;
+  for (const StepRecord& other : records) {
+    agreed.stop |= other.stop != 0;
+    counts.emplace_back(other.n_splats, other.n_splats + n_views);
+    losses.emplace_back(other.losses, other.losses + kMaxBatch);
+    for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_splats[v];
+  }
+  add_losses(losses);
+  step_start.loss_average = state.loss_average;
+  check_valid(records);
+
+  // The views that this rank draws.
+  std::vector<ViewSplats> own;
+  for (View& view : views) own.push_back(view.own);
+  const std::vector<ViewSplats> drawn = splats->to_drawers(own, counts);
+  const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
+  std::vector<torch::Tensor> drawn_sums, drawn_scores;
+  std::size_t place = 0;
+  for (std::size_t v = 0; v < n_views; ++v) {
+    const View& own_view = views[v];
+    if (draws(v)) {
+      state.iteration = own_view.iteration;
+      timer.begin(Stage::kUpload);
+      const auto begin = own_next.begin() + static_cast<std::ptrdiff_t>(place) + 1;
+      const std::ptrdiff_t n_next = std::min(static_cast<std::ptrdiff_t>(n_ahead), own_next.end() - begin);
+      const TrainView view = take_own_view(state.iteration, next[v], {begin, begin + n_next});
+      timer.end();
+      ComparedView compared;
+      compared.plan = own_view.plan;
+      try {
+        compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
+          return rasterizer.forward_splats(drawn[place], view.camera, own_view.settings);
+        });
+      } catch (const NumericError& error) {
+        throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
+      }
+      note_view_size();
+      read_own_losses();  // of the view before: the next loss takes its place
+      compare_with_photograph(view, compared);
+      has_unread_own_loss = true;
+      drawn_sums.push_back(rasterizer.backward_splats(compared.grad).clone());
+      if (has_scores) {
+        torch::Tensor scores = rasterizer.score_splats(
+            compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha));
+        drawn_scores.push_back(scores.clone());
+      }
+      ++place;
+    }
+    unread_losses.push_back({own_view.iteration, scene.train[static_cast<std::size_t>(next[v])].name, next[v]});
+  }
+
+  // The Gaussians of this rank.
+  const std::vector<torch::Tensor> sums = splats->to_owners(drawn_sums, torch::kFloat32, kSplatSums);
+  std::vector<torch::Tensor> scores;
+  if (has_scores) scores = splats->to_owners(drawn_scores, torch::kInt32, kSplatScoreWords);
+  for (std::size_t v = 0; v < n_views; ++v) {
+    const View& view = views[v];
+    state.iteration = view.iteration;
+    const ViewStatistics statistics =
+        stepper.keep_splats(view.own, sums[v], view.camera, view.settings, state.gaussians, view.n_splats,
+                            regularization_weights(config, view.iteration));
+    if (view.plan.statistics) {
+      timer.begin(Stage::kDensify);
+      make_room_for_statistics();
+      save_statistics();
+      DensityStep step{view.iteration, statistics, view.camera.width, view.camera.height};
+      if (view.plan.score) {
+        step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
+      }
+      density->after_view(step, state.statistics);
+      timer.end();
+    }
+    learned_views.push_back({next[v], view.iteration});
+  }
+  learn_from_kept_views();
+  timer.finish(state.step_iterations);
+}
+
+void Trainer::Impl::read_own_losses() {
+  if (std::exchange(has_unread_own_loss, false)) own_losses.push_back(loss.value().loss);
+}
+
+void Trainer::Impl::read_losses_of_ranks() {
+  if (unread_losses.empty()) return;
+  read_own_losses();
+  StepRecord record;
+  std::copy(own_losses.begin(), own_losses.end(), record.losses);
+  std::vector<std::vector<double>> losses;
+  for (const StepRecord& other : ranks->exchange_record("losses", record)) {
+    losses.emplace_back(other.losses, other.losses + kMaxBatch);
+  }
+  add_losses(losses);
+}
+
+void Trainer::Impl::add_losses(const std::vector<std::vector<double>>& of_ranks) {
+  own_losses.clear();
+  const std::vector<UnreadLoss> unread = std::exchange(unread_losses, {});
+  for (std::size_t v = 0; v < unread.size(); ++v) {
+    const double value = of_ranks[v % of_ranks.size()][v / of_ranks.size()];
+    if (!std::isfinite(value)) {
+      throw LossError(detail::concat("iteration ", unread[v].iteration, ", view ", unread[v].view, ": the loss is ",
+                                     value, recorder.last_checkpoint()));
+    }
+    state.loss_average = unread[v].iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+  }
+}
+
+void Trainer::Impl::on_first_rank(const std::function<void()>& work) {
+  if (!is_distributed()) return work();
+  read_losses_of_ranks();
+  if (!ranks->is_first()) return serve_renders();
+  renders_on_first = true;
+  work();
+  renders_on_first = false;
+  ranks->exchange_record("render", RenderRequest{});
+}
+
+void Trainer::Impl::serve_renders() {
+  for (;;) {
+    const RenderRequest request = ranks->exchange_record("render", RenderRequest{}).front();
+    if (request.kind == RenderRequest::kDone) return;
+    if (request.kind == RenderRequest::kRemove) {
+      flush();
+      state.n_removed += remove_invalid_rows(request.row);
+      continue;
+    }
+    try {
+      project_and_draw(request.view, request.settings);
+    } catch (const InvalidGaussianError&) {
+      // Rank 0 has it, too, and decides.
+    }
+  }
+}
+
+RenderedView Trainer::Impl::render(const PinholeView& view, const RenderSettings& settings) {
+  if (!is_distributed()) return rasterizer.forward(flushed_state().gaussians, view, settings);
+  B3DGS_CHECK(renders_on_first, "render() outside on_first_rank()");
+  RenderRequest request;
+  request.kind = RenderRequest::kRender;
+  request.view = view;
+  request.settings = settings;
+  request.settings.stages = nullptr;
+  ranks->exchange_record("render", request);
+  return project_and_draw(view, settings);
+}
+
+RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const RenderSettings& settings) {
+  ProjectRecord record;
+  ViewSplats own;
+  try {
+    own = rasterizer.project(flushed_state().gaussians, view, settings);
+    record.n_splats = own.size();
+  } catch (const InvalidGaussianError& error) {
+    record.first_invalid = shards().global_row(error.row());
+  }
+  const std::vector<ProjectRecord> records = ranks->exchange_record("projected", record);
+  check_valid(records);
+  std::vector<std::vector<std::int64_t>> counts;
+  for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
+  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts);
+  if (drawn.empty()) return {};
+  return rasterizer.forward_splats(drawn.front(), view, settings);
+}
+
+void Trainer::Impl::adopt_kernels_of_first_rank() {
+  const std::string text = ranks->exchange("kernels", ranks->is_first() ? kernels.to_json().dump() : "").front();
+  if (!ranks->is_first()) kernels.restore(nlohmann::ordered_json::parse(text), "rank 0");
+}
+
+void Trainer::Impl::agree_on_start(bool& lacks_ply, bool& lacks_checkpoint) {
+  struct Start {
+    std::int32_t lacks_ply, lacks_checkpoint, check_kernels;
+  };
+  const Start own{lacks_ply, lacks_checkpoint, kernels.is_due(check_moment(state.iteration + 1))};
+  const Start first = ranks->exchange_record("start", own).front();
+  lacks_ply = first.lacks_ply != 0;
+  lacks_checkpoint = first.lacks_checkpoint != 0;
+  agreed.check_kernels = first.check_kernels != 0;
+}
+
+bool Trainer::Impl::has_written_files() {
+  const bool own = recorder.failed_files().empty();
+  return is_distributed() ? ranks->exchange_record("files", own).front() : own;
+}
+
+DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limit) {
+  // Strategies do not read colours.
+  GaussianTensors gaussians;
+  const GaussianTensors& own = state.gaussians;
+  const std::int64_t n = state.n_gaussians();
+  gaussians.means = gather_rows(*ranks, own.means, n);
+  gaussians.log_scales = gather_rows(*ranks, own.log_scales, n);
+  gaussians.quats = gather_rows(*ranks, own.quats, n);
+  gaussians.logit_opacities = gather_rows(*ranks, own.logit_opacities, n);
+  DensityStatistics statistics = state.statistics;
+  for (torch::Tensor* column : statistics.all()) *column = gather_rows(*ranks, *column, n);
+  return density->plan_round(gaussians, statistics, iteration, limit);
+}
+
+std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {
+  if (!is_distributed()) {
+    return remove_invalid_gaussians(row, scene.extent, state.gaussians, state.adam, state.statistics);
+  }
+  if (renders_on_first) {
+    RenderRequest request;
+    request.kind = RenderRequest::kRemove;
+    request.row = row;
+    ranks->exchange_record("render", request);
+  }
+  const std::int64_t n = state.n_gaussians();
+  const GaussianWidths widths = gaussian_widths(state.gaussians, state.adam);
+  const RowEdit edit = edit_without_invalid(
+      row, scene.extent, {gather_rows(*ranks, widths.is_finite, n), gather_rows(*ranks, widths.largest, n)});
+  apply_row_edit(*ranks, edit, n, state.gaussians, state.adam, state.statistics);
+  state.n_of_all_ranks = edit.n_kept;
+  return n - edit.n_kept;
+}
+
+}  // namespace b3dgs
