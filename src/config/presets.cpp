@@ -5,28 +5,35 @@ namespace b3dgs {
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
       {"original", "the options of the original 3DGS code", {}},
-      // A fifth of the schedule of strategy balanced.
+      // A sixth of the schedule of strategy balanced.
       {"fast",
        "a short training with few Gaussians",
        {{"strategy", "balanced"},
-        {"iterations", "6000"},
-        {"position_lr_max_steps", "6000"},
-        {"densify_from_iter", "100"},
-        {"densify_until_iter", "5000"},
-        {"densification_interval", "60"},
-        {"sh_increase_interval", "200"},
-        {"prune_interval", "600"},
-        {"prune_until_iter", "5600"},
+        {"iterations", "5000"},
+        {"position_lr_max_steps", "5000"},
+        {"densify_from_iter", "83"},
+        {"densify_until_iter", "4167"},
+        {"densification_interval", "50"},
+        {"sh_increase_interval", "167"},
+        {"prune_interval", "500"},
+        {"prune_until_iter", "4667"},
+        {"split", "moments"},
+        {"score_views", "10"},
+        {"scaling_lr", "0.01"},
+        {"coarse_scale", "4"},
         {"coarse_until", "3000"},
-        {"skip_from_iter", "3100"},
+        {"skip_from_iter", "2600"},
         {"pose_opt_from_iter", "100"}}},
-      // Not measured yet.
       {"quality",
-       "strategy balanced with more Gaussians; values not tuned yet",
+       "strategy balanced with more Gaussians where they help",
        {{"strategy", "balanced"},
         {"iterations", "30000"},
         {"position_lr_max_steps", "30000"},
-        {"pixels_per_gaussian", "150"}}},
+        {"densify_until_iter", "20000"},
+        {"lr_final_scale", "0.1"},
+        {"lr_decay_from_iter", "15000"},
+        {"abs_grad_threshold", "0.0006"},
+        {"pixels_per_gaussian", "70"}}},
   };
   return kPresets;
 }

@@ -224,7 +224,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model"}))),
             Words{"options     preset original, strategy default"});
   const Words lines = describe_options(
-      resolve_options(given({"--preset", "fast", "--eval", "--iterations", "12000", "--tile", "16x8"})));
+      resolve_options(given({"--preset", "fast", "--eval", "--iterations", "10000", "--tile", "16x8"})));
   std::string text;
   for (const std::string& line : lines) {
     text += line + "\n";
@@ -233,8 +233,8 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_EQ(text.rfind("options     preset fast, ", 0), 0u) << text;
   EXPECT_NE(text.find("its schedule x 2 for --iterations\n"), std::string::npos) << text;
   EXPECT_NE(text.find("\n  preset    "), std::string::npos) << text;
-  EXPECT_NE(text.find("position_lr_max_steps 12000"), std::string::npos) << text;
-  EXPECT_NE(text.find("\n  given     eval on, iterations 12000, tile 16x8\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("position_lr_max_steps 10000"), std::string::npos) << text;
+  EXPECT_NE(text.find("\n  given     eval on, iterations 10000, tile 16x8\n"), std::string::npos) << text;
 }
 
 }  // namespace
