@@ -1,19 +1,16 @@
 // A program of several ranks for dist_tests: dist_rank RANKS SCENARIO. Without the environment of a launcher it starts
 // its own ranks. Prints what is wrong to standard error and fails, or "ok RANK" to standard output.
 #include <torch/types.h>
-#include <torch/utils.h>
 #include <unistd.h>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 #include <chrono>
 #include <csignal>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <numeric>
-#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -21,15 +18,14 @@
 #include "core/check.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
+#include "support/rank_program.h"
 
 namespace b3dgs {
 namespace {
 
+using test::expect;
+using test::same_bytes;
 using Counts = std::vector<std::int64_t>;
-
-void expect(bool condition, const std::string& what) {
-  if (!condition) throw LogicError("expectation failed: " + what);
-}
 
 std::int64_t total(const Counts& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
@@ -45,13 +41,6 @@ torch::Tensor make_rows(int from, int to, std::int64_t n, std::int64_t bytes) {
     rows.data_ptr<std::uint8_t>()[i] = static_cast<std::uint8_t>(state >> 24);
   }
   return rows;
-}
-
-bool same_bytes(const torch::Tensor& a, const torch::Tensor& b) {
-  return a.numel() * static_cast<std::int64_t>(a.element_size()) ==
-             b.numel() * static_cast<std::int64_t>(b.element_size()) &&
-         (a.numel() == 0 ||
-          std::memcmp(a.data_ptr(), b.data_ptr(), static_cast<std::size_t>(a.numel()) * a.element_size()) == 0);
 }
 
 /// Rows of `type` with the bytes of make_rows(); 12 bytes a row.
@@ -144,10 +133,6 @@ void check_collectives(Communicator& ranks) {
   ranks.barrier("end");
 }
 
-struct StopSignal {
-  int exit_code;
-};
-
 /// Where ranks other than the failing one wait for it.
 void wait_in(const std::string& operation, Communicator& ranks) {
   const auto n = static_cast<std::size_t>(ranks.size());
@@ -191,7 +176,7 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
     while (got == 0) usleep(10000);
     std::ofstream(name + ".stopped").put('1');
     ranks.barrier("all have stopped");
-    throw StopSignal{128 + got};
+    throw test::Exit{128 + got};
   } else {
     throw LogicError("unknown scenario " + scenario);
   }
@@ -224,27 +209,16 @@ int run(int size, const std::string& scenario) {
   if (scenario == "wrong size" && std::getenv("RANK") != nullptr && std::atoi(std::getenv("RANK")) == size - 1) {
     setenv("WORLD_SIZE", std::to_string(size + 1).c_str(), 1);
   }
-  // The number is that of the environment where a launcher gave one.
-  const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? size : 0);
-  if (!place) {
-    StartOptions options;
-    read_limit("TEST_GRACE_MS", options.grace);
-    return start_ranks(size, {std::to_string(size), scenario}, options);
-  }
-  torch::set_num_threads(1);
-  RankLimits limits;
-  read_limit("TEST_JOIN_MS", limits.join);
-  read_limit("TEST_SILENCE_MS", limits.silence);
-  read_limit("TEST_STUCK_MS", limits.stuck);
-  if (scenario == "missing" && place->rank == size - 1) return 0;
-  const auto ranks = Communicator::connect(place.value_or(RankPlace{}), torch::kCPU, limits);
-  try {
-    run_as_rank(*ranks, [&] { run_scenario(scenario, *ranks); });
-  } catch (const StopSignal& stop) {
-    return stop.exit_code;
-  }
-  std::printf("ok %d\n", ranks->rank());
-  return 0;
+  if (scenario == "missing" && std::getenv("RANK") != nullptr && std::atoi(std::getenv("RANK")) == size - 1) return 0;
+  test::RankProgram program;
+  program.size = size;
+  program.arguments = {std::to_string(size), scenario};
+  program.body = [&](Communicator& ranks) { run_scenario(scenario, ranks); };
+  read_limit("TEST_GRACE_MS", program.start.grace);
+  read_limit("TEST_JOIN_MS", program.limits.join);
+  read_limit("TEST_SILENCE_MS", program.limits.silence);
+  read_limit("TEST_STUCK_MS", program.limits.stuck);
+  return test::run_rank_program(program);
 }
 
 }  // namespace
@@ -252,12 +226,5 @@ int run(int size, const std::string& scenario) {
 
 int main(int argc, char** argv) {
   if (argc != 3) return 2;
-  try {
-    return b3dgs::run(std::atoi(argv[1]), argv[2]);
-  } catch (const std::exception& error) {
-    const std::string line = std::string("error: ") + error.what() + "\n";
-    std::fputs(line.c_str(), stderr);
-    if (dynamic_cast<const b3dgs::PeerError*>(&error) != nullptr) return b3dgs::PeerError::kExitCode;
-    return dynamic_cast<const b3dgs::InputError*>(&error) != nullptr ? 2 : 1;
-  }
+  return b3dgs::test::report_errors([&] { return b3dgs::run(std::atoi(argv[1]), argv[2]); });
 }

@@ -123,10 +123,10 @@ class McmcStrategy final : public DensityStrategy {
 
   void after_view(const DensityStep&, DensityStatistics&) const override {}
 
-  void after_step(int iteration, GaussianTensors& gaussians) const override {
+  void after_step(int iteration, GaussianTensors& gaussians, const RowShards& shards) const override {
     if (!adds_mean_noise(config_, iteration)) return;
     const double position_lr = adam_rates(config_, extent_, iteration)[0];
-    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, iteration);
+    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, iteration, shards);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics&, int iteration,
@@ -199,7 +199,8 @@ bool adds_mean_noise(const TrainConfig& config, int iteration) {
   return config.noise_lr > 0 && iteration > config.noise_from_iter;
 }
 
-void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration) {
+void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
+                    const RowShards& shards) {
   MeanNoiseArgs args;
   args.n_gaussians = gaussians.size();
   args.means = gaussians.means.data_ptr<float>();
@@ -209,6 +210,7 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
   args.key = {seed, RandomStream::kMeanNoise, static_cast<std::uint32_t>(iteration)};
   args.rate = rate;
   args.log_bound = log_noise_bound(rate);
+  args.shards = shards;
 #if B3DGS_TORCH_CUDA
   if (gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_launch_context().stream);
 #endif

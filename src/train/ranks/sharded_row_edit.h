@@ -1,0 +1,23 @@
+// Additions and removals of Gaussians whose rows are spread over the ranks.
+#pragma once
+
+#include <cstdint>
+
+#include "dist/communicator.h"
+#include "train/density/row_edit.h"
+#include "train/ranks/sharded_rows.h"
+
+namespace b3dgs {
+
+/// density/row_edit.h's apply_row_edit() for tensors with this rank's rows of a model of n_global_before Gaussians.
+/// `edit` is about global rows and the same on every rank, on the device of the tensors; afterwards, each rank holds
+/// its rows of what that function would make of the whole tensors. All ranks call this together.
+///
+/// Beside the model, memory holds one of its tensors (new rows of one rank) and two pieces of piece_bytes. An error
+/// later than the first checks leaves tensors with different numbers of rows: the training cannot continue.
+/// @throws LogicError on all ranks, before anything is changed, if edit, numbers of rows or of columns disagree between
+/// the ranks; OutOfMemoryError
+void apply_row_edit(Communicator& ranks, const RowEdit& edit, std::int64_t n_global_before, GaussianTensors& gaussians,
+                    AdamState& adam, DensityStatistics& statistics, std::int64_t piece_bytes = kExchangePieceBytes);
+
+}  // namespace b3dgs

@@ -1,0 +1,141 @@
+#include "train/ranks/sharded_rows.h"
+
+#include <torch/torch.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
+  std::vector<std::int64_t> sizes = tensor.sizes().vec();
+  sizes[0] = n_rows;
+  return sizes;
+}
+
+void check_local_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global) {
+  B3DGS_CHECK(local.defined() && local.dim() >= 1 && local.is_contiguous(), "expected a contiguous tensor with rows");
+  std::vector<std::int64_t> shape = sizes_with_rows(local, n_global);
+  shape.push_back(static_cast<std::int64_t>(local.scalar_type()));
+  check_agreement(ranks, "number of rows, shape or type of a tensor", shape);
+  const std::int64_t expected = shards_of(ranks).n_local(n_global);
+  throw_together(ranks, "rows",
+                 local.size(0) == expected
+                     ? ""
+                     : detail::concat("a tensor has ", local.size(0), " rows of ", n_global, ", expected ", expected));
+}
+
+/// What the ranks exchange at a time: the same local rows of each, which together are a range of global rows.
+struct Piece {
+  std::int64_t begin = 0, end = 0;   // global rows
+  std::int64_t local_begin = 0;      // on every rank
+  std::vector<std::int64_t> counts;  // of each rank
+};
+
+std::vector<Piece> pieces_of(const torch::Tensor& local, std::int64_t n_global, int size, std::int64_t piece_bytes) {
+  const std::int64_t n_rows = rows_per_piece(local, piece_bytes);
+  std::vector<Piece> pieces;
+  for (std::int64_t begin = 0; begin < n_global; begin += n_rows * size) {
+    Piece piece{begin, std::min(begin + n_rows * size, n_global), begin / size, {}};
+    // A piece starts with a block of rank 0, so its rows are dealt like those of a table of their own.
+    for (int r = 0; r < size; ++r) piece.counts.push_back(RowShards{r, size}.n_local(piece.end - piece.begin));
+    pieces.push_back(std::move(piece));
+  }
+  return pieces;
+}
+
+torch::Tensor rows_of_rank(const Piece& piece, const torch::Tensor& local, int rank) {
+  const auto n = piece.counts[static_cast<std::size_t>(rank)];
+  return local.slice(0, std::min(piece.local_begin, local.size(0)), std::min(piece.local_begin + n, local.size(0)));
+}
+
+/// Copies rows in the order of the ranks to their places in `global`.
+void put_in_order(const Piece& piece, const torch::Tensor& by_rank, torch::Tensor& global) {
+  torch::Tensor out = global.slice(0, piece.begin, piece.end);
+  const int size = static_cast<int>(piece.counts.size());
+  std::vector<torch::Tensor> rows;
+  for (int r = 0; r < size; ++r) rows.push_back(global_rows({r, size}, out.size(0), out.device()));
+  out.index_copy_(0, torch::cat(rows), by_rank);
+}
+
+}  // namespace
+
+RowShards shards_of(const Communicator& ranks) {
+  return {ranks.rank(), ranks.size()};
+}
+
+torch::Tensor global_rows(const RowShards& shards, std::int64_t n_global, torch::Device device) {
+  torch::Tensor rows = torch::arange(shards.n_local(n_global), torch::dtype(torch::kInt64).device(device));
+  if (shards.size == 1) return rows;
+  const torch::Tensor blocks = torch::div(rows, RowShards::kBlock, "floor");
+  // l + (b (size - 1) + rank) kBlock for row l of local block b
+  return rows.add_(blocks, (shards.size - 1) * RowShards::kBlock).add_(shards.rank * RowShards::kBlock);
+}
+
+torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards) {
+  if (shards.size == 1) return global.clone(torch::MemoryFormat::Contiguous);
+  return global.index_select(0, global_rows(shards, global.size(0), global.device()));
+}
+
+torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                          std::int64_t piece_bytes) {
+  check_local_rows(ranks, local, n_global);
+  if (ranks.size() == 1) return local;
+  torch::Tensor global = torch::empty(sizes_with_rows(local, n_global), local.options());
+  for (const Piece& piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
+    put_in_order(piece, ranks.all_gather_rows(rows_of_rank(piece, local, ranks.rank()), piece.counts), global);
+  }
+  return global;
+}
+
+torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                                   std::int64_t piece_bytes) {
+  check_local_rows(ranks, local, n_global);
+  if (ranks.size() == 1) return local.cpu();
+  torch::Tensor global;
+  if (ranks.is_first()) {
+    global = torch::empty(sizes_with_rows(local, n_global), local.options().device(torch::kCPU));
+  }
+  const std::vector<std::int64_t> none(static_cast<std::size_t>(ranks.size()), 0);
+  for (const Piece& piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
+    const torch::Tensor rows = rows_of_rank(piece, local, ranks.rank());
+    std::vector<std::int64_t> send = none;
+    send[0] = rows.size(0);
+    const torch::Tensor received = ranks.all_to_all_rows(rows, send, ranks.is_first() ? piece.counts : none);
+    if (ranks.is_first()) put_in_order(piece, received.cpu(), global);
+  }
+  return global;
+}
+
+std::int64_t bytes_per_row(const torch::Tensor& rows) {
+  std::int64_t bytes = static_cast<std::int64_t>(rows.element_size());
+  for (std::int64_t axis = 1; axis < rows.dim(); ++axis) bytes *= rows.size(axis);
+  return bytes;
+}
+
+std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes) {
+  const std::int64_t block_bytes = RowShards::kBlock * std::max<std::int64_t>(1, bytes_per_row(rows));
+  return RowShards::kBlock * std::max<std::int64_t>(1, piece_bytes / block_bytes);
+}
+
+void throw_together(Communicator& ranks, const std::string& label, const std::string& cause) {
+  const std::vector<std::string> causes = ranks.exchange(label, cause);
+  for (int r = 0; r < ranks.size(); ++r) {
+    const std::string& first = causes[static_cast<std::size_t>(r)];
+    B3DGS_CHECK(first.empty(), "rank ", r, " of ", ranks.size(), ": ", first);
+  }
+}
+
+void check_agreement(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers) {
+  const auto* bytes = reinterpret_cast<const char*>(numbers.data());
+  const std::vector<std::string> all = ranks.exchange(what, std::string(bytes, numbers.size() * sizeof(std::int64_t)));
+  for (int r = 1; r < ranks.size(); ++r) {
+    B3DGS_CHECK(all[static_cast<std::size_t>(r)] == all[0], "rank ", r, " of ", ranks.size(),
+                " and rank 0 disagree on the ", what);
+  }
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,51 @@
+// Tensors with a row per Gaussian, whose rows are spread over the ranks (core/row_shards.h).
+//
+// The global order of the rows is that of a training on one rank. All functions work on CPU and GPU alike. Those that
+// take a Communicator are called by all ranks together.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/row_shards.h"
+#include "dist/communicator.h"
+
+namespace b3dgs {
+
+RowShards shards_of(const Communicator& ranks);
+
+/// [n_local] int64: the global row of each local row, ascending.
+torch::Tensor global_rows(const RowShards& shards, std::int64_t n_global, torch::Device device);
+
+/// A contiguous copy of this rank's rows.
+torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards);
+
+/// Rows are exchanged in pieces of about this many bytes on each rank, which bounds the memory beside the result.
+inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
+
+/// The whole tensor on every rank, in global order. New tensors, but with one rank `local` itself.
+/// @throws LogicError on all ranks if they disagree on n_global, type or shape, or hold other numbers of rows
+torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                          std::int64_t piece_bytes = kExchangePieceBytes);
+
+/// The same in the host memory of rank 0; undefined on the other ranks. GPU memory holds one piece at a time.
+torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                                   std::int64_t piece_bytes = kExchangePieceBytes);
+
+/// Bytes of one row. Contiguous tensors of any type and shape.
+std::int64_t bytes_per_row(const torch::Tensor& rows);
+
+/// Local rows that a rank exchanges at a time: whole blocks of about piece_bytes, at least one.
+std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes);
+
+/// @throws LogicError on all ranks, with the first cause that is not empty. Otherwise a rank that throws alone leaves
+/// the others waiting.
+void throw_together(Communicator& ranks, const std::string& label, const std::string& cause);
+
+/// @throws LogicError on all ranks, naming `what`, unless the numbers are the same on all of them
+void check_agreement(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers);
+
+}  // namespace b3dgs

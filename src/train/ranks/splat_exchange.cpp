@@ -1,0 +1,144 @@
+#include "train/ranks/splat_exchange.h"
+
+#include <torch/torch.h>
+
+#include <cstddef>
+#include <numeric>
+#include <utility>
+
+#include "core/check.h"
+#include "train/ranks/sharded_rows.h"
+
+namespace b3dgs {
+namespace {
+
+// Columns of an exchanged row: Splat, its extent, its radius, each as 32 bits.
+constexpr std::int64_t kSplatWords = sizeof(Splat) / sizeof(std::int32_t);
+constexpr std::int64_t kGaussian = offsetof(Splat, gaussian) / sizeof(std::int32_t);
+constexpr std::int64_t kExtent = kSplatWords, kRadius = kExtent + 2, kWords = kRadius + 1;
+
+std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
+  return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
+}
+
+void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, const torch::Device& device) {
+  const auto fits = [&](const torch::Tensor& tensor, torch::IntArrayRef sizes, torch::ScalarType type) {
+    return tensor.defined() && tensor.sizes() == sizes && tensor.scalar_type() == type && tensor.is_contiguous() &&
+           tensor.device() == device;
+  };
+  B3DGS_CHECK(fits(splats.splats, {n, kSplatWords}, torch::kFloat32) && fits(splats.extents, {n, 2}, torch::kFloat32) &&
+                  fits(splats.radii, {n}, torch::kInt32),
+              "splats of view ", view, " of the step: expected ", n, " rows, contiguous on ", device.str(), ", found ",
+              splats.size());
+}
+
+/// Writes the splats as rows of words, with global rows.
+void pack(const ViewSplats& splats, const RowShards& shards, torch::Tensor words) {
+  words.slice(1, 0, kSplatWords).copy_(splats.splats.view(torch::kInt32));
+  words.slice(1, kExtent, kRadius).copy_(splats.extents.view(torch::kInt32));
+  words.select(1, kRadius).copy_(splats.radii);
+  torch::Tensor rows = words.select(1, kGaussian);
+  const torch::Tensor blocks = torch::div(rows, RowShards::kBlock, "floor");
+  rows.add_(blocks, (shards.size - 1) * RowShards::kBlock).add_(shards.rank * RowShards::kBlock);
+}
+
+ViewSplats unpack(const torch::Tensor& words, const torch::Tensor& places) {
+  return {words.slice(1, 0, kSplatWords).index_select(0, places).view(torch::kFloat32),
+          words.slice(1, kExtent, kRadius).index_select(0, places).view(torch::kFloat32),
+          words.select(1, kRadius).index_select(0, places)};
+}
+
+}  // namespace
+
+SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks), shards_(shards_of(ranks)) {}
+
+std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>& own,
+                                                  const std::vector<std::vector<std::int64_t>>& counts) {
+  const auto size = static_cast<std::size_t>(shards_.size), rank = static_cast<std::size_t>(shards_.rank);
+  const std::size_t n_views = own.size();
+  B3DGS_CHECK(counts.size() == size, "numbers of splats from ", counts.size(), " ranks of ", size);
+  for (const std::vector<std::int64_t>& of_rank : counts) {
+    B3DGS_CHECK(of_rank.size() == n_views, "numbers of splats of ", of_rank.size(), " views of ", n_views);
+  }
+  own_counts_ = counts[rank];
+  drawn_.clear();
+  if (n_views == 0) return {};
+  B3DGS_CHECK(own[0].splats.defined(), "splats of view 0 of the step are undefined");
+  device_ = own[0].splats.device();
+  for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, own_counts_[v], device_);
+  if (size == 1) {
+    for (const std::int64_t n : own_counts_) drawn_.push_back({n, {}});
+    return own;
+  }
+
+  send_.assign(size, 0);
+  receive_.assign(size, 0);
+  const auto words_type = torch::dtype(torch::kInt32).device(device_);
+  const torch::Tensor sent = torch::empty({sum_of(own_counts_), kWords}, words_type);
+  std::int64_t n_packed = 0;
+  for (std::size_t drawer = 0; drawer < size; ++drawer) {
+    for (std::size_t v = drawer; v < n_views; v += size) {
+      pack(own[v], shards_, sent.slice(0, n_packed, n_packed + own_counts_[v]));
+      n_packed += own_counts_[v];
+      send_[drawer] += own_counts_[v];
+    }
+  }
+  for (std::size_t r = 0; r < size; ++r) {
+    for (std::size_t v = rank; v < n_views; v += size) receive_[r] += counts[r][v];
+  }
+  const torch::Tensor received = ranks_.all_to_all_rows(sent, send_, receive_);
+
+  // Rows come by rank, those of a rank by view.
+  const torch::Tensor all_places = torch::arange(received.size(0), words_type.dtype(torch::kInt64));
+  std::vector<std::int64_t> next(size, 0);  // place of the next row of each rank
+  std::exclusive_scan(receive_.begin(), receive_.end(), next.begin(), std::int64_t{0});
+  std::vector<ViewSplats> drawn;
+  for (std::size_t v = rank; v < n_views; v += size) {
+    std::vector<torch::Tensor> rows, places;
+    for (std::size_t r = 0; r < size; ++r) {
+      const std::int64_t begin = std::exchange(next[r], next[r] + counts[r][v]);
+      rows.push_back(received.select(1, kGaussian).slice(0, begin, next[r]));
+      places.push_back(all_places.slice(0, begin, next[r]));
+    }
+    const torch::Tensor order =
+        std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
+    DrawnView& view = drawn_.emplace_back();
+    view.places = torch::cat(places).index_select(0, order);
+    view.n_splats = view.places.size(0);
+    drawn.push_back(unpack(received, view.places));
+  }
+  return drawn;
+}
+
+std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
+                                                    torch::ScalarType type) {
+  B3DGS_CHECK(drawn.size() == drawn_.size(), drawn.size(), " tensors, but this rank draws ", drawn_.size(),
+              " views of the step");
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    const torch::Tensor& rows = drawn[i];
+    B3DGS_CHECK(rows.defined() && rows.sizes() == torch::IntArrayRef({drawn_[i].n_splats, n_columns}) &&
+                    rows.scalar_type() == type && rows.device() == device_,
+                "tensor ", i, " for the owners of splats: expected [", drawn_[i].n_splats, ", ", n_columns, "] ", type,
+                " on ", device_.str());
+  }
+  if (own_counts_.empty()) return {};
+  if (shards_.size == 1) return drawn;
+
+  torch::Tensor sent = torch::empty({sum_of(receive_), n_columns}, torch::dtype(type).device(device_));
+  for (std::size_t i = 0; i < drawn.size(); ++i) sent.index_copy_(0, drawn_[i].places, drawn[i]);
+  const torch::Tensor received = ranks_.all_to_all_rows(sent, receive_, send_);
+
+  // Rows come by drawer, those of a drawer by view.
+  const auto size = static_cast<std::size_t>(shards_.size);
+  std::vector<torch::Tensor> own(own_counts_.size());
+  std::int64_t n_read = 0;
+  for (std::size_t drawer = 0; drawer < size; ++drawer) {
+    for (std::size_t v = drawer; v < own.size(); v += size) {
+      own[v] = received.slice(0, n_read, n_read + own_counts_[v]);
+      n_read += own_counts_[v];
+    }
+  }
+  return own;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,52 @@
+// Splats on their way from the ranks that own the Gaussians to the rank that draws the view, and what belongs to them
+// back again.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "core/row_shards.h"
+#include "dist/communicator.h"
+#include "raster/torch/rasterizer.h"
+
+namespace b3dgs {
+
+/// The exchange of one step. View v of the step is drawn by rank v % size.
+///
+/// Every rank calls to_drawers() once, then to_owners() as often as needed. With one rank, the tensors are passed
+/// through as they are. On a GPU, the host does not wait.
+class SplatExchange {
+ public:
+  explicit SplatExchange(Communicator& ranks);
+
+  /// own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = local row. counts[r][v] is
+  /// the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views that this rank
+  /// draws, in the order of the views, rows ascending by global row, with Splat::gaussian = global row (< 2^31).
+  /// @throws LogicError if `own` and `counts` disagree
+  std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
+                                     const std::vector<std::vector<std::int64_t>>& counts);
+
+  /// drawn[i] is [M_i, n_columns] of `type`, a row for each splat of result i of to_drawers(), in its order. Returns
+  /// for every view v of the step the rows of own[v], in its order: contiguous parts of one tensor. n_columns and
+  /// `type` are the same on all ranks. @throws LogicError naming a tensor that does not fit
+  std::vector<torch::Tensor> to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
+                                       torch::ScalarType type);
+
+ private:
+  /// A view that this rank draws.
+  struct DrawnView {
+    std::int64_t n_splats = 0;
+    torch::Tensor places;  // [n_splats] int64: row of each splat in the tensor that all_to_all_rows() returned
+  };
+
+  Communicator& ranks_;
+  RowShards shards_;
+  torch::Device device_ = torch::kCPU;
+  std::vector<std::int64_t> own_counts_;      // of each view
+  std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the drawers
+  std::vector<DrawnView> drawn_;
+};
+
+}  // namespace b3dgs

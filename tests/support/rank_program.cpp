@@ -1,0 +1,52 @@
+#include "support/rank_program.h"
+
+#include <torch/utils.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <optional>
+
+#include "core/check.h"
+
+namespace b3dgs::test {
+
+void expect(bool condition, const std::string& what) {
+  if (!condition) throw LogicError("expectation failed: " + what);
+}
+
+bool same_bytes(const torch::Tensor& a, const torch::Tensor& b) {
+  return a.numel() * static_cast<std::int64_t>(a.element_size()) ==
+             b.numel() * static_cast<std::int64_t>(b.element_size()) &&
+         (a.numel() == 0 ||
+          std::memcmp(a.data_ptr(), b.data_ptr(), static_cast<std::size_t>(a.numel()) * a.element_size()) == 0);
+}
+
+int run_rank_program(const RankProgram& program) {
+  // The number is that of the environment where a launcher gave one.
+  const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? program.size : 0);
+  if (!place) return start_ranks(program.size, program.arguments, program.start);
+  torch::set_num_threads(1);
+  const auto ranks = Communicator::connect(*place, torch::kCPU, program.limits);
+  try {
+    run_as_rank(*ranks, [&] { program.body(*ranks); });
+  } catch (const Exit& exit) {
+    return exit.code;
+  }
+  std::printf("ok %d\n", ranks->rank());
+  return 0;
+}
+
+int report_errors(const std::function<int()>& run) {
+  try {
+    return run();
+  } catch (const std::exception& error) {
+    const std::string line = std::string("error: ") + error.what() + "\n";
+    std::fputs(line.c_str(), stderr);
+    if (dynamic_cast<const PeerError*>(&error) != nullptr) return PeerError::kExitCode;
+    return dynamic_cast<const InputError*>(&error) != nullptr ? 2 : 1;
+  }
+}
+
+}  // namespace b3dgs::test

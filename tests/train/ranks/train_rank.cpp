@@ -1,0 +1,401 @@
+// A program of several ranks for train_ranks_tests: train_rank RANKS SCENARIO. What the ranks compute together must
+// have the bytes of what each of them computes alone on whole tensors, which are the same on all ranks.
+#include <torch/torch.h>
+
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "config/train_config.h"
+#include "core/check.h"
+#include "dist/communicator.h"
+#include "support/rank_program.h"
+#include "train/density/density_strategy.h"
+#include "train/density/strategies/mcmc_strategy.h"
+#include "train/ranks/sharded_row_edit.h"
+#include "train/ranks/sharded_rows.h"
+#include "train/ranks/splat_exchange.h"
+
+namespace b3dgs {
+namespace {
+
+using test::expect;
+using test::same_bytes;
+using Counts = std::vector<std::int64_t>;
+
+constexpr std::int64_t kOneBlock = 1;  // bytes of a piece: the least, a block of rows
+
+void expect_same(const torch::Tensor& found, const torch::Tensor& expected, const std::string& what) {
+  expect(found.defined() && found.sizes() == expected.sizes() && found.scalar_type() == expected.scalar_type(),
+         what + ": shape or type");
+  expect(found.is_contiguous(), what + ": not contiguous");
+  expect(same_bytes(found, expected.contiguous()), what + ": bytes");
+}
+
+template <class Failure = LogicError, class Body>
+void expect_failure(const std::string& part, Body&& body) {
+  try {
+    body();
+  } catch (const Failure& error) {
+    expect(std::string(error.what()).find(part) != std::string::npos, "\"" + part + "\" in: " + error.what());
+    return;
+  }
+  expect(false, "no failure: " + part);
+}
+
+/// Any bits, also those that are NaN as floats.
+torch::Tensor random_words(torch::IntArrayRef sizes) {
+  return torch::randint(-(std::int64_t{1} << 31), std::int64_t{1} << 31, sizes, torch::kInt64).to(torch::kInt32);
+}
+
+// --- Rows ---
+
+/// The rows of a rank, dealt one by one.
+Counts deal_rows(int rank, int size, std::int64_t n_global) {
+  Counts rows;
+  for (std::int64_t row = 0; row < n_global; ++row) {
+    if (row / 1024 % size == rank) rows.push_back(row);
+  }
+  return rows;
+}
+
+void check_shards(const RowShards& shards, std::int64_t n_global) {
+  const Counts expected = deal_rows(shards.rank, shards.size, n_global);
+  expect(shards.n_local(n_global) == static_cast<std::int64_t>(expected.size()), "number of local rows");
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    const auto local = static_cast<std::int64_t>(i);
+    expect(shards.global_row(local) == expected[i] && shards.local_row(expected[i]) == local &&
+               shards.owner(expected[i]) == shards.rank,
+           "row " + std::to_string(expected[i]));
+  }
+  expect_same(global_rows(shards, n_global, torch::kCPU), torch::tensor(expected, torch::kInt64), "global rows");
+}
+
+void check_gathering(Communicator& ranks) {
+  const RowShards shards = shards_of(ranks);
+  expect(shards.rank == ranks.rank() && shards.size == ranks.size(), "shards of the communicator");
+  for (const std::int64_t n : {0, 1, 1023, 1024, 1025, 5000}) {
+    for (int r = 0; r < ranks.size(); ++r) check_shards({r, ranks.size()}, n);
+    const torch::Tensor wide = random_words({n, 6});
+    const std::vector<torch::Tensor> tensors{
+        wide.view(torch::kFloat32).view({n, 2, 3}), wide.select(1, 0).contiguous(), wide.view(torch::kInt64),
+        wide.select(1, 1).to(torch::kUInt8),        wide.select(1, 2) > 0,          torch::empty({n, 0, 3}),
+        wide.t().contiguous().t().select(1, 2)};
+    for (const torch::Tensor& whole : tensors) {
+      const torch::Tensor own = own_rows(whole, shards);
+      expect_same(own, whole.index_select(0, torch::tensor(deal_rows(shards.rank, shards.size, n), torch::kInt64)),
+                  "own rows");
+      expect(n == 0 || whole.numel() == 0 || own.data_ptr() != whole.data_ptr(), "own rows are a copy");
+      for (const std::int64_t piece_bytes : {kExchangePieceBytes, kOneBlock}) {
+        expect_same(gather_rows(ranks, own, n, piece_bytes), whole, "gathered rows");
+        const torch::Tensor first = gather_rows_on_first(ranks, own, n, piece_bytes);
+        if (ranks.is_first()) {
+          expect_same(first, whole, "rows gathered on rank 0");
+        } else {
+          expect(!first.defined(), "rows gathered elsewhere");
+        }
+      }
+    }
+  }
+}
+
+// --- Row edits ---
+
+struct Model {
+  GaussianTensors gaussians;
+  AdamState adam;
+  DensityStatistics statistics;
+
+  std::vector<torch::Tensor*> all() {
+    std::vector<torch::Tensor*> tensors;
+    for (GaussianTensors* group : {&gaussians, &adam.m, &adam.v}) {
+      for (torch::Tensor* tensor : group->all()) tensors.push_back(tensor);
+    }
+    for (torch::Tensor* column : statistics.all()) tensors.push_back(column);
+    return tensors;
+  }
+};
+
+GaussianTensors random_gaussians(std::int64_t n, std::int64_t n_coefficients) {
+  return {torch::randn({n, 3}), torch::randn({n, 3}),    torch::randn({n, 4}),
+          torch::randn({n}),    torch::randn({n, 1, 3}), torch::randn({n, n_coefficients, 3})};
+}
+
+Model random_model(std::int64_t n, std::int64_t n_coefficients, int n_columns) {
+  Model model{random_gaussians(n, n_coefficients),
+              {random_gaussians(n, n_coefficients), random_gaussians(n, n_coefficients), 7},
+              {torch::rand({n}), random_words({n}), random_words({n}), {}}};
+  model.gaussians.filters = torch::rand({n});
+  for (int i = 0; i < n_columns; ++i) model.statistics.extra.push_back({"column", torch::rand({n})});
+  return model;
+}
+
+Model own_part(const Model& whole, const RowShards& shards) {
+  Model own = whole;
+  for (torch::Tensor* tensor : own.all()) *tensor = own_rows(*tensor, shards);
+  return own;
+}
+
+/// Keeps each row with probability `keeps`, and adds copies of n_new rows.
+RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_opacities, bool copies_moments) {
+  const torch::Tensor kept = (torch::rand({n}) < keeps).nonzero().flatten();
+  RowEdit edit;
+  edit.sources = n == 0 ? kept : torch::cat({kept, torch::randint(n, {n_new}, torch::kInt64)});
+  edit.n_kept = kept.size(0);
+  n_new = edit.sources.size(0) - edit.n_kept;
+  edit.new_means = torch::randn({n_new, 3});
+  edit.new_log_scales = torch::randn({n_new, 3});
+  if (has_opacities) edit.new_logit_opacities = torch::randn({n_new});
+  edit.copies_moments = copies_moments;
+  return edit;
+}
+
+void check_edit(Communicator& ranks, const Model& before, const RowEdit& edit) {
+  const RowShards shards = shards_of(ranks);
+  const std::int64_t n = before.gaussians.size();
+  for (const std::int64_t piece_bytes : {kExchangePieceBytes, kOneBlock}) {
+    Model sharded = own_part(before, shards), whole = own_part(before, {0, 1});
+    apply_row_edit(edit, whole.gaussians, whole.adam, whole.statistics);
+    apply_row_edit(ranks, edit, n, sharded.gaussians, sharded.adam, sharded.statistics, piece_bytes);
+    const std::vector<torch::Tensor*> found = sharded.all(), expected = whole.all();
+    expect(found.size() == expected.size(), "tensors after the edit");
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      expect_same(*found[i], own_rows(*expected[i], shards),
+                  "tensor " + std::to_string(i) + " of " + std::to_string(n) + " rows after an edit to " +
+                      std::to_string(edit.sources.size(0)));
+    }
+    expect(!sharded.gaussians.filters.defined(), "filters after the edit");
+  }
+}
+
+void check_edits(Communicator& ranks) {
+  for (const std::int64_t n : {0, 5, 1024, 5000, 9000}) {
+    for (const std::int64_t n_coefficients : {0, 3}) {
+      const Model before = random_model(n, n_coefficients, n_coefficients == 0 ? 0 : 4);
+      check_edit(ranks, before, random_edit(n, 0.8, n / 3, false, false));
+      check_edit(ranks, before, random_edit(n, 0.3, 2 * n, true, true));
+      check_edit(ranks, before, random_edit(n, 0.9, n / 20, true, false));
+      check_edit(ranks, before, random_edit(n, 1.1, 0, false, true));    // changes nothing
+      check_edit(ranks, before, random_edit(n, -1, 2500, false, true));  // only new rows
+      check_edit(ranks, before, random_edit(n, -1, 0, true, false));     // removes all
+    }
+  }
+}
+
+// --- Splats ---
+
+struct WholeView {
+  torch::Tensor rows;  // [M] int64 global, ascending
+  ViewSplats splats;   // with Splat::gaussian = global row
+};
+
+torch::Tensor as_floats(const torch::Tensor& words) {
+  return words.view(torch::kFloat32);
+}
+
+WholeView random_view(std::int64_t n_global, double part) {
+  WholeView view;
+  view.rows = (torch::rand({n_global}) < part).nonzero().flatten();
+  const std::int64_t n = view.rows.size(0);
+  torch::Tensor words = random_words({n, 12});
+  words.select(1, 7).copy_(view.rows);
+  view.splats = {as_floats(words), as_floats(random_words({n, 2})), random_words({n})};
+  return view;
+}
+
+/// Places in view.rows of the rows that the rank owns.
+torch::Tensor places_of(const WholeView& view, const RowShards& shards) {
+  return (torch::div(view.rows, 1024, "floor").remainder(shards.size) == shards.rank).nonzero().flatten();
+}
+
+ViewSplats own_splats(const WholeView& view, const RowShards& shards) {
+  const torch::Tensor places = places_of(view, shards);
+  ViewSplats own{view.splats.splats.index_select(0, places), view.splats.extents.index_select(0, places),
+                 view.splats.radii.index_select(0, places)};
+  torch::Tensor gaussians = own.splats.view(torch::kInt32).select(1, 7);
+  for (std::int64_t i = 0; i < own.size(); ++i) {
+    gaussians[i] = static_cast<std::int32_t>(shards.local_row(gaussians[i].item<std::int32_t>()));
+  }
+  return own;
+}
+
+void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
+  const RowShards shards = shards_of(ranks);
+  std::vector<WholeView> views;
+  for (int v = 0; v < n_views; ++v) views.push_back(random_view(n_global, v == 1 ? 0 : 0.2 * v + 0.1));
+  std::vector<Counts> counts(static_cast<std::size_t>(ranks.size()));
+  for (int r = 0; r < ranks.size(); ++r) {
+    for (const WholeView& view : views) {
+      counts[static_cast<std::size_t>(r)].push_back(places_of(view, {r, ranks.size()}).size(0));
+    }
+  }
+  std::vector<ViewSplats> own;
+  for (const WholeView& view : views) own.push_back(own_splats(view, shards));
+
+  SplatExchange exchange(ranks);
+  for (int step = 0; step < 2; ++step) {
+    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts);
+    std::size_t i = 0;
+    for (int v = ranks.rank(); v < n_views; v += ranks.size(), ++i) {
+      const ViewSplats& expected = views[static_cast<std::size_t>(v)].splats;
+      expect(i < drawn.size(), "views drawn here");
+      expect_same(drawn[i].splats, expected.splats, "splats at the drawer");
+      expect_same(drawn[i].extents, expected.extents, "extents at the drawer");
+      expect_same(drawn[i].radii, expected.radii, "radii at the drawer");
+    }
+    expect(drawn.size() == i, "views drawn here");
+
+    for (const auto& [n_columns, type] : {std::pair{std::int64_t{12}, torch::kFloat32}, {5, torch::kInt32}}) {
+      std::vector<torch::Tensor> sums, from_here;
+      for (const WholeView& view : views) {
+        sums.push_back(random_words({view.rows.size(0), n_columns}).view(type));
+      }
+      for (int v = ranks.rank(); v < n_views; v += ranks.size()) from_here.push_back(sums[static_cast<std::size_t>(v)]);
+      const std::vector<torch::Tensor> received = exchange.to_owners(from_here, n_columns, type);
+      expect(received.size() == views.size(), "views at the owner");
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        expect_same(received[v], sums[v].index_select(0, places_of(views[v], shards)), "sums at the owner");
+      }
+    }
+  }
+}
+
+void check_splats(Communicator& ranks) {
+  for (const std::int64_t n_global : {0, 700, 9000}) {
+    for (int n_views = 0; n_views <= 5; ++n_views) check_step(ranks, n_global, n_views);
+  }
+}
+
+// --- Noise ---
+
+void check_noise(Communicator& ranks) {
+  constexpr std::int64_t kRows = 5000;
+  const RowShards shards = shards_of(ranks);
+  GaussianTensors before = random_gaussians(kRows, 0);
+  before.logit_opacities.sub_(5);  // nearly transparent, which gets noise
+  const auto copy = [&](const RowShards& of) {
+    GaussianTensors gaussians = before;
+    for (torch::Tensor* tensor : gaussians.all()) *tensor = own_rows(*tensor, of);
+    return gaussians;
+  };
+  const auto check = [&](const std::string& what, auto&& add_noise) {
+    GaussianTensors whole = copy({0, 1}), own = copy(shards), as_if_whole = copy(shards);
+    add_noise(whole, RowShards{});
+    add_noise(own, shards);
+    add_noise(as_if_whole, RowShards{});
+    expect_same(own.means, own_rows(whole.means, shards), "noise of " + what);
+    expect(!torch::equal(whole.means, before.means), "no noise of " + what);
+    expect(torch::equal(own.means, as_if_whole.means) == (ranks.size() == 1),
+           "noise of " + what + " depends on the shards");
+  };
+  check("add_mean_noise()", [](GaussianTensors& gaussians, const RowShards& of) {
+    add_mean_noise(gaussians, /*rate=*/400, /*seed=*/3, /*iteration=*/77, of);
+  });
+  for (const char* const name : {"mcmc", "balanced"}) {
+    TrainConfig config;
+    config.strategy = name;
+    config.noise_lr = 500000;
+    config.noise_from_iter = 0;
+    const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, /*extent=*/2);
+    check(name, [&](GaussianTensors& gaussians, const RowShards& of) { strategy->after_step(77, gaussians, of); });
+  }
+}
+
+// --- What does not fit: all ranks throw, and can go on ---
+
+void check_misfits(Communicator& ranks) {
+  const RowShards shards = shards_of(ranks);
+  constexpr std::int64_t kRows = 5000;
+  const bool is_last = ranks.rank() == ranks.size() - 1;
+  const std::string last = "rank " + std::to_string(ranks.size() - 1) + " of ";
+
+  const torch::Tensor own = own_rows(torch::arange(kRows), shards);
+  expect_failure("rows of 6024", [&] { gather_rows(ranks, own, kRows + 1024); });
+  expect_failure(last, [&] { gather_rows(ranks, is_last ? own.slice(0, 1) : own, kRows); });
+  expect_failure(last, [&] { gather_rows_on_first(ranks, is_last ? own.slice(0, 1) : own, kRows); });
+  if (ranks.size() > 1) {
+    expect_failure("disagree", [&] {
+      const std::int64_t n = is_last ? 2 * kRows : kRows;
+      gather_rows(ranks, own_rows(torch::arange(n), shards), n);
+    });
+    expect_failure("disagree", [&] { gather_rows(ranks, is_last ? own.to(torch::kFloat32) : own, kRows); });
+  }
+
+  const Model whole = random_model(kRows, 3, 1);
+  const auto edit_fails = [&](const std::string& part, const RowEdit& edit, std::int64_t n_before, Model model) {
+    const torch::Tensor means = model.gaussians.means.clone();
+    expect_failure(part, [&] { apply_row_edit(ranks, edit, n_before, model.gaussians, model.adam, model.statistics); });
+    expect_same(model.gaussians.means, means, "means after a refused edit");
+  };
+  const RowEdit edit = random_edit(kRows, 0.7, 500, true, false);
+  edit_fails(last, edit, is_last ? kRows + 1024 * ranks.size() : kRows, own_part(whole, shards));
+  Model short_column = own_part(whole, shards);
+  if (is_last) short_column.statistics.extra[0].values = short_column.statistics.extra[0].values.slice(0, 1);
+  edit_fails(last, edit, kRows, short_column);
+  RowEdit other = edit;
+  if (is_last) other.sources = edit.sources + kRows;
+  edit_fails("sources of the edit", other, kRows, own_part(whole, shards));
+  other = edit;
+  if (is_last) other.n_kept -= 1;
+  edit_fails("the edit keeps", other, kRows, own_part(whole, shards));
+  if (ranks.size() > 1) {
+    other = edit;
+    if (is_last) other.sources = edit.sources.flip(0);
+    edit_fails("disagree on the row edit", other, kRows, own_part(whole, shards));
+    other = edit;
+    other.copies_moments = is_last;
+    edit_fails("disagree on the row edit", other, kRows, own_part(whole, shards));
+  }
+
+  const WholeView view = random_view(kRows, 0.5);
+  std::vector<Counts> counts;
+  for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, {r, ranks.size()}).size(0)});
+  const std::vector<ViewSplats> splats{own_splats(view, shards)};
+  SplatExchange exchange(ranks);
+  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts); });
+  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}); });
+  std::vector<Counts> wrong = counts;
+  ++wrong[static_cast<std::size_t>(ranks.rank())][0];
+  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong); });
+  ViewSplats without_radii = splats[0];
+  without_radii.radii = torch::Tensor();
+  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts); });
+  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts);
+  expect_failure("views of the step", [&] {
+    exchange.to_owners(std::vector<torch::Tensor>(drawn.size() + 1, torch::empty({0, 2})), 2, torch::kFloat32);
+  });
+  if (drawn.empty()) {
+    exchange.to_owners({}, 2, torch::kFloat32);
+  } else {
+    const std::int64_t n = drawn[0].size();
+    expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n, 3})}, 2, torch::kFloat32); });
+    expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n + 1, 2})}, 2, torch::kFloat32); });
+    expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n, 2})}, 2, torch::kInt32); });
+    exchange.to_owners({torch::empty({n, 2})}, 2, torch::kFloat32);
+  }
+}
+
+void run_scenario(const std::string& scenario, Communicator& ranks) {
+  torch::manual_seed(11);  // whole tensors are the same on all ranks
+  if (scenario == "gathering") return check_gathering(ranks);
+  if (scenario == "edits") return check_edits(ranks);
+  if (scenario == "splats") return check_splats(ranks);
+  if (scenario == "noise") return check_noise(ranks);
+  if (scenario == "misfits") return check_misfits(ranks);
+  throw LogicError("unknown scenario " + scenario);
+}
+
+}  // namespace
+}  // namespace b3dgs
+
+int main(int argc, char** argv) {
+  if (argc != 3) return 2;
+  const std::string scenario = argv[2];
+  b3dgs::test::RankProgram program;
+  program.size = std::atoi(argv[1]);
+  program.arguments = {argv[1], scenario};
+  program.body = [&](b3dgs::Communicator& ranks) { b3dgs::run_scenario(scenario, ranks); };
+  return b3dgs::test::report_errors([&] { return b3dgs::test::run_rank_program(program); });
+}
