@@ -17,6 +17,7 @@
 #include "config/preset_help.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
+#include "core/host_memory.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
 #include "dist/communicator.h"
@@ -24,6 +25,7 @@
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
 #include "report/train_report.h"
+#include "scene/images/image_memory.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/count_limit.h"
@@ -269,9 +271,20 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   std::printf("%-12s%s\n", "model", config.model_path.c_str());
 }
 
-/// @param device_name  --device: all ranks use the same
+/// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
+/// much.
+SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) {
+  SceneOptions options = scene_options(config);
+  if (n_ranks_here > 1 && config.host_memory_gb < 0) {
+    const std::int64_t available = available_host_memory() / n_ranks_here;
+    options.host_memory_gb = 1e-9 * static_cast<double>(image_memory_limit(config.host_memory_gb, available));
+  }
+  return options;
+}
+
+/// @param device_name_of_all  --device, the same on all ranks
 int train(const CommandLine& line, const TrainCommandOptions& options, const std::string& device_name_of_all,
-          Communicator& ranks) {
+          Communicator& ranks, const MachineShare& machine = {}) {
   const double start_s = steady_seconds();
   const bool is_first = ranks.is_first(), has_peers = ranks.size() > 1;
   const bool quiet = options.quiet || !is_first;
@@ -295,7 +308,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   const ModelFolder folder(config.model_path);
 
   const double reading_start_s = steady_seconds();
-  const Scene scene = open_scene(scene_options(config), status);
+  const Scene scene = open_scene(scene_options_of_rank(config, machine.n_ranks), status);
   if (!quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
@@ -380,8 +393,9 @@ int run_train(const std::vector<std::string>& words) {
   if (plan.place.size == 1) return train(line, options, plan.device_name, *Communicator::alone());
   const JoinedRank joined = join_ranks(plan.device_name, plan.place);
   return run_as_rank(*joined.ranks, [&] {
-    set_default_threads(cores_per_rank(*joined.ranks));
-    return train(line, options, device_name(joined.device), *joined.ranks);
+    const MachineShare machine = share_machine(*joined.ranks);
+    set_default_threads(machine.n_cores);
+    return train(line, options, device_name(joined.device), *joined.ranks, machine);
   });
 }
 

@@ -10,7 +10,7 @@
 #include <charconv>
 #include <csignal>
 #include <fstream>
-#include <vector>
+#include <optional>
 
 #include "core/check.h"
 #include "dist/tensor_group.h"
@@ -73,16 +73,21 @@ void check_start(const RankOptions& options, int n, const std::string& device_na
   if (!reason.empty()) input_error(n, " ranks: ", reason);
 }
 
-/// What differs between machines, and between ranks that a launcher has bound to different cores of one.
-std::string own_cores() {
-  std::string id;
-  std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), id);
+std::string machine_name() {
+  std::string boot_id;
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::getline(file, boot_id);
   std::array<char, 256> host{};
   gethostname(host.data(), host.size() - 1);
+  return boot_id + " " + host.data();
+}
+
+/// A launcher may bind ranks to different cores of one machine.
+std::string own_cores() {
   cpu_set_t cores;
   CPU_ZERO(&cores);
   sched_getaffinity(0, sizeof cores, &cores);  // fails with more than 1024 cores: none then
-  return id + host.data() + std::string(reinterpret_cast<const char*>(&cores), sizeof cores);
+  return std::string(reinterpret_cast<const char*>(&cores), sizeof cores);
 }
 
 }  // namespace
@@ -113,11 +118,16 @@ JoinedRank join_ranks(const std::string& device_name, const RankPlace& place) {
   return {device, Communicator::connect(place, device)};
 }
 
-int cores_per_rank(Communicator& ranks) {
-  const std::string own = own_cores();
-  const std::vector<std::string> all = ranks.exchange("cores", own);
-  const auto n_sharing = static_cast<int>(std::count(all.begin(), all.end(), own));
-  return std::max(1, omp_get_num_procs() / n_sharing);
+MachineShare share_machine(Communicator& ranks) {
+  const std::string machine = machine_name(), own = machine + '\n' + own_cores();
+  MachineShare share{0, 0};
+  int n_on_own_cores = 0;
+  for (const std::string& other : ranks.exchange("machine", own)) {
+    share.n_ranks += other.compare(0, machine.size() + 1, machine + '\n') == 0 ? 1 : 0;
+    n_on_own_cores += other == own ? 1 : 0;
+  }
+  share.n_cores = std::max(1, omp_get_num_procs() / n_on_own_cores);
+  return share;
 }
 
 std::string RankOptions::as_words() const {

@@ -3,7 +3,7 @@
 
 #include <torch/types.h>
 
-#include <optional>
+#include <memory>
 #include <string>
 
 #include "dist/communicator.h"
@@ -28,8 +28,13 @@ struct JoinedRank {
 };
 JoinedRank join_ranks(const std::string& device_name, const RankPlace& place);
 
-/// Cores of this machine, divided by the ranks that run on the same ones; at least 1. All ranks call this together.
-int cores_per_rank(Communicator& ranks);
+/// What of this machine is for one rank.
+struct MachineShare {
+  int n_ranks = 1;  // on this machine
+  int n_cores = 1;  // cores that this process may use, divided by the ranks that run on the same ones; at least 1
+};
+/// All ranks call this together.
+MachineShare share_machine(Communicator& ranks);
 
 /// The options --ranks and --gpus of a command that also runs alone.
 struct RankOptions {
