@@ -1,4 +1,5 @@
 // b3dgs train: trains a COLMAP scene, from the start or from a checkpoint.
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -7,6 +8,7 @@
 
 #include "app/machine/machine.h"
 #include "app/model.h"
+#include "app/ranks/rank_setup.h"
 #include "app/record_run.h"
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
@@ -15,11 +17,15 @@
 #include "config/preset_help.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
+#include "core/host_memory.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
+#include "dist/communicator.h"
+#include "dist/launch/start_ranks.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
 #include "report/train_report.h"
+#include "scene/images/image_memory.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/count_limit.h"
@@ -38,6 +44,7 @@ struct TrainCommandOptions {
   bool overwrite = false;
   bool quiet = false;
   bool disable_viewer = false;
+  RankOptions rank;
 };
 
 template <class Config, class Visitor>
@@ -47,6 +54,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
   field(Option{"resume", '\0', {"start_checkpoint"}}.common(), c.resume, Any{},
         "checkpoint or model folder to resume; auto: folder of -m, if it has a checkpoint");
   field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing model in the output folder");
+  field(Option{"gpus"}.common(), c.rank.gpus, Any{},
+        "GPUs of this machine to train on, a process for each: a number, or auto for all");
+  field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
+        "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
   field(Option{"disable_viewer"}, c.disable_viewer, Any{},
         "no effect; accepted for command lines of the original 3DGS");
@@ -57,7 +68,8 @@ struct TrainPlan {
   TrainConfig config;
   std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
   TrainCommandOptions options;
-  fs::path checkpoint;  // to resume, or empty
+  fs::path checkpoint;       // to resume, or empty
+  bool is_replaced = false;  // the model in the folder
 };
 
 std::string default_model_path(const std::string& source_path) {
@@ -120,7 +132,14 @@ TrainConfig config_of_folder(const std::string& model_path) {
   return config;
 }
 
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options) {
+/// With several ranks, each draws a view of a step unless the user says otherwise.
+void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) {
+  const bool is_chosen =
+      layers.given.contains("batch") || layers.preset.contains("batch") || layers.strategy.contains("batch");
+  if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
+}
+
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks) {
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
@@ -143,6 +162,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_at_resume(config, given);
     plan.layers.reset();
   }
+  if (plan.layers) choose_batch(config, *plan.layers, n_ranks);
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
@@ -187,6 +207,29 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   check_scene(header, load_scene(options), checkpoint.string());
 }
 
+/// Rank 0 tells the others what it has decided; they do not look at the model folder.
+void share_plan(Communicator& ranks, TrainPlan& plan) {
+  nlohmann::ordered_json words;
+  if (ranks.is_first()) words = {{"config", config_to_json(plan.config)}, {"checkpoint", plan.checkpoint.string()}};
+  const std::string plan_of_first = ranks.exchange("plan", words.dump()).front();
+  if (ranks.is_first()) return;
+  words = nlohmann::ordered_json::parse(plan_of_first);
+  config_from_json(plan.config, words["config"], "the plan of rank 0");
+  plan.checkpoint = words["checkpoint"].get<std::string>();
+}
+
+/// The model folder during a training: only one process trains into it, and it vanishes if nothing is written to it.
+struct HeldFolder {
+  explicit HeldFolder(const fs::path& folder) : guard(folder), lock(folder) {}
+  EmptyFolderGuard guard;
+  FolderLock lock;
+};
+
+std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
+  return detail::concat("ranks       ", n_ranks, ", ", config.batch, config.batch > 1 ? " views" : " view", " per step",
+                        layers && layers->config.batch != config.batch ? " (one per rank; --batch changes it)" : "");
+}
+
 std::string describe_limit(const TrainConfig& config) {
   return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
                         config.pixels_per_gaussian, ")");
@@ -228,6 +271,107 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   std::printf("%-12s%s\n", "model", config.model_path.c_str());
 }
 
+/// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
+/// much.
+SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) {
+  SceneOptions options = scene_options(config);
+  if (n_ranks_here > 1 && config.host_memory_gb < 0) {
+    const std::int64_t available = available_host_memory() / n_ranks_here;
+    options.host_memory_gb = 1e-9 * static_cast<double>(image_memory_limit(config.host_memory_gb, available));
+  }
+  return options;
+}
+
+/// @param device_name_of_all  --device, the same on all ranks
+int train(const CommandLine& line, const TrainCommandOptions& options, const std::string& device_name_of_all,
+          Communicator& ranks, const MachineShare& machine = {}) {
+  const double start_s = steady_seconds();
+  const bool is_first = ranks.is_first(), has_peers = ranks.size() > 1;
+  const bool quiet = options.quiet || !is_first;
+  StatusLine status = is_first ? StatusLine::for_stderr(options.quiet) : StatusLine::silent();
+  TrainPlan plan;
+  if (is_first) plan = make_plan(line, status, options, ranks.size());
+  const torch::Device device = choose_device(device_name_of_all);
+  std::optional<HeldFolder> held;
+  if (is_first) {
+    plan.config.device = device_name(device);
+    check_options(plan.config);
+    set_compute_threads(plan.config.threads);
+    const ModelFolder folder(plan.config.model_path);
+    held.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
+    plan.is_replaced = guard_model(folder, plan);
+    check_checkpoint(plan.checkpoint, plan.config);
+  }
+  if (has_peers) share_plan(ranks, plan);
+  if (!is_first) set_compute_threads(plan.config.threads);
+  const TrainConfig& config = plan.config;
+  const ModelFolder folder(config.model_path);
+
+  const double reading_start_s = steady_seconds();
+  const Scene scene = open_scene(scene_options_of_rank(config, machine.n_ranks), status);
+  if (!quiet) {
+    for (const std::string& text : scene.summary) std::cout << text << "\n";
+    std::cout << describe_device(device) << std::endl;
+    if (has_peers) std::cout << describe_ranks(ranks.size(), config, plan.layers) << std::endl;
+  }
+  if (const std::int64_t limit = count_limit(config, scene); limit != config.max_gaussians) {
+    plan.config.max_gaussians = limit;
+    if (!quiet) std::cout << describe_limit(config) << std::endl;
+  }
+  if (!quiet && plan.layers) {
+    for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
+  }
+
+  TrainProgressView progress(status, config);
+  TrainHooks hooks;
+  hooks.stop_signal = &stop_signal();
+  if (has_peers) hooks.ranks = &ranks;
+  if (is_first) {
+    hooks.on_progress = std::ref(progress);
+    hooks.on_message = [&](const std::string& message) {
+      if (!options.quiet) status.print(message);
+    };
+    hooks.on_warning = [&](const std::string& message) { status.warn(message); };
+    hooks.on_loading = show_loading(status);
+  }
+  std::unique_ptr<Trainer> owned;
+  hooks.on_result = [&] { record_previews(*owned, scene, folder, hooks.ranks); };
+  owned = std::make_unique<Trainer>(config, scene, folder, hooks);
+  Trainer& trainer = *owned;
+  const double reading_s = steady_seconds() - reading_start_s;
+  status.clear();
+  if (!quiet) std::cout << "photographs " << trainer.describe_images() << std::endl;
+  if (!plan.checkpoint.empty()) {
+    const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
+    if (is_first) {
+      std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:")
+                << std::endl;
+      for (const std::string& change : changes) std::cout << "  " << change << std::endl;
+    }
+  }
+  if (plan.is_replaced) remove_model(folder);
+  ranks.barrier("model folder");
+
+  if (const auto forecast = trainer.forecast_memory(); forecast && !quiet) {
+    std::cout << describe_memory(*forecast) << std::endl;
+  }
+
+  catch_stop_signals();
+  const TrainResult result = trainer.run();
+  status.clear();
+  if (is_first) report(result, config, steady_seconds() - start_s);
+  record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
+  if (is_first) std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+  // A launcher may end ranks that still run after another one has returned something else than 0.
+  ranks.barrier("end");
+  if (!result.interrupted) return 0;
+  if (is_first) {
+    std::cout << "stopped by a signal; resume with: b3dgs train --resume " << result.checkpoint.string()
+              << options.rank.as_words() << "\n";
+  }
+  return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));
+}
+
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
@@ -239,70 +383,20 @@ int run_train(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   line.apply(options);
 
-  const double start_s = steady_seconds();
-  StatusLine status = StatusLine::for_stderr(options.quiet);
-  TrainPlan plan = make_plan(line, status, options);
-  const torch::Device device = choose_device(plan.config.device);
-  plan.config.device = device_name(device);
-  const TrainConfig& config = plan.config;
-  check_options(config);
-  set_compute_threads(config.threads);
-  const ModelFolder folder(config.model_path);
-  const EmptyFolderGuard guard(folder.root());
-  const FolderLock lock(folder.root());  // before photographs are read, so that a read-only folder fails early
-  const bool is_replaced = guard_model(folder, plan);
-  check_checkpoint(plan.checkpoint, config);
-
-  const double reading_start_s = steady_seconds();
-  const Scene scene = open_scene(scene_options(config), status);
-  if (!options.quiet) {
-    for (const std::string& text : scene.summary) std::cout << text << "\n";
-    std::cout << describe_device(device) << std::endl;
+  const std::string device = resolve_options(given_options(line, options.config)).config.device;
+  const RankPlan plan = plan_ranks(options.rank, device);
+  if (plan.n_to_start > 0) {
+    std::vector<std::string> all{"train"};
+    all.insert(all.end(), words.begin(), words.end());
+    return start_ranks(plan.n_to_start, all);
   }
-  if (const std::int64_t limit = count_limit(config, scene); limit != config.max_gaussians) {
-    plan.config.max_gaussians = limit;
-    if (!options.quiet) std::cout << describe_limit(config) << std::endl;
-  }
-  if (!options.quiet && plan.layers) {
-    for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
-  }
-
-  TrainProgressView progress(status, config);
-  TrainHooks hooks;
-  hooks.on_progress = std::ref(progress);
-  hooks.on_message = [&](const std::string& message) {
-    if (!options.quiet) status.print(message);
-  };
-  hooks.on_warning = [&](const std::string& message) { status.warn(message); };
-  hooks.on_loading = show_loading(status);
-  hooks.stop_signal = &stop_signal();
-  std::unique_ptr<Trainer> owned;
-  hooks.on_result = [&] { record_previews(*owned, scene, folder); };
-  owned = std::make_unique<Trainer>(config, scene, folder, hooks);
-  Trainer& trainer = *owned;
-  const double reading_s = steady_seconds() - reading_start_s;
-  status.clear();
-  if (!options.quiet) std::cout << "photographs " << trainer.describe_images() << std::endl;
-  if (!plan.checkpoint.empty()) {
-    const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
-    std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;
-    for (const std::string& change : changes) std::cout << "  " << change << std::endl;
-  }
-  if (is_replaced) remove_model(folder);
-
-  if (const auto forecast = trainer.forecast_memory(); forecast && !options.quiet) {
-    std::cout << describe_memory(*forecast) << std::endl;
-  }
-
-  catch_stop_signals();
-  const TrainResult result = trainer.run();
-  status.clear();
-  report(result, config, steady_seconds() - start_s);
-  record_session({describe_machine(device), reading_s, result}, trainer, scene, folder);
-  std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
-  if (!result.interrupted) return 0;
-  std::cout << "stopped by a signal; resume with: b3dgs train --resume " << result.checkpoint.string() << "\n";
-  return 128 + stop_signal();
+  if (plan.place.size == 1) return train(line, options, plan.device_name, *Communicator::alone());
+  const JoinedRank joined = join_ranks(plan.device_name, plan.place);
+  return run_as_rank(*joined.ranks, [&] {
+    const MachineShare machine = share_machine(*joined.ranks);
+    set_default_threads(machine.n_cores);
+    return train(line, options, device_name(joined.device), *joined.ranks, machine);
+  });
 }
 
 }  // namespace b3dgs

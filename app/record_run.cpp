@@ -43,22 +43,34 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
   return previews;
 }
 
+const std::vector<View>& previewed_views(const Scene& scene) {
+  return scene.test.empty() ? scene.train : scene.test;
+}
+
 }  // namespace
 
-void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator* ranks) {
+  if (ranks != nullptr && !ranks->is_first()) {
+    trainer.evaluate(choose_views(previewed_views(scene)));
+    return;
+  }
   RunInfo record = read_run_info(folder);
   record.iteration = trainer.iteration();
   record.held_out = !scene.test.empty();
-  record.previews = render_previews(trainer, record.held_out ? scene.test : scene.train, folder);
+  record.previews = render_previews(trainer, previewed_views(scene), folder);
   write_run_info(record, folder);
 }
 
-void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder) {
-  RunInfo record = read_run_info(folder);
-  if (record.iteration != trainer.iteration() || record.previews.empty()) {
-    record_previews(trainer, scene, folder);
-    record = read_run_info(folder);
-  }
+void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
+                    Communicator* ranks) {
+  const bool is_first = ranks == nullptr || ranks->is_first();
+  RunInfo record;
+  if (is_first) record = read_run_info(folder);
+  bool lacks_previews = is_first && (record.iteration != trainer.iteration() || record.previews.empty());
+  if (ranks != nullptr) lacks_previews = ranks->max("previews", lacks_previews ? 1 : 0) > 0;
+  if (lacks_previews) record_previews(trainer, scene, folder, ranks);
+  if (!is_first) return;
+  if (lacks_previews) record = read_run_info(folder);
   record.machine = session.machine;
   record.reading_s += session.reading_s;
   record.output_s += session.result.output_s;

@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "dist/communicator.h"
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/trainer.h"
@@ -10,8 +11,10 @@
 namespace b3dgs {
 
 /// Renders up to three views (test views if there are any) and saves them for the report. To be called from
-/// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. @throws IoError
-void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder);
+/// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. Of several ranks, all
+/// call this together, since rendering may need all of them, and rank 0 writes. `ranks` as in TrainHooks. @throws
+/// IoError
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator* ranks = nullptr);
 
 /// What one session adds.
 struct SessionRecord {
@@ -21,7 +24,8 @@ struct SessionRecord {
 };
 
 /// Adds a session, and the views if record_previews() was not called at this iteration, as in an interrupted training.
-/// @throws IoError
-void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder);
+/// All ranks call this together, and rank 0 writes. @throws IoError
+void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
+                    Communicator* ranks = nullptr);
 
 }  // namespace b3dgs

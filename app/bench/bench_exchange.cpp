@@ -13,15 +13,13 @@
 
 #include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
+#include "app/ranks/rank_setup.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
-#if B3DGS_TORCH_CUDA
-#include <c10/cuda/CUDAFunctions.h>
-#endif
 
 namespace b3dgs {
 namespace {
@@ -38,7 +36,7 @@ struct ExchangeConfig {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"ranks"}, c.ranks, InRange{0, 1024},
+  field(Option{"ranks"}, c.ranks, InRange{0, kMaxStartedRanks},
         "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where the data is; cuda: a GPU for each rank; auto: GPUs if there are enough");
@@ -49,15 +47,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> vi
 }
 
 constexpr std::int64_t kRowBytes = 64;  // 16 floats, about a splat
-
-torch::Device choose_rank_device(const std::string& name, const RankPlace& place) {
-  if (name == "cpu") return torch::kCPU;
-  const auto n_gpus = static_cast<int>(torch::cuda::device_count());
-  if (place.local_rank < n_gpus) return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank));
-  if (name == "auto") return torch::kCPU;
-  input_error("--device cuda: rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ",
-              place.local_rank, " of this machine, which has ", n_gpus, "); use fewer ranks or --device cpu");
-}
 
 void wait_for(const torch::Device& device) {
   if (device.is_cuda()) torch::cuda::synchronize(device.index());
@@ -191,12 +180,8 @@ int run_bench_exchange(const std::vector<std::string>& words) {
   }
   if (place->size == 1) input_error("bench exchange needs at least two ranks: add --ranks 2");
 
-  const torch::Device device = choose_rank_device(config.device, *place);
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) c10::cuda::set_device(device.index());
-#endif
-  const std::unique_ptr<Communicator> ranks = Communicator::connect(*place, device);
-  run_as_rank(*ranks, [&] { time_exchanges(*ranks, config, *place, device); });
+  const JoinedRank joined = join_ranks(config.device, *place);
+  run_as_rank(*joined.ranks, [&] { time_exchanges(*joined.ranks, config, *place, joined.device); });
   return 0;
 }
 

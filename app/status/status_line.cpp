@@ -30,6 +30,11 @@ StatusLine StatusLine::for_stderr(bool quiet) {
   return StatusLine(std::cerr, has_size ? size.ws_col : is_terminal ? 80 : 0, quiet);
 }
 
+StatusLine StatusLine::silent() {
+  static std::ostream nowhere(nullptr);
+  return StatusLine(nowhere, 0, /*quiet=*/true);
+}
+
 StatusLine::~StatusLine() {
   clear();
 }

@@ -21,6 +21,8 @@ class StatusLine {
   StatusLine(std::ostream& out, int columns, bool quiet, Clock clock = steady_seconds);
   /// A status line on standard error.
   static StatusLine for_stderr(bool quiet);
+  /// Shows nothing, not even lines from print() and warn().
+  static StatusLine silent();
   ~StatusLine();
 
   bool is_quiet() const { return quiet_; }

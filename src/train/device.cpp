@@ -5,6 +5,8 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #if B3DGS_TORCH_CUDA
+#include <c10/cuda/CUDAFunctions.h>
+
 #include "raster/cuda/gpu_support.h"
 #endif
 
@@ -25,14 +27,14 @@ std::string why_no_gpu() {
 torch::Device choose_device(const std::string& name) {
   if (name == "cpu") return torch::kCPU;
   const std::string reason = why_no_gpu();
-  if (!reason.empty()) {
-    if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
-    return torch::kCPU;
-  }
 #if B3DGS_TORCH_CUDA
-  cuda::require_support(cuda::query_gpu_support());
+  if (reason.empty()) {
+    cuda::require_support(cuda::query_gpu_support());
+    return torch::Device(torch::kCUDA, c10::cuda::current_device());
+  }
 #endif
-  return torch::Device(torch::kCUDA, 0);
+  if (name == "cuda") input_error("--device cuda: ", reason, "; use --device cpu");
+  return torch::kCPU;
 }
 
 std::string device_name(const torch::Device& device) {

@@ -8,6 +8,7 @@
 namespace b3dgs {
 
 /// The device for `--device NAME`: "cpu", "cuda", or "auto", which is a GPU if this build and this machine support one.
+/// The GPU is CUDA's current device of this thread: number 0 unless it was changed.
 /// @throws InputError if "cuda" is given and there is no GPU, or if the kernels of this build cannot run on the GPU
 torch::Device choose_device(const std::string& name);
 

@@ -11,8 +11,10 @@ constexpr int kArchitectures[] = {__CUDA_ARCH_LIST__};  // 800, 900
 }  // namespace
 
 GpuSupport query_gpu_support() {
+  int device = 0;
+  B3DGS_CUDA_CHECK(cudaGetDevice(&device));
   cudaDeviceProp properties{};
-  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, 0));
+  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device));
   GpuSupport gpu;
   gpu.name = properties.name;
   gpu.capability = 10 * properties.major + properties.minor;

@@ -15,7 +15,7 @@ struct GpuSupport {
   bool has_code = true;            // the driver found kernel code that this GPU can run
 };
 
-/// Queries GPU 0, which must exist. @throws Error if the driver reports an error
+/// Queries the current GPU, which must exist. @throws Error if the driver reports an error
 GpuSupport query_gpu_support();
 
 /// @throws InputError if this build has no code for the GPU

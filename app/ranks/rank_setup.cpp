@@ -1,0 +1,167 @@
+#include "app/ranks/rank_setup.h"
+
+#include <omp.h>
+#include <sched.h>
+#include <torch/cuda.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <csignal>
+#include <fstream>
+#include <optional>
+
+#include "core/check.h"
+#include "dist/tensor_group.h"
+#if B3DGS_TORCH_CUDA
+#include <c10/cuda/CUDAFunctions.h>
+#endif
+
+namespace b3dgs {
+namespace {
+
+#if B3DGS_TORCH_CUDA
+/// While one exists, new threads are started with all signals blocked. CUDA's would otherwise receive those that
+/// start_ranks() waits for.
+class SignalsBlocked {
+ public:
+  SignalsBlocked() {
+    sigset_t all;
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &before_);
+  }
+  ~SignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  SignalsBlocked(const SignalsBlocked&) = delete;
+  SignalsBlocked& operator=(const SignalsBlocked&) = delete;
+
+ private:
+  sigset_t before_{};
+};
+#endif
+
+std::string describe_gpus(int n_gpus) {
+#if B3DGS_TORCH_CUDA
+  return n_gpus == 0 ? "no GPU found, or its driver does not respond"
+                     : detail::concat("this machine has ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs");
+#else
+  static_cast<void>(n_gpus);
+  return "this build has no CUDA support (needs nvcc and a LibTorch with CUDA)";
+#endif
+}
+
+/// The value of --gpus. 0: auto
+int parse_gpus(const std::string& text) {
+  if (text == "auto") return 0;
+  int n = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), n);
+  if (error != std::errc() || end != text.data() + text.size() || n < 1 || n > kMaxStartedRanks) {
+    input_error("invalid value for --gpus (expected auto, or a whole number from 1 to ", kMaxStartedRanks, "): ", text);
+  }
+  return n;
+}
+
+/// @throws InputError if ranks of this machine cannot use the device
+void check_start(const RankOptions& options, int n, const std::string& device_name) {
+  const int n_gpus = device_name == "cpu" ? 0 : count_gpus();
+  const bool uses_gpus = device_name == "cuda" || n_gpus > 0;
+  if (uses_gpus && n > n_gpus) {
+    input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
+                "; use ", n_gpus > 1 ? "fewer ranks, or " : "", "processes on the CPU: --ranks ", n, " --device cpu");
+  }
+  const std::string reason = why_no_tensor_group(torch::Device(uses_gpus ? torch::kCUDA : torch::kCPU));
+  if (!reason.empty()) input_error(n, " ranks: ", reason);
+}
+
+std::string machine_name() {
+  std::string boot_id;
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::getline(file, boot_id);
+  std::array<char, 256> host{};
+  gethostname(host.data(), host.size() - 1);
+  return boot_id + " " + host.data();
+}
+
+/// A launcher may bind ranks to different cores of one machine.
+std::string own_cores() {
+  cpu_set_t cores;
+  CPU_ZERO(&cores);
+  sched_getaffinity(0, sizeof cores, &cores);  // fails with more than 1024 cores: none then
+  return std::string(reinterpret_cast<const char*>(&cores), sizeof cores);
+}
+
+}  // namespace
+
+int count_gpus() {
+#if B3DGS_TORCH_CUDA
+  const SignalsBlocked in_new_threads;
+  return static_cast<int>(torch::cuda::device_count());
+#else
+  return 0;
+#endif
+}
+
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place) {
+  if (name == "cpu") return torch::kCPU;
+  const int n_gpus = count_gpus();
+  if (place.local_rank < n_gpus) return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank));
+  if (name == "auto") return torch::kCPU;
+  input_error("--device cuda: rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ",
+              place.local_rank, " of this machine, which has ", n_gpus, "); use fewer ranks or --device cpu");
+}
+
+JoinedRank join_ranks(const std::string& device_name, const RankPlace& place) {
+  const torch::Device device = choose_rank_device(device_name, place);
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) c10::cuda::set_device(device.index());
+#endif
+  return {device, Communicator::connect(place, device)};
+}
+
+MachineShare share_machine(Communicator& ranks) {
+  const std::string machine = machine_name(), own = machine + '\n' + own_cores();
+  MachineShare share{0, 0};
+  int n_on_own_cores = 0;
+  for (const std::string& other : ranks.exchange("machine", own)) {
+    share.n_ranks += other.compare(0, machine.size() + 1, machine + '\n') == 0 ? 1 : 0;
+    n_on_own_cores += other == own ? 1 : 0;
+  }
+  share.n_cores = std::max(1, omp_get_num_procs() / n_on_own_cores);
+  return share;
+}
+
+std::string RankOptions::as_words() const {
+  if (!gpus.empty()) return " --gpus " + gpus;
+  return ranks == 0 ? "" : " --ranks " + std::to_string(ranks);
+}
+
+RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) {
+  RankPlan plan{RankPlace{}, 0, device_name};
+  const bool has_gpus = !options.gpus.empty();
+  if (options.ranks > 0 && has_gpus) {
+    input_error("--ranks and --gpus exclude each other: --gpus starts one rank for each GPU; leave out one of them");
+  }
+  const int n_gpus = has_gpus ? parse_gpus(options.gpus) : 0;
+  if (has_gpus && device_name == "cpu") {
+    input_error("--gpus ", options.gpus, " and --device cpu exclude each other; use --ranks for processes on a CPU");
+  }
+  if (options.ranks == 1) return plan;
+
+  const std::optional<RankPlace> launched = choose_rank_place(has_gpus ? n_gpus : options.ranks);
+  const bool is_launched = launched && launched->size > 1;
+  if (is_launched) {
+    plan.place = *launched;
+    if (has_gpus) plan.device_name = "cuda";
+    return plan;
+  }
+  const int n = options.gpus == "auto" ? count_gpus() : has_gpus ? n_gpus : options.ranks;
+  if (n > 1) {
+    check_start(options, n, has_gpus ? "cuda" : device_name);
+    plan.n_to_start = n;
+  } else if (n_gpus == 1) {
+    plan.device_name = "cuda";
+  }
+  return plan;
+}
+
+}  // namespace b3dgs
