@@ -11,7 +11,7 @@ namespace b3dgs {
 /// b % size. A rank keeps its blocks in ascending order, so that its rows ascend too. Rows added at the end move no
 /// other row.
 struct RowShards {
-  static constexpr std::int64_t kBlock = 1024;
+  static constexpr std::int64_t kBlock = 32;
 
   int rank = 0, size = 1;
 

@@ -243,11 +243,20 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
   B3DGS_CHECK(impl.has_begun, "evaluate() before run_until()");
   if (!impl.is_distributed()) impl.read_loss();
   const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
-  return impl.without_invalid_gaussians([&] {
-    return evaluate_views([&](auto&&... view) { return impl.render(view...); }, impl.device, refined,
-                          evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, /*lpips=*/nullptr,
-                          impl.color_evaluation(), impl.state.background.coefficients);
-  });
+  Evaluation evaluation;
+  const auto evaluate = [&] {
+    evaluation = impl.without_invalid_gaussians([&] {
+      return evaluate_views([&](auto&&... view) { return impl.render(view...); }, impl.device, refined,
+                            evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, /*lpips=*/nullptr,
+                            impl.color_evaluation(), impl.state.background.coefficients);
+    });
+  };
+  if (impl.renders_on_first) {
+    evaluate();
+  } else {
+    impl.on_first_rank(evaluate);
+  }
+  return evaluation;
 }
 
 std::filesystem::path Trainer::write_checkpoint() {

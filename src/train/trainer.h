@@ -33,7 +33,8 @@ struct TrainHooks : TrainListeners {
   ProgressFn on_loading;                          // while photographs are read before the first step
   const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
   Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
-  // After the files of the last iteration and before its density control: the model is the one that was saved.
+  // After the files of the last iteration and before its density control: the model is the one that was saved. Of
+  // several ranks, on rank 0.
   std::function<void()> on_result;
 
   Communicator* ranks = nullptr;  // processes that train together; null: this one alone
@@ -78,7 +79,8 @@ class Trainer {
   int iteration() const;
 
   /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
-  /// Call run_until() first.
+  /// Call run_until() first. Of several ranks, all call this together, except in TrainHooks::on_result; the result is on
+  /// rank 0.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
   /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError

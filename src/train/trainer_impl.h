@@ -36,6 +36,7 @@
 #include "train/optimizer/gaussian_step.h"
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
+#include "train/ranks/sharded_rows.h"
 #include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
 #include "train/timing/stage_timer.h"

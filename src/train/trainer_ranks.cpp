@@ -12,8 +12,9 @@
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
+#include "raster/torch/splat_owner.h"
 #include "train/density/invalid_gaussians.h"
-#include "train/ranks/sharded_edit.h"
+#include "train/ranks/sharded_row_edit.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -36,6 +37,8 @@ struct RenderRequest {
   RenderSettings settings{};
   Kind kind = kDone;
 };
+
+constexpr std::int64_t kSplatSums = 12, kSplatScores = 6;  // columns of backward_splats() and score_splats()
 
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
@@ -207,9 +210,9 @@ void Trainer::Impl::take_distributed_step() {
   }
 
   // The Gaussians of this rank.
-  const std::vector<torch::Tensor> sums = splats->to_owners(drawn_sums, torch::kFloat32, kSplatSums);
+  const std::vector<torch::Tensor> sums = splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32);
   std::vector<torch::Tensor> scores;
-  if (has_scores) scores = splats->to_owners(drawn_scores, torch::kInt32, kSplatScoreWords);
+  if (has_scores) scores = splats->to_owners(drawn_scores, kSplatScores, torch::kInt32);
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
     state.iteration = view.iteration;

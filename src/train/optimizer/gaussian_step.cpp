@@ -5,6 +5,7 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/array_rows.h"
+#include "raster/torch/splat_owner.h"
 #include "train/optimizer/batch/batch_grad_cpu.h"
 #include "train/optimizer/batch/view_batch.h"
 
@@ -66,6 +67,7 @@ struct GaussianStepper::Impl {
   Rasterizer& rasterizer;
   GaussianTensors grads;  // on the CPU
   ViewBatch batch;
+  SplatOwner owner;
   PinholeView view{};  // of the last forward()
   RenderSettings settings{};
 #if B3DGS_TORCH_CUDA
