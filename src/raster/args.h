@@ -232,8 +232,8 @@ struct ScoreArgs {
 struct AddScoresArgs {
   const Splat* splats = nullptr;  // [M]
   std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1] CPU only
-  const ScoreSums* sums = nullptr;             // CPU: [n_pairs] by slot. CUDA: [M]
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1] CPU only; null: sums are [M]
+  const ScoreSums* sums = nullptr;             // CPU: [n_pairs] by slot, see above. CUDA: [M]
   ScoreArrays out{};
 };
 

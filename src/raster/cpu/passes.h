@@ -6,6 +6,7 @@
 #include "raster/args.h"
 #include "raster/cpu/buffer.h"
 #include "raster/splat_records.h"
+#include "raster/splat_rows.h"
 
 namespace b3dgs::cpu {
 
@@ -28,6 +29,15 @@ void count_load(const CountLoadArgs& args);
 void score(const ScoreArgs& args);
 
 void add_scores(const AddScoresArgs& args);
+
+/// Sums of each splat's pairs, for splats whose Gaussians are elsewhere.
+struct SumScoresArgs {
+  std::int64_t n_splats = 0;
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const ScoreSums* sums = nullptr;             // [n_pairs] by slot
+  ScoreSums* out = nullptr;                    // [M] out; padding is 0
+};
+void sum_scores(const SumScoresArgs& args);
 
 void blend_backward(const BlendBackwardArgs& args);
 
@@ -52,6 +62,18 @@ struct SplatRecordArgs {
   SplatRecordArrays out{};
 };
 void keep_splat_records(const SplatRecordArgs& args);
+
+/// Sums of each splat's pairs, for splats whose Gaussians are elsewhere.
+struct SumSplatGradsArgs {
+  std::int64_t n_splats = 0;
+  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
+  const Vec2f* pair_abs = nullptr;             // [n_pairs] by slot; null: sums of absolute values are 0
+  SplatGradSum* out = nullptr;                 // [M] out
+};
+void sum_splat_grads(const SumSplatGradsArgs& args);
+
+void keep_splats(const KeepSplatsArgs& args);
 
 /// Gradient with respect to the camera's pose; args.grad is not used. `out`: [kCameraGradients].
 void camera_gradient(const ProjectBackwardArgs& args, double* out);

@@ -137,12 +137,8 @@ void absolute_gradients(const AbsoluteGradientArgs& args) {
                   [&](std::int64_t begin, std::int64_t end) { std::fill(args.out + begin, args.out + end, 0.0f); });
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      Vec2f sum{0, 0};
-      for (std::int64_t slot = args.slot_offsets[m]; slot < args.slot_offsets[m + 1]; ++slot) {
-        sum.x += args.pair_abs[slot].x;
-        sum.y += args.pair_abs[slot].y;
-      }
-      const Vec2f gradient = centre_gradient(sum);
+      const Vec2f gradient =
+          centre_gradient(sum_slots(args.pair_abs + args.slot_offsets[m], args.pair_abs + args.slot_offsets[m + 1]));
       float* const row = args.out + 2 * std::int64_t{args.splats[m].gaussian};
       row[0] = gradient.x;
       row[1] = gradient.y;

@@ -2,6 +2,7 @@
 
 #include "raster/cpu/rasterize_cpu.h"
 
+#include <algorithm>
 #include <array>
 
 #include "core/check.h"
@@ -57,7 +58,9 @@ struct Rasterizer::Impl {
   int sh_degree = 0;
   bool antialiasing = false;
   TileGrid grid{};
-  std::int64_t n_gaussians = -1, n_splats = 0;
+  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
+  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
+  std::int64_t n_splats = 0;
   BinnedSplats bins{};
   Vec3f background{};
   ImageArrays rendered{};
@@ -67,8 +70,24 @@ struct Rasterizer::Impl {
   std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
   bool inverse_depth = false;
 
-  /// The gradients of the pairs. @throws LogicError if the last forward() had another number of Gaussians
-  void blend_backward(const GaussianArrays& gaussians, const ImageGradArrays& grad);
+  bool has_view() const { return n_gaussians >= 0 || n_rows >= 0; }
+
+  // The parts of a forward pass:
+  /// Until all passes have succeeded, there is no view.
+  void begin_view(const PinholeView& next_view, const RenderSettings& settings);
+  void project(const GaussianArrays& gaussians, const RenderSettings& settings);
+  /// From the splats to the images.
+  void draw(const RenderSettings& settings, const ImageArrays& out);
+
+  /// @throws LogicError if the last forward() had another number of Gaussians
+  void check_gaussians(const GaussianArrays& gaussians) const {
+    B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+                " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
+  }
+  /// The gradients of the pairs.
+  void blend_backward(const ImageGradArrays& grad);
+  /// The scores of the pairs, in memory of the gradients.
+  ScoreSums* score_pairs(const float* error);
   void project_camera_gradient(const ProjectBackwardArgs& args) {
     if (camera_gradient) cpu::camera_gradient(args, camera_gradients.data());
     has_camera_gradient = camera_gradient;
@@ -88,62 +107,108 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const ImageArrays& out) {
-  check_render_args(gaussians, view, settings);
+void Rasterizer::Impl::begin_view(const PinholeView& next_view, const RenderSettings& settings) {
   B3DGS_CHECK(settings.tile.width > 0 && settings.tile.width <= kMaxTileSide && settings.tile.height > 0 &&
                   settings.tile.height <= kMaxTileSide,
               "tile is ", settings.tile.width, " x ", settings.tile.height, " px, expected sides of 1 to ",
               kMaxTileSide);
-  Impl& s = *impl_;
-  const std::int64_t n = gaussians.n_gaussians;
-  s.n_gaussians = -1;  // no valid view until this pass has succeeded
-  s.view = view;
-  s.sh_degree = settings.sh_degree;
-  s.antialiasing = settings.antialiasing;
-  s.grid = make_tile_grid(view.width, view.height, settings.tile);
-  s.background = settings.background;
-  s.rendered = out;
-  s.stages = settings.stages;
-  s.absolute_gradient = settings.absolute_gradient;
-  s.has_absolute_gradients = false;
-  s.camera_gradient = settings.camera_gradient;
-  s.has_camera_gradient = false;
+  n_gaussians = n_rows = -1;
+  view = next_view;
+  sh_degree = settings.sh_degree;
+  antialiasing = settings.antialiasing;
+  grid = make_tile_grid(view.width, view.height, settings.tile);
+  stages = settings.stages;
+  has_absolute_gradients = has_camera_gradient = false;
+}
 
+void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSettings& settings) {
+  begin_stage(stages, Stage::kProject);
+  const std::int64_t n = gaussians.n_gaussians;
+  splats.resize(n);
+  extents.resize(n);
+  radii.resize(n);
+  n_splats = cpu::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, grid,
+                           splats.data(), extents.data(), radii.data(), settings.antialiasing});
+}
+
+void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& out) {
+  background = settings.background;
+  rendered = out;
+  absolute_gradient = settings.absolute_gradient;
+  camera_gradient = settings.camera_gradient;
+  begin_stage(stages, Stage::kBin);
+  bins = bin({splats.data(), extents.data(), radii.data(), n_splats, grid, settings.culling}, bin_buffers);
+  inverse_depth = settings.inverse_depth;
+  if (inverse_depth) invert_depths(splats.data(), n_splats);
+  begin_stage(stages, Stage::kBlendForward);
+  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
+  transmittance.resize(n_pixels);
+  last_ids.resize(n_pixels);
+  blend_forward(settings.kernel, blend_args());
+  end_stage(stages);
+}
+
+void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                         const ImageArrays& out) {
+  check_render_args(gaussians, view, settings);
+  impl_->begin_view(view, settings);
+  impl_->project(gaussians, settings);
+  impl_->draw(settings, out);
+  impl_->n_gaussians = gaussians.n_gaussians;
+}
+
+void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                         const SplatAllocator& allocate) {
+  check_render_args(gaussians, view, settings);
+  Impl& s = *impl_;
+  s.begin_view(view, settings);
+  s.project(gaussians, settings);
+  const SplatRowArrays out = allocate(s.n_splats);
+  parallel_chunks(s.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::copy(s.splats.data() + begin, s.splats.data() + end, out.splats + begin);
+    std::copy(s.extents.data() + begin, s.extents.data() + end, out.extents + begin);
+    for (std::int64_t m = begin; m < end; ++m) out.radii[m] = s.radii.data()[out.splats[m].gaussian];
+  });
+  end_stage(s.stages);
+}
+
+void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                                const ImageArrays& out) {
+  const std::int64_t n = rows.n_splats;
+  check_splat_args(n, view, settings);
+  Impl& s = *impl_;
+  s.begin_view(view, settings);
   begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
   std::int32_t* const radii = s.radii.resize(n);
-  s.n_splats = project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, splats,
-                        extents, radii, settings.antialiasing});
-  begin_stage(s.stages, Stage::kBin);
-  s.bins = bin({splats, extents, radii, s.n_splats, s.grid, settings.culling}, s.bin_buffers);
-  s.inverse_depth = settings.inverse_depth;
-  if (s.inverse_depth) invert_depths(splats, s.n_splats);
-  begin_stage(s.stages, Stage::kBlendForward);
-  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  s.transmittance.resize(n_pixels);
-  s.last_ids.resize(n_pixels);
-  blend_forward(settings.kernel, s.blend_args());
-  end_stage(s.stages);
-  s.n_gaussians = n;
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::copy(rows.extents + begin, rows.extents + end, extents + begin);
+    std::copy(rows.radii + begin, rows.radii + end, radii + begin);
+    for (std::int64_t m = begin; m < end; ++m) {
+      splats[m] = rows.splats[m];
+      splats[m].gaussian = static_cast<std::int32_t>(m);
+    }
+  });
+  s.n_splats = n;
+  s.draw(settings, out);
+  s.n_rows = n;
 }
 
-void Rasterizer::Impl::blend_backward(const GaussianArrays& gaussians, const ImageGradArrays& grad) {
-  B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
-              " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
+void Rasterizer::Impl::blend_backward(const ImageGradArrays& grad) {
   begin_stage(stages, Stage::kBlendBackward);
   SplatGrad* const pairs = pair_grads.resize(bins.n_pairs);
   Vec2f* const absolute = absolute_gradient ? pair_abs.resize(bins.n_pairs) : nullptr;
   cpu::blend_backward({splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(),
                        last_ids.data(), grad, pairs, absolute});
   if (inverse_depth) invert_depth_gradients(splats.data(), n_splats, bins.slot_offsets, pairs);
-  has_absolute_gradients = absolute_gradient;
 }
 
 void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) {
   Impl& s = *impl_;
-  s.blend_backward(gaussians, grad);
+  s.check_gaussians(gaussians);
+  s.blend_backward(grad);
+  s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   const ProjectBackwardArgs args = s.project_args(gaussians, out);
   project_backward(args);
@@ -154,21 +219,33 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
 void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                     const SplatRecordArrays& out) {
   Impl& s = *impl_;
-  s.blend_backward(gaussians, grad);
+  s.check_gaussians(gaussians);
+  s.blend_backward(grad);
+  s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   keep_splat_records({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_grads.data(), out});
   s.project_camera_gradient(s.project_args(gaussians, {}));
   end_stage(s.stages);
 }
 
+void Rasterizer::backward_splats(const ImageGradArrays& grad, SplatGradSum* out) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_rows >= 0, "backward_splats() before any forward_splats()");
+  s.blend_backward(grad);
+  begin_stage(s.stages, Stage::kProjectBackward);
+  sum_splat_grads(
+      {s.n_splats, s.bins.slot_offsets, s.pair_grads.data(), s.absolute_gradient ? s.pair_abs.data() : nullptr, out});
+  end_stage(s.stages);
+}
+
 void Rasterizer::reblend(ForwardKernel kernel) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend() before any forward()");
+  B3DGS_CHECK(impl_->has_view(), "reblend() before any forward()");
   blend_forward(kernel, impl_->blend_args());
 }
 
 void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing) const {
   const Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
+  B3DGS_CHECK(s.has_view(), "count_load() before any forward()");
   cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
 }
 
@@ -185,13 +262,23 @@ const double* Rasterizer::camera_gradient() const {
   return impl_->camera_gradients.data();
 }
 
+ScoreSums* Rasterizer::Impl::score_pairs(const float* error) {
+  static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
+  auto* const sums = reinterpret_cast<ScoreSums*>(pair_grads.resize(bins.n_pairs));
+  cpu::score({splats.data(), extents.data(), bins, grid, error, sums});
+  return sums;
+}
+
 void Rasterizer::score(const float* error, const ScoreArrays& out) {
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
-  static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
-  auto* const sums = reinterpret_cast<ScoreSums*>(s.pair_grads.resize(s.bins.n_pairs));
-  cpu::score({s.splats.data(), s.extents.data(), s.bins, s.grid, error, sums});
-  cpu::add_scores({s.splats.data(), s.n_splats, s.bins.slot_offsets, sums, out});
+  cpu::add_scores({s.splats.data(), s.n_splats, s.bins.slot_offsets, s.score_pairs(error), out});
+}
+
+void Rasterizer::score_splats(const float* error, ScoreSums* out) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_rows >= 0, "score_splats() before any forward_splats()");
+  cpu::sum_scores({s.n_splats, s.bins.slot_offsets, s.score_pairs(error), out});
 }
 
 const std::int32_t* Rasterizer::radii() const {

@@ -5,6 +5,7 @@
 
 #include "raster/args.h"
 #include "raster/splat_records.h"
+#include "raster/splat_rows.h"
 
 namespace b3dgs::cpu {
 
@@ -28,6 +29,24 @@ class Rasterizer {
 
   /// backward() up to the splats: keeps their sums for a later backward projection.
   void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad, const SplatRecordArrays& out);
+
+  /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
+  /// Gaussians, to the memory that `allocate` returns. There is no last forward() after it.
+  /// @throws InvalidGaussianError naming the first invalid Gaussian
+  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const SplatAllocator& allocate);
+
+  /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
+  /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_to_splats(),
+  /// absolute_gradients(), camera_gradient() and score(). @throws LogicError if settings.camera_gradient
+  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                      const ImageArrays& out);
+
+  /// The backward blend of the last forward_splats(): sums of each row, [M] out.
+  void backward_splats(const ImageGradArrays& grad, SplatGradSum* out);
+
+  /// score() of the last forward_splats(): sums of each row, [M] out; padding is 0.
+  void score_splats(const float* error, ScoreSums* out);
 
   /// Blends the splats of the last forward() again with another kernel, into the same images.
   void reblend(ForwardKernel kernel);

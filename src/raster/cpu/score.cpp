@@ -10,6 +10,7 @@
 #include "raster/math/blend.h"
 
 #include <algorithm>
+#include <cstring>
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
@@ -117,17 +118,42 @@ void score(const ScoreArgs& args) {
   parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_score)(args, tile); });
 }
 
+namespace {
+
+constexpr std::int64_t kGrain = 1024;
+
+/// Of a splat's pairs, [first, last).
+ScoreSums sum_slots(const ScoreSums* first, const ScoreSums* last) {
+  ScoreSums whole{0, 0, 0};
+  for (const ScoreSums* part = first; part != last; ++part) {
+    whole.error += part->error;
+    whole.weight += part->weight;
+    whole.max_weight = std::max(whole.max_weight, part->max_weight);
+  }
+  return whole;
+}
+
+}  // namespace
+
 void add_scores(const AddScoresArgs& args) {
-  constexpr std::int64_t kGrain = 1024;
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      ScoreSums whole{0, 0, 0};
-      for (std::int64_t slot = args.slot_offsets[m]; slot < args.slot_offsets[m + 1]; ++slot) {
-        whole.error += args.sums[slot].error;
-        whole.weight += args.sums[slot].weight;
-        whole.max_weight = std::max(whole.max_weight, args.sums[slot].max_weight);
-      }
+      const ScoreSums whole = args.slot_offsets == nullptr
+                                  ? args.sums[m]
+                                  : sum_slots(args.sums + args.slot_offsets[m], args.sums + args.slot_offsets[m + 1]);
       b3dgs::add_scores(whole, args.out, args.splats[m].gaussian);
+    }
+  });
+}
+
+void sum_scores(const SumScoresArgs& args) {
+  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::memset(static_cast<void*>(args.out + begin), 0, static_cast<std::size_t>(end - begin) * sizeof(ScoreSums));
+    for (std::int64_t m = begin; m < end; ++m) {
+      const ScoreSums whole = sum_slots(args.sums + args.slot_offsets[m], args.sums + args.slot_offsets[m + 1]);
+      args.out[m].error = whole.error;
+      args.out[m].weight = whole.weight;
+      args.out[m].max_weight = whole.max_weight;
     }
   });
 }

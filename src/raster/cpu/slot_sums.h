@@ -1,4 +1,4 @@
-// Sum of the gradients of a splat's pairs.
+// Sums over the pairs of a splat.
 #pragma once
 
 #include "raster/args.h"
@@ -19,6 +19,14 @@ inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
     sum.green += part->green;
     sum.blue += part->blue;
     sum.depth += part->depth;
+  }
+  return sum;
+}
+inline Vec2f sum_slots(const Vec2f* first, const Vec2f* last) {
+  Vec2f sum{0, 0};
+  for (const Vec2f* part = first; part != last; ++part) {
+    sum.x += part->x;
+    sum.y += part->y;
   }
   return sum;
 }

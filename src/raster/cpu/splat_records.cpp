@@ -3,28 +3,53 @@
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
 #include "raster/cpu/slot_sums.h"
-#include "raster/math/projection.h"
+#include "raster/math/gaussian_grad.h"
 
 namespace b3dgs::cpu {
+namespace {
 
-void keep_splat_records(const SplatRecordArgs& args) {
-  constexpr std::int64_t kGrain = 4096;
-  const SplatRecordArrays& out = args.out;
-  parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
+constexpr std::int64_t kGrain = 4096;
+
+/// The rows of Gaussians that the view does not see.
+void write_unseen(const SplatRecordArrays& out, std::int64_t n_gaussians) {
+  parallel_chunks(n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     std::fill(out.record_of_gaussian + begin, out.record_of_gaussian + end, -1);
     std::fill(out.means2d + 2 * begin, out.means2d + 2 * end, 0.0f);
   });
+}
+
+}  // namespace
+
+void keep_splat_records(const SplatRecordArgs& args) {
+  write_unseen(args.out, args.n_gaussians);
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      const std::int32_t gaussian = args.splats[m].gaussian;
       const SplatGrad sum =
           sum_slots(args.pair_grads + args.slot_offsets[m], args.pair_grads + args.slot_offsets[m + 1]);
-      out.records[m] = {sum, gaussian, args.splats[m].clamped};
-      out.record_of_gaussian[gaussian] = static_cast<std::int32_t>(m);
-      const Vec2f centre = centre_gradient(Vec2f{sum.q_x, sum.q_y});
-      out.means2d[2 * std::int64_t{gaussian}] = centre.x;
-      out.means2d[2 * std::int64_t{gaussian} + 1] = centre.y;
+      keep_splat(args.out, m, args.splats[m].gaussian, sum, args.splats[m].clamped);
     }
+  });
+}
+
+void sum_splat_grads(const SumSplatGradsArgs& args) {
+  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) {
+      const std::int64_t first = args.slot_offsets[m], last = args.slot_offsets[m + 1];
+      const Vec2f absolute =
+          args.pair_abs != nullptr ? sum_slots(args.pair_abs + first, args.pair_abs + last) : Vec2f{0, 0};
+      args.out[m] = {sum_slots(args.pair_grads + first, args.pair_grads + last), absolute.x, absolute.y};
+    }
+  });
+}
+
+void keep_splats(const KeepSplatsArgs& args) {
+  write_unseen(args.out, args.n_gaussians);
+  parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::fill(args.radii + begin, args.radii + end, 0);
+    if (args.means2d_abs != nullptr) std::fill(args.means2d_abs + 2 * begin, args.means2d_abs + 2 * end, 0.0f);
+  });
+  parallel_chunks(args.rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t m = begin; m < end; ++m) keep_splat(args, m);
   });
 }
 

@@ -1,5 +1,5 @@
 // From a splat's sums over pixels (SplatGrad) to the gradient with respect to its Gaussian's stored parameters: the end
-// of the backward pass, one Gaussian at a time.
+// of the backward pass, one Gaussian at a time. And what is kept of a splat if this end follows later.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +10,7 @@
 #include "raster/math/opacity.h"
 #include "raster/math/projection.h"
 #include "raster/math/sh.h"
+#include "raster/splat_rows.h"
 
 namespace b3dgs {
 
@@ -66,6 +67,29 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
           grad.mean2d,
           grad_color,
           grad_sh.dir};
+}
+
+/// Writes record m, of Gaussian i.
+B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int32_t i, const SplatGrad& sum,
+                         std::uint32_t clamped) {
+  out.records[m] = {sum, i, clamped};
+  out.record_of_gaussian[i] = static_cast<std::int32_t>(m);
+  const Vec2f centre = centre_gradient(Vec2f{sum.q_x, sum.q_y});
+  out.means2d[2 * std::int64_t{i}] = centre.x;
+  out.means2d[2 * std::int64_t{i} + 1] = centre.y;
+}
+
+/// Writes all of row m, whose sums are complete. Rows of Gaussians without a splat are written elsewhere.
+B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
+  const std::int32_t i = args.rows.splats[m].gaussian;
+  const SplatGradSum sums = args.sums[m];
+  keep_splat(args.out, m, i, sums.sum, args.rows.splats[m].clamped);
+  args.radii[i] = args.rows.radii[m];
+  if (args.means2d_abs != nullptr) {
+    const Vec2f absolute = centre_gradient(Vec2f{sums.abs_x, sums.abs_y});
+    args.means2d_abs[2 * std::int64_t{i}] = absolute.x;
+    args.means2d_abs[2 * std::int64_t{i} + 1] = absolute.y;
+  }
 }
 
 }  // namespace b3dgs

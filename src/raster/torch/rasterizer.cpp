@@ -6,7 +6,7 @@
 #include "core/check.h"
 #include "raster/cpu/rasterize_cpu.h"
 #include "raster/torch/fused_step.h"
-#include "raster/torch/tensor_check.h"
+#include "raster/torch/tensor_arrays.h"
 #include "raster/torch/tensor_storage.h"
 
 // Set by the build where both nvcc and a LibTorch with CUDA are there.
@@ -17,26 +17,6 @@
 
 namespace b3dgs {
 namespace {
-
-const float* data_or_null(const torch::Tensor& tensor) {
-  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
-}
-
-GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
-  TensorCheck check(device);
-  check.dims("means", g.means, {"N", 3});
-  check.dims("log_scales", g.log_scales, {"N", 3});
-  check.dims("quats", g.quats, {"N", 4});
-  check.dims("logit_opacities", g.logit_opacities, {"N"});
-  check.dims("sh0", g.sh0, {"N", 1, 3});
-  check.dims("shN", g.shN, {"N", "K-1", 3});
-  if (g.filters.defined()) check.dims("filters", g.filters, {"N"});
-  return {g.means.size(0),           sh_degree_of(g),
-          g.means.data_ptr<float>(), g.log_scales.data_ptr<float>(),
-          g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
-          g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>(),
-          data_or_null(g.filters)};
-}
 
 /// Replaces `tensor` unless it is contiguous and has this shape, type and device.
 void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
@@ -64,34 +44,78 @@ struct Rasterizer::Impl {
   RenderedView rendered;
   torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage, means2d_abs_storage;
   ViewStatistics statistics;
-  std::int64_t n_gaussians = 0;    // of the last forward()
+  std::int64_t n_gaussians = -1;   // of the last forward(); -1: none
+  std::int64_t n_rows = -1;        // of the last forward_splats(); -1: none
   bool absolute_gradient = false;  // of its settings
   bool camera_gradient = false;
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                        cuda::ColorPass* colors) {
     const GaussianArrays arrays = arrays_of(gaussians, device);
-    const auto options = gaussians.means.options();
-    place_tensor(rendered.color, color_storage, {view.height, view.width, 3}, options);
-    place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
-    place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
-    const ImageArrays out{rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(),
-                          rendered.alpha.data_ptr<float>()};
+    const ImageArrays out = begin_view(view, settings, gaussians.means.options());
     n_gaussians = arrays.n_gaussians;
-    absolute_gradient = settings.absolute_gradient;
-    camera_gradient = settings.camera_gradient;
     if (device.is_cpu()) {
       B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
       cpu.forward(arrays, view, settings, out);
     }
 #if B3DGS_TORCH_CUDA
-    if (!device.is_cpu()) {
-      if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
-      cuda->forward(arrays, view, settings, out, torch_launch_context(), colors);
-    }
+    if (!device.is_cpu()) on_gpu().forward(arrays, view, settings, out, torch_launch_context(), colors);
 #endif
     return rendered;
   }
+
+  ViewSplats project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
+                     cuda::ColorPass* colors) {
+    const GaussianArrays arrays = arrays_of(gaussians, device);
+    n_gaussians = n_rows = -1;
+    ViewSplats out;
+    const SplatAllocator allocate = [&](std::int64_t n) -> SplatRowArrays {
+      constexpr std::int64_t kWords = sizeof(Splat) / sizeof(float);
+      const torch::TensorOptions floats = gaussians.means.options();
+      out = {torch::empty({n, kWords}, floats), torch::empty({n, 2}, floats),
+             torch::empty({n}, floats.dtype(torch::kInt32))};
+      return {rows_at<Splat>("splats", out.splats), rows_at<Vec2f>("extents", out.extents),
+              out.radii.data_ptr<std::int32_t>()};
+    };
+    if (device.is_cpu()) {
+      B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
+      cpu.project(arrays, view, settings, allocate);
+    }
+#if B3DGS_TORCH_CUDA
+    if (!device.is_cpu()) on_gpu().project(arrays, view, settings, allocate, torch_launch_context(), colors);
+#endif
+    return out;
+  }
+
+  RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {
+    TensorCheck check(device);
+    const SplatRows rows = rows_of(splats, check);
+    const ImageArrays out = begin_view(view, settings, splats.splats.options());
+    n_rows = rows.n_splats;
+    if (device.is_cpu()) cpu.forward_splats(rows, view, settings, out);
+#if B3DGS_TORCH_CUDA
+    if (!device.is_cpu()) on_gpu().forward_splats(rows, view, settings, out, torch_launch_context());
+#endif
+    return rendered;
+  }
+
+  /// Images for a view, whose rendering must follow.
+  ImageArrays begin_view(const PinholeView& view, const RenderSettings& settings, const torch::TensorOptions& options) {
+    place_tensor(rendered.color, color_storage, {view.height, view.width, 3}, options);
+    place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
+    place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
+    n_gaussians = n_rows = -1;
+    absolute_gradient = settings.absolute_gradient;
+    camera_gradient = settings.camera_gradient;
+    return {rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(), rendered.alpha.data_ptr<float>()};
+  }
+
+#if B3DGS_TORCH_CUDA
+  cuda::Rasterizer& on_gpu() {
+    if (cuda == nullptr) cuda = std::make_unique<cuda::Rasterizer>();
+    return *cuda;
+  }
+#endif
 
   void backward(const GaussianArrays& arrays, const ImageGradArrays& grad, const GaussianGradArrays& out) {
     if (device.is_cpu()) return cpu.backward(arrays, grad, out);
@@ -104,6 +128,20 @@ struct Rasterizer::Impl {
     if (device.is_cpu()) return cpu.backward_to_splats(arrays, grad, out);
 #if B3DGS_TORCH_CUDA
     cuda->backward_to_splats(arrays, grad, out, torch_launch_context());
+#endif
+  }
+
+  void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) {
+    if (device.is_cpu()) return cpu.backward_splats(grad, out);
+#if B3DGS_TORCH_CUDA
+    cuda->backward_splats(grad, out, torch_launch_context());
+#endif
+  }
+
+  void score_splats(const float* error, ScoreSums* out) {
+    if (device.is_cpu()) return cpu.score_splats(error, out);
+#if B3DGS_TORCH_CUDA
+    cuda->score_splats(error, out, torch_launch_context());
 #endif
   }
 
@@ -180,6 +218,15 @@ struct Rasterizer::Impl {
     return {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)};
   }
 
+  /// Checks an error against the view of the last forward().
+  void check_error(const torch::Tensor& error) const {
+    B3DGS_CHECK(rendered.alpha.defined(), "an error image before any forward()");
+    TensorCheck check(device);
+    check.bind("H", rendered.alpha.size(0));
+    check.bind("W", rendered.alpha.size(1));
+    check.dims("error", error, {"H", "W"});
+  }
+
   /// Statistics with allocated gradients, not yet written. `radii` refers to the rasterizer's own array and is
   /// valid until the next forward().
   const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
@@ -234,25 +281,51 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   const ImageGradArrays image = impl_->image_grad(grad);
   TensorCheck check(impl_->device);
-  constexpr int kWords = sizeof(SplatRecord) / sizeof(float);
-  check.dims("records", out.records, {"M", kWords});
-  B3DGS_CHECK(out.records.size(0) >= view_size().n_splats, "room for ", out.records.size(0), " records of ",
-              view_size().n_splats, " splats");
-  B3DGS_CHECK(out.record_of_gaussian.numel() == arrays.n_gaussians, "record_of_gaussian has ",
-              out.record_of_gaussian.numel(), " elements for ", arrays.n_gaussians, " Gaussians");
+  check.bind("N", arrays.n_gaussians);
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
-  impl_->backward_to_splats(
-      arrays, image,
-      {reinterpret_cast<SplatRecord*>(out.records.data_ptr<float>()), out.record_of_gaussian.data_ptr<std::int32_t>(),
-       statistics.means2d_grad.data_ptr<float>()});
+  impl_->backward_to_splats(arrays, image, arrays_of(out, view_size().n_splats, check, statistics.means2d_grad));
   if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   impl_->add_camera_gradient();
   return statistics;
 }
 
+ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeView& view,
+                               const RenderSettings& settings) {
+  return impl_->project(gaussians, view, settings, nullptr);
+}
+
+RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const PinholeView& view,
+                                        const RenderSettings& settings) {
+  return impl_->forward_splats(splats, view, settings);
+}
+
+torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
+  B3DGS_CHECK(impl_->n_rows >= 0, "backward_splats() before any forward_splats()");
+  const ImageGradArrays image = impl_->image_grad(grad);
+  constexpr std::int64_t kWords = sizeof(SplatGradSum) / sizeof(float);
+  const torch::Tensor sums = torch::empty({impl_->n_rows, kWords}, impl_->rendered.color.options());
+  impl_->backward_splats(image, rows_at<SplatGradSum>("sums", sums));
+  return sums;
+}
+
+torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
+  B3DGS_CHECK(impl_->n_rows >= 0, "score_splats() before any forward_splats()");
+  impl_->check_error(error);
+  constexpr std::int64_t kWords = sizeof(ScoreSums) / sizeof(std::int32_t);
+  const torch::Tensor sums =
+      torch::empty({impl_->n_rows, kWords}, impl_->rendered.color.options().dtype(torch::kInt32));
+  impl_->score_splats(error.data_ptr<float>(), rows_at<ScoreSums>("sums", sums));
+  return sums;
+}
+
 RenderedView FusedStep::forward(const GaussianTensors& gaussians, const PinholeView& view,
                                 const RenderSettings& settings, cuda::ColorPass* colors) {
   return rasterizer_.impl_->forward(gaussians, view, settings, colors);
+}
+
+ViewSplats FusedStep::project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
+                              cuda::ColorPass* colors) {
+  return rasterizer_.impl_->project(gaussians, view, settings, colors);
 }
 
 ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
@@ -283,7 +356,7 @@ torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const Rendered
   if (impl_->cuda != nullptr) {
     cuda::Rasterizer& own = *impl_->cuda;
     own.reblend_backward(kernel, impl_->image_grad(grad), torch_launch_context());
-    constexpr std::int64_t kFloats = 12, kUsed = 10;  // cuda::SplatGradSum, SplatGrad
+    constexpr std::int64_t kFloats = 12, kUsed = 10;  // SplatGradSum, SplatGrad
     return torch::from_blob(const_cast<float*>(own.splat_grads()), {own.n_splats(), kFloats},
                             impl_->rendered.color.options())
         .narrow(1, 0, kUsed);
@@ -319,19 +392,11 @@ void Rasterizer::release_memory() {
 }
 
 void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores) {
-  B3DGS_CHECK(impl_->rendered.alpha.defined(), "score() before any forward()");
+  B3DGS_CHECK(impl_->n_gaussians >= 0 && impl_->rendered.alpha.defined(), "score() before any forward()");
+  impl_->check_error(error);
   TensorCheck check(impl_->device);
-  check.bind("H", impl_->rendered.alpha.size(0));
-  check.bind("W", impl_->rendered.alpha.size(1));
   check.bind("N", impl_->n_gaussians);
-  check.dims("error", error, {"H", "W"});
-  check.dims("error_sum", scores.error_sum, {"N"});
-  if (scores.weight_sum.defined()) check.dims("weight_sum", scores.weight_sum, {"N"});
-  check.dims("max_weight", scores.max_weight, {"N"});
-  check.dims("n_views", scores.n_views, {"N"});
-  impl_->score(error.data_ptr<float>(),
-               {scores.error_sum.data_ptr<float>(), const_cast<float*>(data_or_null(scores.weight_sum)),
-                scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
+  impl_->score(error.data_ptr<float>(), arrays_of(scores, check));
 }
 
 ViewLoad Rasterizer::count_load() const {

@@ -42,6 +42,15 @@ struct KeptSplats {
   torch::Tensor record_of_gaussian;  // [N] int32
 };
 
+/// Splats of one view, as projection leaves them for the other passes (SplatRows). Rows may come from several
+/// projections with the same view and settings; each must be aligned as torch aligns new tensors.
+struct ViewSplats {
+  torch::Tensor splats;   // [M, 12] 32 bits each: Splat, with integers in columns 7 (`gaussian`) and 11 (`clamped`)
+  torch::Tensor extents;  // [M, 2] half size of the box around alpha >= 1/255, px
+  torch::Tensor radii;    // [M] int32, 3 standard deviations in px, rounded up
+  std::int64_t size() const { return splats.defined() ? splats.size(0) : 0; }
+};
+
 /// What Rasterizer::score() adds to (ScoreArrays).
 struct GaussianScores {
   torch::Tensor error_sum, max_weight, n_views;  // [N] each
@@ -89,6 +98,25 @@ class Rasterizer {
   /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
   ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
                                     const KeptSplats& out);
+
+  /// The first pass of forward() alone: the splats of the Gaussians that the view sees, in the order of the Gaussians,
+  /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
+  /// @throws LogicError and InvalidGaussianError as forward()
+  ViewSplats project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
+
+  /// The other passes of forward(): the same image if `splats` is from project() with this view and these settings, or
+  /// from several of them, put into one order: that of the rows decides between equal depths. Splat::gaussian is
+  /// ignored. Then backward_splats(), score_splats(), reblend(), view_size() and count_load() may follow.
+  /// @throws LogicError naming a tensor that does not fit, or for settings.camera_gradient
+  RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings);
+
+  /// The backward pass of the last forward_splats() up to the splats: a new tensor [M, 12] with a SplatGradSum for each
+  /// row: SplatGrad, then the sums of absolute values along x and y, 0 unless the settings had absolute_gradient.
+  torch::Tensor backward_splats(const RenderedViewGrad& grad);
+
+  /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row: error and weight
+  /// (64-bit integers in units of 2^-24, lower word first), the bits of the largest weight, and 0.
+  torch::Tensor score_splats(const torch::Tensor& error);
 
   /// Blends the view of the last forward() again with another kernel, into the same tensors; the other passes are the
   /// same for all kernels. On a GPU it does not wait for the device.

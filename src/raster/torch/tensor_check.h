@@ -27,9 +27,10 @@ class TensorCheck {
   /// Defines a dimension.
   void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
 
-  /// Checks that `tensor` is float, contiguous, on the device, and has these dimensions.
+  /// Checks that `tensor` is of type `type` (float or int32), contiguous, on the device, and has these dimensions.
   /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
-  void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted) {
+  void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
+            torch::ScalarType type = torch::kFloat32) {
     B3DGS_CHECK(tensor.defined(), what, " is undefined");
     bool fits = tensor.dim() == static_cast<std::int64_t>(wanted.size());
     std::string expected, origins;
@@ -49,7 +50,8 @@ class TensorCheck {
     }
     B3DGS_CHECK(fits, what, " is ", tensor.sizes(), ", expected [", expected, "]", origins);
     B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device().str(), ", expected ", device_.str());
-    B3DGS_CHECK(tensor.scalar_type() == torch::kFloat32, what, " is ", tensor.scalar_type(), ", expected float");
+    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ",
+                type == torch::kInt32 ? "int32" : "float");
     B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
   }
 

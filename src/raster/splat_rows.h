@@ -1,0 +1,49 @@
+// Splats of one view as rows of an array, so that Gaussians can be projected by one rasterizer and drawn by another:
+// what projection leaves for the other passes, and what these give back.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+#include "raster/args.h"
+#include "raster/splat_records.h"
+
+namespace b3dgs {
+
+/// M splats. Their order decides between equal depths.
+struct SplatRows {
+  std::int64_t n_splats = 0;            // M
+  const Splat* splats = nullptr;        // [M]
+  const Vec2f* extents = nullptr;       // [M] half size of the box around alpha >= 1/255, px
+  const std::int32_t* radii = nullptr;  // [M] 3 standard deviations in px, rounded up
+};
+
+/// Memory for SplatRows.
+struct SplatRowArrays {
+  Splat* splats = nullptr;
+  Vec2f* extents = nullptr;
+  std::int32_t* radii = nullptr;
+};
+
+/// Returns memory for M splats.
+using SplatAllocator = std::function<SplatRowArrays(std::int64_t n_splats)>;
+
+/// A splat's sums of the backward blend, in three 16-byte words for vector atomics. The words have room for the sums of
+/// absolute values.
+struct alignas(16) SplatGradSum {
+  SplatGrad sum;
+  float abs_x, abs_y;  // sums of |q times pull|; 0 unless RenderSettings::absolute_gradient
+};
+static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
+
+/// Keeps the sums of splats that were drawn elsewhere, for a later backward projection.
+struct KeepSplatsArgs {
+  std::int64_t n_gaussians = 0;        // N
+  SplatRows rows{};                    // as projected: Splat::gaussian < N, each at most once
+  const SplatGradSum* sums = nullptr;  // [M]
+  SplatRecordArrays out{};             // record m is that of row m
+  std::int32_t* radii = nullptr;       // [N] out: 0 if not seen
+  float* means2d_abs = nullptr;        // [N, 2] out: absolute gradients, 1/px; 0 if not seen. Null: not wanted
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,61 @@
+#include "raster/torch/splat_owner.h"
+
+#include "raster/cpu/passes.h"
+#include "raster/torch/tensor_arrays.h"
+#include "raster/torch/tensor_storage.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/cuda/passes.h"
+#include "raster/torch/torch_launch.h"
+#endif
+
+namespace b3dgs {
+
+ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
+                                bool absolute_gradient, const KeptSplats& out) {
+  B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
+  const torch::Device device = splats.splats.device();
+  TensorCheck check(device);
+  const SplatRows rows = rows_of(splats, check);
+  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float);
+  check.dims("sums", sums, {"M", kWords});
+  check.bind("N", n_gaussians);
+
+  const torch::TensorOptions options = splats.splats.options();
+  constexpr std::int64_t kSpare = 4;
+  place_tensor(statistics_.means2d_grad, means2d_storage_, {n_gaussians, 2}, options, kSpare);
+  place_tensor(statistics_.radii, radii_storage_, {n_gaussians}, options.dtype(torch::kInt32), kSpare);
+  statistics_.means2d_abs_grad = torch::Tensor();
+  if (absolute_gradient) {
+    place_tensor(statistics_.means2d_abs_grad, means2d_abs_storage_, {n_gaussians, 2}, options, kSpare);
+  }
+  const KeepSplatsArgs args{n_gaussians,
+                            rows,
+                            rows_at<SplatGradSum>("sums", sums),
+                            arrays_of(out, rows.n_splats, check, statistics_.means2d_grad),
+                            statistics_.radii.data_ptr<std::int32_t>(),
+                            data_or_null(statistics_.means2d_abs_grad)};
+  if (device.is_cpu()) cpu::keep_splats(args);
+#if B3DGS_TORCH_CUDA
+  if (!device.is_cpu()) cuda::keep_splats(args, torch_launch_context());
+#endif
+  return statistics_;
+}
+
+void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out) {
+  B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
+  B3DGS_CHECK(out.error_sum.defined(), "error_sum is undefined");
+  const torch::Device device = splats.splats.device();
+  TensorCheck check(device);
+  const SplatRows rows = rows_of(splats, check);
+  constexpr int kWords = sizeof(ScoreSums) / sizeof(std::int32_t);
+  check.dims("scores", scores, {"M", kWords}, torch::kInt32);
+  const AddScoresArgs args{rows.splats, rows.n_splats, nullptr, rows_at<ScoreSums>("scores", scores),
+                           arrays_of(out, check)};
+  if (device.is_cpu()) cpu::add_scores(args);
+#if B3DGS_TORCH_CUDA
+  if (!device.is_cpu()) cuda::add_scores(args, torch_launch_context());
+#endif
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,27 @@
+// For the rank that owns Gaussians whose splats are drawn elsewhere: what comes back for its splats, put where
+// Rasterizer::backward_to_splats() and Rasterizer::score() would have put it.
+#pragma once
+
+#include "raster/torch/rasterizer.h"
+
+namespace b3dgs {
+
+class SplatOwner {
+ public:
+  /// Writes exactly what backward_to_splats() writes, with record m that of row m: to `out`, which must have room for
+  /// all splats, and to the statistics, whose tensors the next call overwrites. `splats` is from Rasterizer::project()
+  /// of `n_gaussians` Gaussians, `sums` [M, 12] from Rasterizer::backward_splats(), rows in the same order. Nothing
+  /// waits for a GPU. @throws LogicError naming a tensor that does not fit
+  ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
+                      bool absolute_gradient, const KeptSplats& out);
+
+ private:
+  torch::Tensor means2d_storage_, means2d_abs_storage_, radii_storage_;
+  ViewStatistics statistics_;
+};
+
+/// Adds to `out` what Rasterizer::score() would have added. `splats` is from Rasterizer::project(), `scores` [M, 6]
+/// int32 from Rasterizer::score_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
+void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out);
+
+}  // namespace b3dgs
