@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/text.h"
+#include "train/ranks/sharded_row_edit.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

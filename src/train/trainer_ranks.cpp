@@ -12,9 +12,11 @@
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
+#include "raster/math/project_splat.h"
 #include "raster/torch/splat_owner.h"
 #include "train/density/invalid_gaussians.h"
 #include "train/ranks/sharded_row_edit.h"
+#include "train/optimizer/lr_schedule.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -340,7 +342,7 @@ void Trainer::Impl::agree_on_start(bool& lacks_ply, bool& lacks_checkpoint) {
 
 bool Trainer::Impl::has_written_files() {
   const bool own = recorder.failed_files().empty();
-  return is_distributed() ? ranks->exchange_record("files", own).front() : own;
+  return is_distributed() ? ranks->exchange_record("files", std::int32_t{own}).front() != 0 : own;
 }
 
 DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limit) {
@@ -359,7 +361,7 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
 
 std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {
   if (!is_distributed()) {
-    return remove_invalid_gaussians(row, scene.extent, state.gaussians, state.adam, state.statistics);
+    return b3dgs::remove_invalid_gaussians(row, scene.extent, state.gaussians, state.adam, state.statistics);
   }
   if (renders_on_first) {
     RenderRequest request;

@@ -57,14 +57,6 @@ struct GaussianScores {
   torch::Tensor weight_sum;                      // [N]; undefined: not wanted
 };
 
-/// Splats of one view, as projection leaves them for binning. Rows may come from several projections.
-struct ViewSplats {
-  torch::Tensor splats;   // [M, 12] float32 (bits of Splat; `gaussian` and `clamped` are integers in it)
-  torch::Tensor extents;  // [M, 2] float32, px
-  torch::Tensor radii;    // [M] int32, px
-  std::int64_t size() const { return splats.defined() ? splats.size(0) : 0; }
-};
-
 struct ViewSize {
   std::int64_t n_splats = 0;  // Gaussians seen in the view
   std::int64_t n_pairs = 0;   // (tile, splat) pairs
