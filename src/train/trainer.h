@@ -32,7 +32,7 @@ struct MemoryForecast {
 struct TrainHooks : TrainListeners {
   ProgressFn on_loading;                          // while photographs are read before the first step
   const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
-  Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
+  Communicator* ranks = nullptr;                  // of several processes that train together; null = this one alone
   // After the files of the last iteration and before its density control: the model is the one that was saved.
   std::function<void()> on_result;
 

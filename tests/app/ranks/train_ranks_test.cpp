@@ -116,7 +116,7 @@ TEST_F(TrainRanks, RefusesMoreRanksThanGpus) {
   const Variables variables(without_gpus());
   expect_refused({"--gpus", "2"}, "--gpus 2: ");
   expect_refused({"--ranks", "3", "--device", "cuda"}, "--ranks 3: ");
-  expect_refused({"--gpus", "1"}, "--device cuda: ");
+  expect_refused({"--gpus", "1"}, "--gpus 1: ");
 }
 
 TEST_F(TrainRanks, TrainsAloneWhereThatIsAskedFor) {
