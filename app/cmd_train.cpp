@@ -226,8 +226,10 @@ struct HeldFolder {
 };
 
 std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
+  const bool is_default = layers && layers->config.batch != config.batch;
+  const std::string reason = config.batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
   return detail::concat("ranks       ", n_ranks, ", ", config.batch, config.batch > 1 ? " views" : " view", " per step",
-                        layers && layers->config.batch != config.batch ? " (one per rank; --batch changes it)" : "");
+                        is_default ? reason : "");
 }
 
 std::string describe_limit(const TrainConfig& config) {

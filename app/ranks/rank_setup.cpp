@@ -61,14 +61,19 @@ int parse_gpus(const std::string& text) {
   return n;
 }
 
-/// @throws InputError if ranks of this machine cannot use the device
+/// @throws InputError if this machine has fewer than n
+void require_gpus(const RankOptions& options, int n, int n_gpus) {
+  if (n <= n_gpus) return;
+  input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
+              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ",
+              n, " --device cpu");
+}
+
+/// @throws InputError if n ranks of this machine cannot use the device
 void check_start(const RankOptions& options, int n, const std::string& device_name) {
   const int n_gpus = device_name == "cpu" ? 0 : count_gpus();
   const bool uses_gpus = device_name == "cuda" || n_gpus > 0;
-  if (uses_gpus && n > n_gpus) {
-    input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
-                "; use ", n_gpus > 1 ? "fewer ranks, or " : "", "processes on the CPU: --ranks ", n, " --device cpu");
-  }
+  if (uses_gpus) require_gpus(options, n, n_gpus);
   const std::string reason = why_no_tensor_group(torch::Device(uses_gpus ? torch::kCUDA : torch::kCPU));
   if (!reason.empty()) input_error(n, " ranks: ", reason);
 }
@@ -159,6 +164,7 @@ RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) 
     check_start(options, n, has_gpus ? "cuda" : device_name);
     plan.n_to_start = n;
   } else if (n_gpus == 1) {
+    require_gpus(options, 1, count_gpus());
     plan.device_name = "cuda";
   }
   return plan;

@@ -103,7 +103,6 @@ void check_options(const TrainConfig& config) {
 }
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
-  if (hooks.ranks != nullptr) throw LogicError("training on several ranks is not implemented yet");
   set_compute_threads(config.threads);
   TrainConfig resolved = config;  // some values follow from the device's name and from the scene
   resolved.device = device_name(choose_device(config.device));

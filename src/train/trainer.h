@@ -32,9 +32,10 @@ struct MemoryForecast {
 struct TrainHooks : TrainListeners {
   ProgressFn on_loading;                          // while photographs are read before the first step
   const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
-  Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
   // After the files of the last iteration and before its density control: the model is the one that was saved. Of
   // several ranks, on rank 0.
+  std::function<void()> on_result;
+  Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
   std::function<void()> on_result;
 
 

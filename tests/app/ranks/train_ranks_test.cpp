@@ -1,0 +1,214 @@
+// b3dgs train on several ranks: options, launchers, and which of the ranks speaks.
+#include "app/ranks/rank_setup.h"
+
+#include <gtest/gtest.h>
+#include <omp.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/check.h"
+#include "core/parallel.h"
+#include "dist/control/socket.h"
+#include "dist/tensor_group.h"
+#include "model/model_folder.h"
+#include "support/files.h"
+#include "support/run_program.h"
+#include "support/temp_dir.h"
+#include "train/threads.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Outcome;
+using test::read_bytes;
+using test::run_b3dgs;
+using Words = std::vector<std::string>;
+
+/// Environment variables during a test.
+class Variables {
+ public:
+  explicit Variables(std::vector<std::pair<const char*, std::string>> values) : values_(std::move(values)) {
+    for (const auto& [name, value] : values_) setenv(name, value.c_str(), 1);
+  }
+  ~Variables() {
+    for (const auto& [name, value] : values_) unsetenv(name);
+  }
+  Variables(const Variables&) = delete;
+  Variables& operator=(const Variables&) = delete;
+
+ private:
+  std::vector<std::pair<const char*, std::string>> values_;
+};
+
+std::vector<std::pair<const char*, std::string>> launched(int rank, int size, int port = 29500) {
+  return {{"RANK", std::to_string(rank)},
+          {"WORLD_SIZE", std::to_string(size)},
+          {"LOCAL_RANK", std::to_string(rank)},
+          {"MASTER_ADDR", "127.0.0.1"},
+          {"MASTER_PORT", std::to_string(port)}};
+}
+
+std::vector<std::pair<const char*, std::string>> without_gpus() {
+  return {{"CUDA_VISIBLE_DEVICES", ""}};
+}
+
+int count_of(const std::string& text, const std::string& part) {
+  int n = 0;
+  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++n;
+  return n;
+}
+
+class TrainRanks : public testing::Test {
+ protected:
+  TrainRanks() {
+    const Outcome made = run_b3dgs(
+        {"synth", "orbit", scene(), "--points", "300", "--views", "6", "--width", "48", "--height", "36", "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+
+  std::string scene() const { return (temp / "scene").string(); }
+  std::string model(const std::string& name = "model") const { return (temp / name).string(); }
+
+  Outcome train(const Words& more, const std::string& name = "model") const {
+    Words words{"train", "-s", scene(), "-m", model(name), "--iterations", "4"};
+    words.insert(words.end(), more.begin(), more.end());
+    return run_b3dgs(words);
+  }
+
+  /// One line of error, and nothing was started or written.
+  void expect_refused(const Words& words, const std::string& error) const {
+    const Outcome outcome = train(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    EXPECT_EQ(outcome.err.rfind("error: " + error, 0), 0u) << outcome.err;
+    EXPECT_EQ(count_of(outcome.err, "\n"), 1) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_FALSE(fs::exists(model()));
+  }
+
+  const test::TempDir temp;
+};
+
+class TrainRanksOnCpu : public TrainRanks {
+ protected:
+  void SetUp() override {
+    if (!why_no_tensor_group(torch::kCPU).empty()) GTEST_SKIP() << why_no_tensor_group(torch::kCPU);
+  }
+};
+
+TEST_F(TrainRanks, RefusesOptionsThatContradictEachOther) {
+  expect_refused({"--ranks", "2", "--gpus", "2"}, "--ranks and --gpus exclude each other");
+  expect_refused({"--gpus", "2", "--device", "cpu"}, "--gpus 2 and --device cpu exclude each other");
+  for (const char* const wrong : {"0", "-1", "two", "2x", "1025"}) {
+    expect_refused({std::string("--gpus=") + wrong}, "invalid value for --gpus (expected auto, or a whole number");
+  }
+  const Variables variables(launched(0, 3));
+  expect_refused({"--ranks", "2"}, "2 ranks requested, but a launcher");
+  expect_refused({"--gpus", "2"}, "2 ranks requested, but a launcher");
+}
+
+TEST_F(TrainRanks, RefusesMoreRanksThanGpus) {
+  const Variables variables(without_gpus());
+  expect_refused({"--gpus", "2"}, "--gpus 2: ");
+  expect_refused({"--ranks", "3", "--device", "cuda"}, "--ranks 3: ");
+  expect_refused({"--gpus", "1"}, "--gpus 1: ");
+}
+
+TEST_F(TrainRanks, TrainsAloneWhereThatIsAskedFor) {
+  const Variables variables(without_gpus());
+  ASSERT_EQ(train({}).exit_code, 0);
+  const std::string ply = read_bytes(ModelFolder(model()).ply(4));
+  ASSERT_EQ(train({"--gpus", "auto"}, "auto").exit_code, 0) << "auto without GPUs";
+  EXPECT_TRUE(read_bytes(ModelFolder(model("auto")).ply(4)) == ply);
+  const Variables launcher(launched(1, 3));
+  const Outcome alone = train({"--ranks", "1"}, "alone");
+  ASSERT_EQ(alone.exit_code, 0) << "whatever started this process: " << alone.err;
+  EXPECT_TRUE(read_bytes(ModelFolder(model("alone")).ply(4)) == ply);
+}
+
+TEST_F(TrainRanksOnCpu, OneRankSpeaksAndEachDrawsAView) {
+  const Outcome outcome = train({"--ranks", "2", "--device", "cpu"});
+  const int threads = std::max(1, omp_get_num_procs() / 2);
+  EXPECT_EQ(count_of(outcome.out, "device      "), 1) << outcome.out;
+  EXPECT_EQ(count_of(outcome.out, "device      CPU, " + std::to_string(threads) + " thread"), 1) << outcome.out;
+  EXPECT_EQ(count_of(outcome.out, "ranks       2, 2 views per step (one per rank; --batch changes it)\n"), 1)
+      << outcome.out;
+  EXPECT_EQ(count_of(outcome.err, "reading image headers 6/6\n"), 1) << outcome.err;
+}
+
+TEST_F(TrainRanksOnCpu, AGivenBatchStands) {
+  const Outcome outcome = train({"--ranks", "2", "--device", "cpu", "--batch", "3", "--threads", "1"});
+  EXPECT_EQ(count_of(outcome.out, "ranks       2, 3 views per step\n"), 1) << outcome.out;
+  EXPECT_EQ(count_of(outcome.out, "device      CPU, 1 thread\n"), 1) << outcome.out;
+}
+
+TEST_F(TrainRanksOnCpu, AResumedTrainingKeepsItsBatch) {
+  ASSERT_EQ(train({"--device", "cpu", "--batch", "4", "--checkpoint_iterations", "4"}).exit_code, 0);
+  const Outcome outcome =
+      run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", "8", "--ranks", "2", "--device", "cpu"});
+  EXPECT_EQ(count_of(outcome.out, "ranks       2, 4 views per step\n"), 1) << outcome.out << outcome.err;
+}
+
+TEST_F(TrainRanksOnCpu, TheErrorOfARankEndsAll) {
+  ASSERT_EQ(train({"--device", "cpu"}).exit_code, 0);
+  const std::string error = "output folder already holds a model: " + model();  // only rank 0 looks at it
+  const Outcome started = train({"--ranks", "2", "--device", "cpu"});
+  EXPECT_EQ(started.exit_code, 2);
+  EXPECT_EQ(count_of(started.err, "\n"), 2) << started.err;
+  EXPECT_EQ(count_of(started.err, "error: " + error), 1) << started.err;
+  EXPECT_EQ(count_of(started.err, "error: rank 0 of 2 stopped: " + error), 1) << started.err;
+}
+
+TEST_F(TrainRanksOnCpu, ExitCodesTellWhichRankFailed) {
+  ASSERT_EQ(train({"--device", "cpu"}).exit_code, 0);
+  int port = 0;
+  {
+    const Socket free = listen_at("127.0.0.1", 0);
+    port = port_of(free);
+  }
+  std::string command;
+  for (const int rank : {1, 0}) {
+    const std::string out = (temp / ("rank" + std::to_string(rank))).string();
+    command += "(";
+    for (const auto& [name, value] : launched(rank, 2, port)) command += std::string(name) + "=" + value + " ";
+    command += std::string(B3DGS_PROGRAM) + " train " + scene() + " -m " + model() + " --device cpu > " + out +
+               " 2>&1; echo code $? >> " + out + ") & ";
+  }
+  ASSERT_EQ(std::system((command + " wait").c_str()), 0);
+  const std::string first = read_bytes(temp / "rank0"), second = read_bytes(temp / "rank1");
+  EXPECT_EQ(first.rfind("error: output folder already holds a model", 0), 0u) << first;
+  EXPECT_EQ(count_of(first, "code 2\n"), 1) << first;
+  EXPECT_EQ(second.rfind("error: rank 0 of 2 stopped: output folder already holds a model", 0), 0u) << second;
+  EXPECT_EQ(count_of(second, "code 3\n"), 1) << second;
+}
+
+TEST(RankSetup, ALoneRankHasTheWholeMachine) {
+  const MachineShare share = share_machine(*Communicator::alone());
+  EXPECT_EQ(share.n_ranks, 1);
+  EXPECT_EQ(share.n_cores, omp_get_num_procs());
+}
+
+TEST(RankSetup, DefaultThreadsAreThoseOfAShare) {
+  set_default_threads(3);
+  set_compute_threads(0);
+  EXPECT_EQ(thread_count(), 3);
+  set_compute_threads(2);
+  EXPECT_EQ(thread_count(), 2) << "given";
+  set_default_threads(0);
+  set_compute_threads(0);
+  EXPECT_EQ(thread_count(), omp_get_num_procs());
+}
+
+TEST(RankSetup, RepeatsTheOptions) {
+  EXPECT_EQ(RankOptions{}.as_words(), "");
+  EXPECT_EQ((RankOptions{2, ""}.as_words()), " --ranks 2");
+  EXPECT_EQ((RankOptions{0, "auto"}.as_words()), " --gpus auto");
+}
+
+}  // namespace
+}  // namespace b3dgs
