@@ -13,10 +13,11 @@ namespace b3dgs {
 /// `edit` is about global rows and the same on every rank, on the device of the tensors; afterwards, each rank holds
 /// its rows of what that function would make of the whole tensors. All ranks call this together.
 ///
-/// Beside the model, memory holds one of its tensors (new rows of one rank) and two pieces of piece_bytes. An error
-/// later than the first checks leaves tensors with different numbers of rows: the training cannot continue.
-/// @throws LogicError on all ranks, before anything is changed, if edit, numbers of rows or of columns disagree between
-/// the ranks; OutOfMemoryError
+/// Beside the model and the edit, memory holds a copy of edit.sources, one tensor of the model as it is afterwards, and
+/// two pieces of piece_bytes. An error after the first checks leaves tensors with different numbers of rows: the
+/// training cannot continue.
+/// @throws LogicError on all ranks, with nothing changed, if the edit does not fit the rows or the ranks disagree on
+/// it; OutOfMemoryError
 void apply_row_edit(Communicator& ranks, const RowEdit& edit, std::int64_t n_global_before, GaussianTensors& gaussians,
                     AdamState& adam, DensityStatistics& statistics, std::int64_t piece_bytes = kExchangePieceBytes);
 

@@ -48,8 +48,7 @@ std::vector<Piece> pieces_of(const torch::Tensor& local, std::int64_t n_global, 
 }
 
 torch::Tensor rows_of_rank(const Piece& piece, const torch::Tensor& local, int rank) {
-  const auto n = piece.counts[static_cast<std::size_t>(rank)];
-  return local.slice(0, std::min(piece.local_begin, local.size(0)), std::min(piece.local_begin + n, local.size(0)));
+  return local.slice(0, piece.local_begin, piece.local_begin + piece.counts[static_cast<std::size_t>(rank)]);
 }
 
 /// Copies rows in the order of the ranks to their places in `global`.
@@ -57,6 +56,7 @@ void put_in_order(const Piece& piece, const torch::Tensor& by_rank, torch::Tenso
   torch::Tensor out = global.slice(0, piece.begin, piece.end);
   const int size = static_cast<int>(piece.counts.size());
   std::vector<torch::Tensor> rows;
+  rows.reserve(piece.counts.size());
   for (int r = 0; r < size; ++r) rows.push_back(global_rows({r, size}, out.size(0), out.device()));
   out.index_copy_(0, torch::cat(rows), by_rank);
 }

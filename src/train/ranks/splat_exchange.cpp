@@ -33,7 +33,7 @@ void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, co
 }
 
 /// Writes the splats as rows of words, with global rows.
-void pack(const ViewSplats& splats, const RowShards& shards, torch::Tensor words) {
+void pack(const ViewSplats& splats, const RowShards& shards, const torch::Tensor& words) {
   words.slice(1, 0, kSplatWords).copy_(splats.splats.view(torch::kInt32));
   words.slice(1, kExtent, kRadius).copy_(splats.extents.view(torch::kInt32));
   words.select(1, kRadius).copy_(splats.radii);
