@@ -36,8 +36,6 @@ struct TrainHooks : TrainListeners {
   // several ranks, on rank 0.
   std::function<void()> on_result;
   Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
-  std::function<void()> on_result;
-
 
   // For tests and benchmarks.
   std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty
