@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-/// The Gaussian that touches the most tiles of a view.
+/// The Gaussian, or row of splats, that touches the most tiles of a view.
 struct WidestGaussian {
   std::int64_t index = 0;
   std::int64_t n_tiles = 0;
@@ -20,10 +20,11 @@ inline bool has_too_many_pairs(std::int64_t n_pairs) {
   return n_pairs > kIndexMax;
 }
 
-/// Error message for a view with too many pairs.
-inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles) {
+/// Error message for a view with too many pairs. `what` is what `widest` has the index of.
+inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles,
+                                  const char* what = "Gaussian") {
   return "the view needs " + format_count(n_pairs) + " (tile, Gaussian) pairs, more than " + format_count(kIndexMax) +
-         "; Gaussian " + std::to_string(widest.index) + " alone touches " + format_count(widest.n_tiles) + " of " +
+         "; " + what + " " + std::to_string(widest.index) + " alone touches " + format_count(widest.n_tiles) + " of " +
          format_count(n_tiles) + " tiles; use smaller images (-r 2) or fewer Gaussians (--max_gaussians)";
 }
 

@@ -5,6 +5,7 @@
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
 #include "raster/splat_records.h"
+#include "raster/splat_rows.h"
 
 namespace b3dgs::cuda {
 
@@ -55,6 +56,27 @@ struct ProjectCudaArgs {
   bool antialiasing = false;
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
+
+/// Counts of a view without splats. project() and load_rows() begin with it.
+void reset_counts(ViewCounts* counts, std::int64_t n_gaussians, const LaunchContext& context);
+
+/// After list_seen(): the rows of the Gaussians that the view sees.
+struct CopySeenArgs {
+  ProjectOutputs projected{};
+  const std::int32_t* seen = nullptr;  // [M]
+  std::int64_t n_splats = 0;           // M
+  SplatRowArrays out{};                // [M]
+};
+void copy_seen(const CopySeenArgs& args, const LaunchContext& context);
+
+/// In place of project(): splats that were projected elsewhere. They are numbered as Gaussians, row by row.
+struct LoadRowsArgs {
+  SplatRows rows{};
+  TileGrid grid{};
+  Culling culling = Culling::kEllipse;
+  ProjectOutputs out{};
+};
+void load_rows(const LoadRowsArgs& args, const LaunchContext& context);
 
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
@@ -163,13 +185,6 @@ void count_load(const CountLoadArgs& args, const LaunchContext& context);
 void score(const ScoreArgs& args, const LaunchContext& context);
 void add_scores(const AddScoresArgs& args, const LaunchContext& context);
 
-/// SplatGrad in three 16-byte words for vector atomics. The words have room for the sums of absolute values.
-struct alignas(16) SplatGradSum {
-  SplatGrad sum;
-  float abs_x, abs_y;  // sums of |q times pull|; 0 unless BlendBackwardCudaArgs::absolute
-};
-static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
-
 struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used
   Buckets buckets{};
@@ -228,6 +243,21 @@ struct SplatRecordArgs {
   SplatRecordArrays out{};
 };
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
+
+/// The same for splats that were drawn elsewhere.
+void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
+
+/// Ranks of the splats of load_rows().
+struct RanksOfRows {
+  std::int64_t n_rows = 0;
+  const std::int32_t* radii = nullptr;        // [n_rows] 0 if not drawn
+  const std::int32_t* rank_of_row = nullptr;  // [n_rows]
+};
+
+/// From the order of the ranks to that of the rows; 0 for a row that is not drawn.
+void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatGradSum* by_row,
+                   const LaunchContext& context);
+void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row, const LaunchContext& context);
 
 /// Gradient with respect to the camera's pose (math/camera_grad.h).
 struct CameraGradientArgs {

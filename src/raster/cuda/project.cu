@@ -1,16 +1,15 @@
 // Projection: Gaussians to splats.
 //   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
 //     splat, colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
-//   Shared memory: the block's numbers of splats and pairs. Warps add to them, and one thread adds them to the global
-//     counters: two global atomics per block.
+//   Shared memory: the block's numbers of splats and pairs (count_view.cuh).
 //   Barriers: two, around the block's sums.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 
 #include "raster/cuda/color.cuh"
+#include "raster/cuda/count_view.cuh"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/warp.cuh"
 #include "raster/math/project_splat.h"
 
 namespace b3dgs::cuda {
@@ -56,18 +55,7 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
 
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   const std::int32_t n_tiles = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing>(args, i) : 0;
-  // A splat touches at most all tiles, so a warp's sum fits 32 bits up to 2^27 tiles.
-  const int seen = __popc(__ballot_sync(kFullWarp, n_tiles > 0));
-  const unsigned pairs = warp_sum(static_cast<unsigned>(n_tiles));
-  if (lane_id() == 0 && seen > 0) {
-    atomicAdd(&block_splats, static_cast<unsigned long long>(seen));
-    atomicAdd(&block_pairs, static_cast<unsigned long long>(pairs));
-  }
-  __syncthreads();
-  if (threadIdx.x == 0 && block_splats > 0) {
-    atomicAdd(reinterpret_cast<unsigned long long*>(&args.out.counts->n_splats), block_splats);
-    atomicAdd(reinterpret_cast<unsigned long long*>(&args.out.counts->n_pairs), block_pairs);
-  }
+  count_splat(n_tiles, block_splats, block_pairs, args.out.counts);
 }
 
 __global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians) {
@@ -89,10 +77,14 @@ void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
 
 }  // namespace
 
+void reset_counts(ViewCounts* counts, std::int64_t n_gaussians, const LaunchContext& context) {
+  reset_counts_kernel<<<1, 1, 0, context.stream>>>(counts, n_gaussians);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
 void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n = args.gaussians.n_gaussians;
-  reset_counts_kernel<<<1, 1, 0, context.stream>>>(args.out.counts, n);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  reset_counts(args.out.counts, n, context);
   if (n == 0) return;
   if (args.antialiasing) {
     launch<true>(args, context);

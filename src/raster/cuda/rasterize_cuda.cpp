@@ -59,6 +59,12 @@ WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, cons
   return {static_cast<std::int64_t>(widest), host[widest]};
 }
 
+void check_kernels(const RenderSettings& settings) {
+  B3DGS_CHECK(
+      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
+      "deterministic gradients need the per-splat backward kernel");
+}
+
 }  // namespace
 
 struct Rasterizer::Impl {
@@ -87,7 +93,9 @@ struct Rasterizer::Impl {
   bool camera_gradient = false, has_camera_gradient = false;
   bool inverse_depth = false;
   TileGrid grid{};
-  std::int64_t n_gaussians = -1, n_splats = 0;
+  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
+  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
+  std::int64_t n_splats = 0;
   BinnedView binned{};
   BucketParts parts{};       // memory for the bucket parts
   BucketParts kept_parts{};  // what the last blend stored there
@@ -121,6 +129,23 @@ struct Rasterizer::Impl {
     forward_scratch.visit_buffers(visit);
     bin_buffers.visit_buffers(visit);
   }
+  bool has_view() const { return n_gaussians >= 0 || n_rows >= 0; }
+
+  // The parts of a forward pass:
+  /// Until all passes have succeeded, there is no view. Returns buffers for n rows.
+  ProjectOutputs begin_view(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
+                            const LaunchContext& context);
+  void project(const GaussianArrays& gaussians, const RenderSettings& settings, const ProjectOutputs& projected,
+               ColorPass* colors, const LaunchContext& context);
+  /// Begins the binning of n rows, and waits for the counts.
+  ViewCounts count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context);
+  /// From the splats to the images.
+  void draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counts, const RenderSettings& settings,
+            const ImageArrays& out, const LaunchContext& context);
+
+  /// Scores of each splat, in the memory of splat_grads.
+  ScoreSums* score(const float* error, const LaunchContext& context);
+  RanksOfRows ranks_of_rows() const { return {n_rows, radii.data(), binned.rank_of_gaussian}; }
   void blend_forward(ForwardKernel kernel, const LaunchContext& context);
   void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
 };
@@ -168,70 +193,113 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
+ProjectOutputs Rasterizer::Impl::begin_view(std::int64_t n, const PinholeView& next_view,
+                                            const RenderSettings& settings, const LaunchContext& context) {
+  n_gaussians = n_rows = -1;
+  view = next_view;
+  sh_degree = settings.sh_degree;
+  antialiasing = settings.antialiasing;
+  grid = make_tile_grid(view.width, view.height, settings.tile);
+  stages = settings.stages;
+  has_absolute_gradients = has_camera_gradient = false;
+  begin_stage(stages, Stage::kProject);
+  return {splats.resize(n, context),  extents.resize(n, context),    radii.resize(n, context),
+          n_tiles.resize(n, context), depth_bits.resize(n, context), counts.resize(1, context)};
+}
+
+void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSettings& settings,
+                               const ProjectOutputs& projected, ColorPass* colors, const LaunchContext& context) {
+  cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, grid, projected, colors,
+                 settings.antialiasing},
+                context);
+}
+
+ViewCounts Rasterizer::Impl::count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
+  B3DGS_CUDA_CHECK(
+      cudaMemcpyAsync(host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
+  counts_copied.record(context.stream);
+  begin_stage(stages, Stage::kBin);
+  list_seen(projected, n, bin_buffers, context);  // the device works on this while the host waits for the counts
+  counts_copied.wait();
+  const ViewCounts found = *host_counts.get();
+  if (found.first_invalid < n) {
+    throw InvalidGaussianError(found.first_invalid, detail::concat("Gaussian ", found.first_invalid, kInvalidText));
+  }
+  return found;
+}
+
+void Rasterizer::Impl::draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counted,
+                            const RenderSettings& settings, const ImageArrays& out, const LaunchContext& context) {
+  background = settings.background;
+  rendered = out;
+  n_splats = counted.n_splats;
+  const bool keep_slots = settings.deterministic && settings.keep_for_backward;
+  binned = bin({projected, n, counted.n_splats, counted.n_pairs, grid, settings.culling, keep_slots}, bin_buffers,
+               pass_scratch, context);
+  inverse_depth = settings.inverse_depth;
+  if (inverse_depth) invert_depths(bin_buffers.splats.data(), n_splats, context);
+
+  begin_stage(stages, Stage::kBlendForward);
+  parts = {};
+  backward_kernel = settings.backward_kernel;
+  deterministic = settings.deterministic;
+  absolute_gradient = settings.absolute_gradient;
+  camera_gradient = settings.camera_gradient;
+  if (settings.keep_for_backward) {
+    parts.color = part_color.resize(n_bucket_pixels(), context);
+    if (settings.depth_gradient) parts.depth = part_depth.resize(n_bucket_pixels(), context);
+    make_room_for_backward(context);
+  }
+  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
+  transmittance.resize(n_pixels, context);
+  last_ids.resize(n_pixels, context);
+  blend_forward(settings.kernel, context);
+  end_stage(stages);
+}
+
 void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                          const ImageArrays& out, const LaunchContext& context, ColorPass* colors) {
   check_render_args(gaussians, view, settings);
-  B3DGS_CHECK(
-      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
-      "deterministic gradients need the per-splat backward kernel");
+  check_kernels(settings);
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
-  s.n_gaussians = -1;  // no valid view until this pass has succeeded
-  s.view = view;
-  s.sh_degree = settings.sh_degree;
-  s.antialiasing = settings.antialiasing;
-  s.grid = make_tile_grid(view.width, view.height, settings.tile);
-  s.background = settings.background;
-  s.rendered = out;
-  s.stages = settings.stages;
-
-  begin_stage(s.stages, Stage::kProject);
-  const ProjectOutputs projected{s.splats.resize(n, context),     s.extents.resize(n, context),
-                                 s.radii.resize(n, context),      s.n_tiles.resize(n, context),
-                                 s.depth_bits.resize(n, context), s.counts.resize(1, context)};
-  project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, s.grid, projected, colors,
-           settings.antialiasing},
-          context);
-  B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
-                                   context.stream));
-  s.counts_copied.record(context.stream);
-  begin_stage(s.stages, Stage::kBin);
-  list_seen(projected, n, s.bin_buffers, context);  // the device works on this while the host waits for the counts
-  s.counts_copied.wait();
-  const ViewCounts counts = *s.host_counts.get();
-  if (counts.first_invalid < n) {
-    throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
-  }
+  const ProjectOutputs projected = s.begin_view(n, view, settings, context);
+  s.project(gaussians, settings, projected, colors, context);
+  const ViewCounts counts = s.count(projected, n, context);
   if (has_too_many_pairs(counts.n_pairs)) {
     throw NumericError(
         too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles()));
   }
-  s.n_splats = counts.n_splats;
-  const bool keep_slots = settings.deterministic && settings.keep_for_backward;
-  s.binned = bin({projected, n, counts.n_splats, counts.n_pairs, s.grid, settings.culling, keep_slots}, s.bin_buffers,
-                 s.pass_scratch, context);
-  s.inverse_depth = settings.inverse_depth;
-  if (s.inverse_depth) invert_depths(s.bin_buffers.splats.data(), s.n_splats, context);
-
-  begin_stage(s.stages, Stage::kBlendForward);
-  s.parts = {};
-  s.backward_kernel = settings.backward_kernel;
-  s.deterministic = settings.deterministic;
-  s.absolute_gradient = settings.absolute_gradient;
-  s.has_absolute_gradients = false;
-  s.camera_gradient = settings.camera_gradient;
-  s.has_camera_gradient = false;
-  if (settings.keep_for_backward) {
-    s.parts.color = s.part_color.resize(s.n_bucket_pixels(), context);
-    if (settings.depth_gradient) s.parts.depth = s.part_depth.resize(s.n_bucket_pixels(), context);
-    s.make_room_for_backward(context);
-  }
-  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  s.transmittance.resize(n_pixels, context);
-  s.last_ids.resize(n_pixels, context);
-  s.blend_forward(settings.kernel, context);
-  end_stage(s.stages);
+  s.draw(projected, n, counts, settings, out, context);
   s.n_gaussians = n;
+}
+
+void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                         const SplatAllocator& allocate, const LaunchContext& context, ColorPass* colors) {
+  check_render_args(gaussians, view, settings);
+  Impl& s = *impl_;
+  const ProjectOutputs projected = s.begin_view(gaussians.n_gaussians, view, settings, context);
+  s.project(gaussians, settings, projected, colors, context);
+  const ViewCounts counts = s.count(projected, gaussians.n_gaussians, context);
+  copy_seen({projected, s.bin_buffers.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
+  end_stage(s.stages);
+}
+
+void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                                const ImageArrays& out, const LaunchContext& context) {
+  const std::int64_t n = rows.n_splats;
+  check_splat_args(n, view, settings);
+  check_kernels(settings);
+  Impl& s = *impl_;
+  const ProjectOutputs projected = s.begin_view(n, view, settings, context);
+  load_rows({rows, s.grid, settings.culling, projected}, context);
+  const ViewCounts counts = s.count(projected, n, context);
+  if (has_too_many_pairs(counts.n_pairs)) {
+    throw NumericError(too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles(),
+                                      "the Gaussian of splat"));
+  }
+  s.draw(projected, n, counts, settings, out, context);
+  s.n_rows = n;
 }
 
 ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
@@ -272,25 +340,35 @@ void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const Image
   end_stage(impl_->stages);
 }
 
+void Rasterizer::backward_splats(const ImageGradArrays& grad, SplatGradSum* out, const LaunchContext& context) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_rows >= 0, "backward_splats() before any forward_splats()");
+  begin_stage(s.stages, Stage::kBlendBackward);
+  s.blend_backward(s.backward_kernel, grad, context);
+  begin_stage(s.stages, Stage::kProjectBackward);
+  rows_of_ranks(s.ranks_of_rows(), s.splat_grads.data(), out, context);
+  end_stage(s.stages);
+}
+
 void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend() before any forward()");
+  B3DGS_CHECK(impl_->has_view(), "reblend() before any forward()");
   impl_->blend_forward(kernel, context);
 }
 
 void Rasterizer::reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0, "reblend_backward() before any forward()");
+  B3DGS_CHECK(impl_->has_view(), "reblend_backward() before any forward()");
   impl_->blend_backward(kernel, grad, context);
 }
 
 void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const {
   const Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "count_load() before any forward()");
+  B3DGS_CHECK(s.has_view(), "count_load() before any forward()");
   cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
 }
 
 void Rasterizer::absolute_gradients(float* out, const LaunchContext& context) const {
   const Impl& s = *impl_;
-  B3DGS_CHECK(s.has_absolute_gradients,
+  B3DGS_CHECK(s.has_absolute_gradients && s.n_gaussians >= 0,
               "absolute_gradients() without a forward() with absolute_gradient and its backward()");
   cuda::absolute_gradients({s.n_gaussians, s.n_splats, s.binned.splats, s.splat_grads.data(), out}, context);
 }
@@ -301,16 +379,26 @@ const double* Rasterizer::camera_gradient() const {
   return impl_->camera_gradients.data();
 }
 
+ScoreSums* Rasterizer::Impl::score(const float* error, const LaunchContext& context) {
+  static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
+  auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads.resize(n_splats, context));
+  has_absolute_gradients = false;
+  const std::size_t bytes = static_cast<std::size_t>(n_splats) * sizeof(ScoreSums);
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
+  cuda::score({binned.splats, binned.extents, binned.bins, grid, error, sums}, context);
+  return sums;
+}
+
 void Rasterizer::score(const float* error, const ScoreArrays& out, const LaunchContext& context) {
   Impl& s = *impl_;
   B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
-  static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-  auto* const sums = reinterpret_cast<ScoreSums*>(s.splat_grads.resize(s.n_splats, context));
-  s.has_absolute_gradients = false;
-  const std::size_t bytes = static_cast<std::size_t>(s.n_splats) * sizeof(ScoreSums);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
-  cuda::score({s.binned.splats, s.binned.extents, s.binned.bins, s.grid, error, sums}, context);
-  cuda::add_scores({s.binned.splats, s.n_splats, nullptr, sums, out}, context);
+  cuda::add_scores({s.binned.splats, s.n_splats, nullptr, s.score(error, context), out}, context);
+}
+
+void Rasterizer::score_splats(const float* error, ScoreSums* out, const LaunchContext& context) {
+  Impl& s = *impl_;
+  B3DGS_CHECK(s.n_rows >= 0, "score_splats() before any forward_splats()");
+  rows_of_ranks(s.ranks_of_rows(), s.score(error, context), out, context);
 }
 
 const float* Rasterizer::splat_grads() const {
@@ -342,7 +430,7 @@ std::int64_t Rasterizer::memory_bytes() const {
   return bytes;
 }
 void Rasterizer::release_memory() {
-  impl_->n_gaussians = -1;
+  impl_->n_gaussians = impl_->n_rows = -1;
   impl_->visit_buffers([](auto& buffer) { buffer.release(); });
 }
 

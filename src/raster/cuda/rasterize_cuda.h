@@ -35,6 +35,25 @@ class Rasterizer {
   void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad, const SplatRecordArrays& out,
                           const LaunchContext& context);
 
+  /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
+  /// Gaussians, to the device memory that `allocate` returns. There is no last forward() after it. Waits for the device
+  /// once, for the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian; CudaError
+  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const SplatAllocator& allocate, const LaunchContext& context, ColorPass* colors = nullptr);
+
+  /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
+  /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
+  /// backward_to_splats(), absolute_gradients(), camera_gradient() and score(). Waits for the device once.
+  /// @throws LogicError if settings.camera_gradient; NumericError for too many pairs; CudaError
+  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                      const ImageArrays& out, const LaunchContext& context);
+
+  /// The backward blend of the last forward_splats(): sums of each row, [M] out, device memory.
+  void backward_splats(const ImageGradArrays& grad, SplatGradSum* out, const LaunchContext& context);
+
+  /// score() of the last forward_splats(): sums of each row, [M] out, device memory; padding is 0.
+  void score_splats(const float* error, ScoreSums* out, const LaunchContext& context);
+
   /// Runs a blending pass of the last forward() again with another kernel: into the same images, or into splat_grads().
   void reblend(ForwardKernel kernel, const LaunchContext& context);
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
@@ -55,7 +74,7 @@ class Rasterizer {
   void score(const float* error, const ScoreArrays& out, const LaunchContext& context);
 
   /// [M, 12] floats in device memory: the splats' sums of the last backward blend, of which the first 10 are
-  /// a SplatGrad.
+  /// a SplatGrad. In the order of splats().
   const float* splat_grads() const;
 
   /// Device arrays of the last forward():
