@@ -45,7 +45,7 @@ using SteadyClock = std::chrono::steady_clock;
 Outcome run_b3dgs(const std::vector<std::string>& words, const RunOptions& options) {
   const TempDir streams;
   const std::string out = (streams.path() / "out").string(), err = (streams.path() / "err").string();
-  std::vector<std::string> command{B3DGS_PROGRAM};
+  std::vector<std::string> command{options.program};
   command.insert(command.end(), words.begin(), words.end());
   std::vector<char*> argv;
   for (std::string& word : command) argv.push_back(word.data());

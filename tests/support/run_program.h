@@ -16,6 +16,7 @@ struct Outcome {
 };
 
 struct RunOptions {
+  std::string program = B3DGS_PROGRAM;
   std::filesystem::path folder;       // working folder; empty: the current one
   long long file_size_limit = 0;      // bytes; writes beyond it fail as on a full disk; 0: no limit
   std::function<bool()> signal_when;  // polled while the program runs; sends `signal` once it is true

@@ -56,7 +56,7 @@ torch::Tensor random_words(torch::IntArrayRef sizes) {
 Counts deal_rows(int rank, int size, std::int64_t n_global) {
   Counts rows;
   for (std::int64_t row = 0; row < n_global; ++row) {
-    if (row / 1024 % size == rank) rows.push_back(row);
+    if (row / RowShards::kBlock % size == rank) rows.push_back(row);
   }
   return rows;
 }
@@ -208,7 +208,7 @@ WholeView random_view(std::int64_t n_global, double part) {
 
 /// Places in view.rows of the rows that the rank owns.
 torch::Tensor places_of(const WholeView& view, const RowShards& shards) {
-  return (torch::div(view.rows, 1024, "floor").remainder(shards.size) == shards.rank).nonzero().flatten();
+  return (torch::div(view.rows, RowShards::kBlock, "floor").remainder(shards.size) == shards.rank).nonzero().flatten();
 }
 
 ViewSplats own_splats(const WholeView& view, const RowShards& shards) {
@@ -331,7 +331,7 @@ void check_misfits(Communicator& ranks) {
     expect_same(model.gaussians.means, means, "means after a refused edit");
   };
   const RowEdit edit = random_edit(kRows, 0.7, 500, true, false);
-  edit_fails(last, edit, is_last ? kRows + 1024 * ranks.size() : kRows, own_part(whole, shards));
+  edit_fails(last, edit, is_last ? kRows + RowShards::kBlock * ranks.size() : kRows, own_part(whole, shards));
   Model short_column = own_part(whole, shards);
   if (is_last) short_column.statistics.extra[0].values = short_column.statistics.extra[0].values.slice(0, 1);
   edit_fails(last, edit, kRows, short_column);

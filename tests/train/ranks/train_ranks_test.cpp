@@ -1,4 +1,5 @@
-// Rows, row edits, splats and noise on several ranks have the bytes of one rank: train_rank.cpp in real processes.
+// Rows, row edits, splats, noise and whole trainings on several ranks have the bytes of one rank: train_rank.cpp and
+// train_together.cpp in real processes.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -11,9 +12,10 @@ namespace {
 
 class TrainRanks : public testing::TestWithParam<std::tuple<int, const char*>> {};
 
-TEST_P(TrainRanks, ComputeTheBytesOfOneRank) {
-  const auto [size, scenario] = GetParam();
-  const test::Outcome outcome = test::run_b3dgs({std::to_string(size), scenario});  // runs train_rank here
+void expect_success(const std::string& program, int size, const char* scenario) {
+  test::RunOptions options;
+  options.program = program;
+  const test::Outcome outcome = test::run_b3dgs({std::to_string(size), scenario}, options);
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(outcome.err, "");
   for (int rank = 0; rank < size; ++rank) {
@@ -21,12 +23,30 @@ TEST_P(TrainRanks, ComputeTheBytesOfOneRank) {
   }
 }
 
+TEST_P(TrainRanks, ComputeTheBytesOfOneRank) {
+  expect_success(B3DGS_PROGRAM, std::get<0>(GetParam()), std::get<1>(GetParam()));
+}
+
+class TrainTogether : public TrainRanks {};
+
+TEST_P(TrainTogether, GivesTheFilesOfOneProcess) {
+  expect_success(B3DGS_TRAIN_TOGETHER, std::get<0>(GetParam()), std::get<1>(GetParam()));
+}
+
+std::string name_of(const testing::TestParamInfo<std::tuple<int, const char*>>& test) {
+  return std::get<1>(test.param) + std::to_string(std::get<0>(test.param));
+}
+
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
                          testing::Combine(testing::Values(1, 2, 3, 4),
                                           testing::Values("gathering", "edits", "splats", "noise", "misfits")),
-                         [](const auto& test) {
-                           return std::get<1>(test.param) + std::to_string(std::get<0>(test.param));
-                         });
+                         name_of);
+
+INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
+                         testing::Combine(testing::Values(2, 3, 4),
+                                          testing::Values("default", "mcmc", "balanced", "options", "few", "resume",
+                                                          "invalid", "stop", "unsupported")),
+                         name_of);
 
 }  // namespace
 }  // namespace b3dgs
