@@ -77,8 +77,8 @@ class Trainer {
   int iteration() const;
 
   /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
-  /// Call run_until() first. Of several ranks, all call this together, except in TrainHooks::on_result; the result is on
-  /// rank 0.
+  /// Call run_until() first. Of several ranks, all call this together, except in TrainHooks::on_result; the result is
+  /// on rank 0.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
   /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError

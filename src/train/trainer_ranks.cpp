@@ -1,7 +1,7 @@
 // Training on several ranks (processes, src/dist). Each has some rows of the model (core/row_shards.h), with their
-// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of view v go
-// to rank v % size, which draws it, compares it with the photograph and blends backward; the sums of each splat go back
-// to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of ranks.
+// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of view v
+// go to rank v % size, which draws it, compares it with the photograph and blends backward; the sums of each splat go
+// back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of ranks.
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what StepRecord tells them.
 // Rank 0 writes the files. To evaluate or to time kernels, it renders views of the whole model; the other ranks then
@@ -15,8 +15,8 @@
 #include "raster/math/project_splat.h"
 #include "raster/torch/splat_owner.h"
 #include "train/density/invalid_gaussians.h"
-#include "train/ranks/sharded_row_edit.h"
 #include "train/optimizer/lr_schedule.h"
+#include "train/ranks/sharded_row_edit.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {

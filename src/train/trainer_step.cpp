@@ -31,9 +31,8 @@ void Trainer::Impl::initialize_model() {
   prepare_appearance();
   state.background = make_background(learned_background_degree(config), device);
   if (config.max_gaussians > 0 && state.n_gaussians() > config.max_gaussians) {
-    recorder.warn(detail::concat("training starts with ", state.n_gaussians(),
-                                 " Gaussians, more than --max_gaussians ", config.max_gaussians,
-                                 "; none will be added"));
+    recorder.warn(detail::concat("training starts with ", state.n_gaussians(), " Gaussians, more than --max_gaussians ",
+                                 config.max_gaussians, "; none will be added"));
   }
 }
 

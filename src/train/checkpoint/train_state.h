@@ -18,9 +18,9 @@
 namespace b3dgs {
 
 struct TrainState {
-  int iteration = 0;        // last one done; random numbers follow from it and the seed (core/random.h)
-  int step_iterations = 1;  // of the last step, see --batch
-  int sh_degree = 0;        // currently optimised; shN has coefficients up to the config's degree
+  int iteration = 0;          // last one done; random numbers follow from it and the seed (core/random.h)
+  int step_iterations = 1;    // of the last step, see --batch
+  int sh_degree = 0;          // currently optimised; shN has coefficients up to the config's degree
   GaussianTensors gaussians;  // of several ranks, each has some of the rows
   std::optional<std::int64_t> n_of_all_ranks;  // Gaussians of the model, if there are several ranks
   AdamState adam;

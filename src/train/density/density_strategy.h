@@ -42,8 +42,8 @@ struct DensityStep {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
   std::int32_t width = 0, height = 0;  // px, of the view
-  // Adds what the view's pixels say about its Gaussians (Rasterizer::score()), given their errors (error_image.h). Empty
-  // unless the plan says `score`.
+  // Adds what the view's pixels say about its Gaussians (Rasterizer::score()), given their errors (error_image.h).
+  // Empty unless the plan says `score`.
   std::function<void(const GaussianScores&)> add_scores{};
 };
 

@@ -115,8 +115,8 @@ inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, c
   }
 }
 
-/// Checkpoints in the middle of a training, and the end from each of them, equal those of the uninterrupted one, which is
-/// returned.
+/// Checkpoints in the middle of a training, and the end from each of them, equal those of the uninterrupted one, which
+/// is returned.
 inline Trained expect_exact_resume_from_checkpoints(TrainConfig config, const Scene& scene,
                                                     const std::filesystem::path& folder) {
   config.checkpoint_interval = 5;  // also in the middle of steps

@@ -197,8 +197,7 @@ void check_stop(Communicator& ranks) {
   if (ranks.rank() == ranks.size() - 1) signal = 2;
   const Files stopped = train(config, scene, folder / "together", &ranks, {}, hooks);
   expect(stopped.result.interrupted && stopped.result.iteration == config.batch, "stops after the first step");
-  const fs::path checkpoint =
-      ranks.exchange("checkpoint", stopped.result.checkpoint.string()).front();
+  const fs::path checkpoint = ranks.exchange("checkpoint", stopped.result.checkpoint.string()).front();
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
 }
 
