@@ -409,7 +409,7 @@ TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
   const torch::Tensor grad = torch::sin(torch::arange(view.color.numel(), torch::kFloat32)).view(view.color.sizes());
   GaussianTensors grads;
   const ViewStatistics statistics = rasterizer.backward(gaussians, {grad, {}, {}}, grads);
-  const torch::Tensor error = torch::rand({camera.height, camera.width}), none;
+  const torch::Tensor error = torch::rand({camera.height, camera.width});
 
   TrainConfig config = balanced_config();
   const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
@@ -417,8 +417,8 @@ TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
   GaussianTensors model = gaussians;
   model.means = gaussians.means.clone();
   const auto take_step = [&](int iteration) {
-    strategy->after_view(
-        {iteration, statistics, camera.width, camera.height, view.color, none, none, error, &rasterizer}, sums);
+    const auto add_scores = [&](const GaussianScores& scores) { rasterizer.score(error, scores); };
+    strategy->after_view({iteration, statistics, camera.width, camera.height, add_scores}, sums);
     strategy->after_step(iteration, model);
   };
   take_step(650);  // not scored
