@@ -39,9 +39,9 @@
 #include "train/poses/pose_refiner.h"
 #include "train/ranks/draw_plan.h"
 #include "train/ranks/exchange_timer.h"
+#include "train/ranks/part_exchange.h"
 #include "train/ranks/rank_load.h"
 #include "train/ranks/sharded_rows.h"
-#include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
@@ -60,6 +60,11 @@ struct DrawnRecord {
   double losses[kMaxBatch]{};
   std::int64_t entries[kMaxBatch]{};
   RankTotals totals{};
+};
+/// The record and, of a band that the rank has drawn, the entries of each row of tiles.
+struct DrawnParts {
+  DrawnRecord record;
+  std::vector<std::int64_t> rows;
 };
 
 struct Trainer::Impl {
@@ -160,8 +165,10 @@ struct Trainer::Impl {
   TrainView take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next);
   /// The camera of a view, as take_view() has it.
   PinholeView camera_of(std::int32_t index, int iteration);
-  /// The rank that draws each of the next views, beginning with those of the next step.
-  std::vector<int> plan_drawing(const std::vector<std::int32_t>& next);
+  /// Plans who draws the next views, and returns those of this rank, beginning with the step after this iteration.
+  std::vector<std::int32_t> plan_drawing(const std::vector<std::int32_t>& next);
+  /// Who draws the views of the step after iteration `from`, the first of `views`.
+  const StepPlan& planned_step(const std::vector<std::int32_t>& views, int from, int last);
   /// Whether the exchanges of the step after iteration `from` are timed; the same on all ranks.
   bool times_exchanges(int from, int last) const;
   /// Says once if one process would be about as fast.
@@ -170,8 +177,11 @@ struct Trainer::Impl {
   void read_losses_of_ranks();
   void read_own_loss();
   /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
-  DrawnRecord take_drawn();
-  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
+  struct UnreadLoss;
+  DrawnParts take_drawn();
+  void add_drawn(const std::vector<DrawnParts>& of_ranks);
+  /// The work of the views that were drawn, for the plans to come.
+  void count_drawn(const std::vector<UnreadLoss>& views, const std::vector<DrawnParts>& of_ranks);
   /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
   void on_first_rank(const std::function<void()>& work);
   void serve_renders();
@@ -289,15 +299,16 @@ struct Trainer::Impl {
   Agreed agreed;
   /// Views of the last step whose losses have not been added to the average, and who draws them.
   std::vector<UnreadLoss> unread_losses;
-  std::vector<int> drawers;
+  StepPlan step_plan;
+  std::int32_t tile_height = 1;
   /// What this rank has drawn of them. The loss of the last one may still be on the device.
-  struct OwnView {
-    std::size_t place = 0;  // in the step
+  struct OwnPart {
+    DrawnPart part;
     std::optional<double> loss;
     torch::Tensor entries;  // Rasterizer::row_entries()
   };
-  std::vector<OwnView> own_views;
-  std::optional<SplatExchange> splats;
+  std::vector<OwnPart> own_parts;
+  std::optional<PartExchange> splats;
   DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
   RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
   RankTotals own_totals;

@@ -1,8 +1,9 @@
 // Training on several ranks (processes, src/dist). Each has some rows of the model (core/row_shards.h), with their
 // moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of a view
 // go to the rank that draws it (DrawPlan), compares it with the photograph and blends backward; the sums of each splat
-// go back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of
-// ranks.
+// go back to the rank of its Gaussian, which takes the Adam step. With more ranks than views, a view is drawn in bands
+// of tile rows; the ranks of a view exchange their rows of the image, and each compares the whole image. What is
+// learned does not depend on the number of ranks.
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what StepRecord tells them.
 // Rank 0 writes the files. To evaluate or to time kernels, it renders views of the whole model; the other ranks then
@@ -10,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
@@ -24,10 +26,11 @@ namespace b3dgs {
 namespace {
 
 /// What each rank tells the others in a step, after its projections.
+/// Then follow the numbers of splats for each part of the step, and DrawnParts::rows of the step before.
 struct StepRecord {
-  std::int64_t n_splats[kMaxBatch]{};  // of each view
-  std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
-  DrawnRecord drawn{};                 // of the step before
+  std::int64_t first_invalid = -1;   // row of the model that cannot be rendered
+  DrawnRecord drawn{};               // of the step before
+  std::int64_t n_seen[kMaxBatch]{};  // splats of each view
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
 };
@@ -41,8 +44,6 @@ struct RenderRequest {
   Kind kind = kDone;
 };
 
-constexpr std::int64_t kSplatSums = 12, kSplatScores = 6;  // columns of backward_splats() and score_splats()
-
 constexpr std::size_t kPlannedSteps = 4;  // whose views are assigned to ranks at a time
 
 // Exchanges are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
@@ -51,6 +52,23 @@ constexpr int kWarmUp = 20, kMeasured = 40, kTimedInterval = 10;
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
 };
+
+/// Exchanges a record that numbers follow.
+template <class Record>
+std::vector<std::pair<Record, std::vector<std::int64_t>>> exchange_with_numbers(
+    Communicator& ranks, const char* label, const Record& record, const std::vector<std::int64_t>& numbers) {
+  std::string bytes(reinterpret_cast<const char*>(&record), sizeof record);
+  bytes.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(std::int64_t));
+  std::vector<std::pair<Record, std::vector<std::int64_t>>> all;
+  for (const std::string& other : ranks.exchange(label, bytes)) {
+    B3DGS_CHECK(other.size() >= sizeof(Record), label);
+    auto& [other_record, other_numbers] = all.emplace_back();
+    std::memcpy(&other_record, other.data(), sizeof(Record));
+    other_numbers.resize((other.size() - sizeof(Record)) / sizeof(std::int64_t));
+    std::memcpy(other_numbers.data(), other.data() + sizeof(Record), other_numbers.size() * sizeof(std::int64_t));
+  }
+  return all;
+}
 
 /// All tensors with a row per Gaussian.
 template <class Visit>
@@ -124,12 +142,8 @@ void Trainer::Impl::take_distributed_step() {
   const std::size_t n_upcoming = n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch));
   const std::vector<std::int32_t> next = state.view_order.upcoming(
       config.seed, images.size(), std::max(n_upcoming, kPlannedSteps * static_cast<std::size_t>(config.batch)));
-  const std::vector<int> drawers_of_next = plan_drawing(next);
-  const std::vector<int> step_drawers(drawers_of_next.begin(), drawers_of_next.begin() + (last - from));
-  std::vector<std::int32_t> own_next;  // the views that this rank draws, in this step and later
-  for (std::size_t i = 0; i < next.size(); ++i) {
-    if (drawers_of_next[i] == ranks->rank()) own_next.push_back(next[i]);
-  }
+  const std::vector<std::int32_t> own_next = plan_drawing(next);  // in this step and later
+  const StepPlan plan = planned_step(next, from, last);
   if (times_exchanges(from, last)) exchange_timer.start();
 
   // Every view's projection.
@@ -142,6 +156,8 @@ void Trainer::Impl::take_distributed_step() {
     std::int64_t n_splats = 0;  // on all ranks
   };
   std::vector<View> views(n_views);
+  std::vector<ViewSplats> own;
+  std::vector<std::int64_t> n_splats(plan.size());
   StepRecord record;
   try {
     for (std::size_t v = 0; v < n_views; ++v) {
@@ -156,42 +172,54 @@ void Trainer::Impl::take_distributed_step() {
         update_filters(is_filter_due && v == 0);
         return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
       });
-      record.n_splats[v] = view.own.size();
+      own.push_back(view.own);
     }
+    n_splats = splats->begin(plan, own, views[0].settings.tile.height);
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = shards().global_row(error.row());
   }
   record.stop = is_stopped();
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
-  record.drawn = take_drawn();
-  const std::vector<StepRecord> records =
-      exchange_timer.time([&] { return ranks->exchange_record("step", record); });
-  agreed = {false, records[0].write_checkpoint != 0, records[0].check_kernels != 0};
+  for (std::size_t v = 0; v < n_views; ++v) record.n_seen[v] = views[v].own.size();
+  DrawnParts drawn_here = take_drawn();
+  record.drawn = drawn_here.record;
+  std::vector<std::int64_t> numbers = n_splats;
+  numbers.insert(numbers.end(), drawn_here.rows.begin(), drawn_here.rows.end());
+  std::vector<StepRecord> records;
   std::vector<std::vector<std::int64_t>> counts;
-  std::vector<DrawnRecord> drawn_before;
-  for (const StepRecord& other : records) {
+  std::vector<DrawnParts> drawn_before;
+  agreed = {};
+  for (const auto& [other, numbers_of_other] :
+       exchange_timer.time([&] { return exchange_with_numbers(*ranks, "step", record, numbers); })) {
+    records.push_back(other);
+    B3DGS_CHECK(numbers_of_other.size() >= plan.size(), "numbers of splats of ", plan.size(), " parts of a step");
+    const auto rows = numbers_of_other.begin() + static_cast<std::ptrdiff_t>(plan.size());
+    counts.emplace_back(numbers_of_other.begin(), rows);
+    drawn_before.push_back({other.drawn, {rows, numbers_of_other.end()}});
     agreed.stop |= other.stop != 0;
-    counts.emplace_back(other.n_splats, other.n_splats + n_views);
-    drawn_before.push_back(other.drawn);
-    for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_splats[v];
+    for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_seen[v];
   }
+  agreed.write_checkpoint = records[0].write_checkpoint != 0;
+  agreed.check_kernels = records[0].check_kernels != 0;
   add_drawn(drawn_before);
   step_start.loss_average = state.loss_average;
   check_valid(records);
-  drawers = step_drawers;
+  step_plan = plan;
+  tile_height = views[0].settings.tile.height;
 
   // The views that this rank draws.
-  std::vector<ViewSplats> own;
-  for (View& view : views) own.push_back(view.own);
-  const std::vector<ViewSplats> drawn =
-      exchange_timer.time([&] { return splats->to_drawers(own, counts, drawers); });
+  const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(counts); });
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
+  const bool is_exact = splats->is_banded() && (device.is_cpu() || (config.deterministic && !depth_priors));
+  const std::int64_t n_image_columns = depth_priors ? 4 : 3;
   std::vector<torch::Tensor> drawn_sums, drawn_scores;
+  std::vector<SplatPairs> drawn_pairs;
   std::size_t place = 0;
-  for (std::size_t v = 0; v < n_views; ++v) {
+  for (const DrawnPart& part : plan) {
+    const std::size_t v = part.view;
     const View& own_view = views[v];
-    if (drawers[v] == ranks->rank()) {
+    if (part.rank == ranks->rank()) {
       state.iteration = own_view.iteration;
       timer.begin(Stage::kUpload);
       const auto begin = own_next.begin() + static_cast<std::ptrdiff_t>(place) + 1;
@@ -201,17 +229,23 @@ void Trainer::Impl::take_distributed_step() {
       ComparedView compared;
       compared.plan = own_view.plan;
       try {
+        RenderSettings settings = own_view.settings;
+        settings.drawn_rows = part.rows;
         compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-          return rasterizer.forward_splats(drawn[place], view.camera, own_view.settings);
+          return rasterizer.forward_splats(drawn[place], view.camera, settings);
         });
       } catch (const NumericError& error) {
         throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
       }
       note_view_size();
       read_own_loss();  // of the view before: the next loss takes its place
-      own_views.push_back({v, std::nullopt, rasterizer.row_entries()});
+      own_parts.push_back({part, std::nullopt, rasterizer.row_entries()});
+      std::vector<torch::Tensor> images{compared.rendered.color};
+      if (depth_priors) images.push_back(compared.rendered.depth);
+      exchange_timer.time([&] { return splats->share_rows(images, n_image_columns); });
       compare_with_photograph(view, compared);
       drawn_sums.push_back(rasterizer.backward_splats(compared.grad).clone());
+      if (is_exact) drawn_pairs.push_back(rasterizer.backward_pairs(splats->crossing(place)));
       if (has_scores) {
         torch::Tensor scores = rasterizer.score_splats(
             compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha));
@@ -219,15 +253,19 @@ void Trainer::Impl::take_distributed_step() {
       }
       ++place;
     }
+  }
+  if (place == 0) exchange_timer.time([&] { return splats->share_rows({}, n_image_columns); });
+  for (std::size_t v = 0; v < n_views; ++v) {
+    const View& own_view = views[v];
     unread_losses.push_back({own_view.iteration, scene.train[static_cast<std::size_t>(next[v])].name, next[v]});
   }
 
   // The Gaussians of this rank.
   const std::vector<torch::Tensor> sums =
-      exchange_timer.time([&] { return splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32); });
+      exchange_timer.time([&] { return splats->sums_to_owners(drawn_sums, drawn_pairs, is_exact); });
   std::vector<torch::Tensor> scores;
   if (has_scores) {
-    scores = exchange_timer.time([&] { return splats->to_owners(drawn_scores, kSplatScores, torch::kInt32); });
+    scores = exchange_timer.time([&] { return splats->scores_to_owners(drawn_scores); });
   }
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
@@ -253,21 +291,37 @@ void Trainer::Impl::take_distributed_step() {
   exchange_timer.finish();
 }
 
-std::vector<int> Trainer::Impl::plan_drawing(const std::vector<std::int32_t>& next) {
+const StepPlan& Trainer::Impl::planned_step(const std::vector<std::int32_t>& views, int from, int last) {
+  const std::int32_t tile_rows_height = step_settings().tile.height;
+  std::vector<DrawPlan::PlannedView> planned;
+  for (int iteration = from + 1; iteration <= last; ++iteration) {
+    const std::int32_t index = views.at(static_cast<std::size_t>(iteration - from - 1));
+    const std::int32_t height = camera_of(index, iteration).height;
+    planned.push_back({index, (height + tile_rows_height - 1) / tile_rows_height});
+  }
+  return draw_plan.plan(from, planned, /*may_cut=*/true);
+}
+
+std::vector<std::int32_t> Trainer::Impl::plan_drawing(const std::vector<std::int32_t>& next) {
   draw_plan.forget_before(state.iteration);
-  std::vector<int> all;
+  std::vector<std::int32_t> own;
   int from = state.iteration;
-  for (std::size_t n_steps = 0; all.size() < next.size(); ++n_steps) {
+  std::size_t n_planned = 0;
+  for (std::size_t n_steps = 0; n_planned < next.size(); ++n_steps) {
     const int last = step_end(config.batch, config.iterations, from);
-    const auto begin = next.begin() + static_cast<std::ptrdiff_t>(all.size());
-    const std::vector<std::int32_t> views(begin, begin + std::min<std::ptrdiff_t>(last - from, next.end() - begin));
-    // Beyond that, a guess: how many views are read ahead differs between ranks, but plans must not.
-    const std::vector<int> step =
-        n_steps < kPlannedSteps ? draw_plan.drawers(from, views) : equal_drawers(views.size(), ranks->size());
-    all.insert(all.end(), step.begin(), step.end());
+    const std::size_t end = std::min(n_planned + static_cast<std::size_t>(last - from), next.size());
+    const std::vector<std::int32_t> views(next.begin() + static_cast<std::ptrdiff_t>(n_planned),
+                                          next.begin() + static_cast<std::ptrdiff_t>(end));
+    // Beyond some steps, a guess: how many views are read ahead differs between ranks, but plans must not.
+    const StepPlan plan = n_steps < kPlannedSteps ? planned_step(views, from, last)
+                                                  : whole_views(equal_drawers(views.size(), ranks->size()));
+    for (const DrawnPart& part : plan) {
+      if (part.rank == ranks->rank()) own.push_back(views[part.view]);
+    }
+    n_planned = end;
     from = last;
   }
-  return all;
+  return own;
 }
 
 bool Trainer::Impl::times_exchanges(int from, int last) const {
@@ -283,15 +337,25 @@ void Trainer::Impl::advise_on_ranks() {
 }
 
 void Trainer::Impl::read_own_loss() {
-  if (!own_views.empty() && !own_views.back().loss) own_views.back().loss = loss.value().loss;
+  if (!own_parts.empty() && !own_parts.back().loss) own_parts.back().loss = loss.value().loss;
 }
 
-DrawnRecord Trainer::Impl::take_drawn() {
+DrawnParts Trainer::Impl::take_drawn() {
   read_own_loss();
-  DrawnRecord record;
-  for (const OwnView& view : std::exchange(own_views, {})) {
-    record.losses[view.place] = *view.loss;
-    record.entries[view.place] = view.entries.sum().item<std::int64_t>();
+  DrawnParts drawn;
+  DrawnRecord& record = drawn.record;
+  for (const OwnPart& own : std::exchange(own_parts, {})) {
+    record.losses[own.part.view] = *own.loss;
+    if (!own.part.is_band() && !is_banded(step_plan)) {
+      record.entries[own.part.view] = own.entries.sum().item<std::int64_t>();
+      continue;
+    }
+    const torch::Tensor entries = own.entries.cpu();
+    const std::int64_t height = entries.size(0);
+    for (std::int64_t row = own.part.rows.begin; row < own.part.rows.end && row * tile_height < height; ++row) {
+      const std::int64_t top = row * tile_height, bottom = std::min(top + tile_height, height);
+      drawn.rows.push_back(entries.slice(0, top, bottom).sum().item<std::int64_t>());
+    }
   }
   for (const ExchangeTimer::Times& step : exchange_timer.take()) {
     ++own_totals.n_timed;
@@ -301,29 +365,60 @@ DrawnRecord Trainer::Impl::take_drawn() {
   own_totals.sent_bytes = splats->sent_bytes();
   own_totals.received_bytes = splats->received_bytes();
   record.totals = own_totals;
-  return record;
+  return drawn;
 }
 
 void Trainer::Impl::read_losses_of_ranks() {
-  if (!unread_losses.empty()) add_drawn(ranks->exchange_record("drawn", take_drawn()));
+  if (unread_losses.empty()) return;
+  const DrawnParts own = take_drawn();
+  std::vector<DrawnParts> of_ranks;
+  for (auto& [record, rows] : exchange_with_numbers(*ranks, "drawn", own.record, own.rows)) {
+    of_ranks.push_back({record, std::move(rows)});
+  }
+  add_drawn(of_ranks);
 }
 
-void Trainer::Impl::add_drawn(const std::vector<DrawnRecord>& of_ranks) {
+void Trainer::Impl::count_drawn(const std::vector<UnreadLoss>& views, const std::vector<DrawnParts>& of_ranks) {
+  const int size = ranks->size();
+  std::vector<std::int64_t> work(static_cast<std::size_t>(size)), equal_work(work);
+  if (is_banded(step_plan)) {
+    std::vector<std::vector<std::int64_t>> rows(views.size()), even(views.size());
+    for (const DrawnPart& part : step_plan) {
+      const std::vector<std::int64_t>& band = of_ranks[static_cast<std::size_t>(part.rank)].rows;
+      for (const std::int64_t entries : band) work[static_cast<std::size_t>(part.rank)] += entries;
+      rows[part.view].insert(rows[part.view].end(), band.begin(), band.end());
+    }
+    for (std::size_t v = 0; v < views.size(); ++v) even[v].assign(rows[v].size(), 1);
+    for (const DrawnPart& part : counted_bands(even, size)) {
+      const std::vector<std::int64_t>& of_view = rows[part.view];
+      for (std::size_t row = static_cast<std::size_t>(part.rows.begin);
+           row < of_view.size() && row < static_cast<std::size_t>(part.rows.end); ++row) {
+        equal_work[static_cast<std::size_t>(part.rank)] += of_view[row];
+      }
+    }
+    for (std::size_t v = 0; v < views.size(); ++v) draw_plan.set_row_work(views[v].view_index, std::move(rows[v]));
+  } else {
+    const std::vector<int> in_turn = equal_drawers(views.size(), size);
+    for (const DrawnPart& part : step_plan) {
+      const std::int64_t entries = of_ranks[static_cast<std::size_t>(part.rank)].record.entries[part.view];
+      work[static_cast<std::size_t>(part.rank)] += entries;
+      equal_work[static_cast<std::size_t>(in_turn[part.view])] += entries;
+      draw_plan.set_work(views[part.view].view_index, entries);
+    }
+  }
+  rank_load.add_step(work, equal_work);
+}
+
+void Trainer::Impl::add_drawn(const std::vector<DrawnParts>& of_ranks) {
   const std::vector<UnreadLoss> unread = std::exchange(unread_losses, {});
   if (unread.empty()) return;
-  std::vector<std::int64_t> entries;
-  for (std::size_t v = 0; v < unread.size(); ++v) {
-    entries.push_back(of_ranks[static_cast<std::size_t>(drawers[v])].entries[v]);
-    draw_plan.set_work(unread[v].view_index, entries.back());
-  }
-  const int size = ranks->size();
-  rank_load.add_step(work_of_ranks(drawers, entries, size),
-                     work_of_ranks(equal_drawers(unread.size(), size), entries, size));
+  count_drawn(unread, of_ranks);
   std::vector<RankTotals> totals;
-  for (const DrawnRecord& record : of_ranks) totals.push_back(record.totals);
+  for (const DrawnParts& drawn : of_ranks) totals.push_back(drawn.record.totals);
   rank_load.set_totals(totals);
   for (std::size_t v = 0; v < unread.size(); ++v) {
-    const double value = of_ranks[static_cast<std::size_t>(drawers[v])].losses[v];
+    const auto part = std::find_if(step_plan.begin(), step_plan.end(), [&](const auto& p) { return p.view == v; });
+    const double value = of_ranks[static_cast<std::size_t>(part->rank)].record.losses[v];
     if (!std::isfinite(value)) {
       throw LossError(detail::concat("iteration ", unread[v].iteration, ", view ", unread[v].view, ": the loss is ",
                                      value, recorder.last_checkpoint()));
@@ -384,7 +479,8 @@ RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const Rend
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts, {0});
+  splats->begin(whole_views({0}), {own}, settings.tile.height);
+  const std::vector<ViewSplats> drawn = splats->to_drawers(counts);
   if (drawn.empty()) return {};
   return rasterizer.forward_splats(drawn.front(), view, settings);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 namespace b3dgs {
 
@@ -41,22 +42,96 @@ std::vector<std::int64_t> work_of_ranks(const std::vector<int>& drawers, const s
   return sums;
 }
 
-std::vector<std::int64_t> DrawPlan::expected_work(const std::vector<std::int32_t>& views) const {
-  std::int64_t sum = 0;
-  for (const auto& [view, work] : work_) sum += work;
-  const std::int64_t mean = work_.empty() ? 1 : sum / static_cast<std::int64_t>(work_.size());
-  std::vector<std::int64_t> expected;
-  for (const std::int32_t view : views) {
-    const auto known = work_.find(view);
-    expected.push_back(known != work_.end() ? known->second : mean);
-  }
-  return expected;
+StepPlan whole_views(const std::vector<int>& drawers) {
+  StepPlan plan;
+  for (std::size_t v = 0; v < drawers.size(); ++v) plan.push_back({v, drawers[v], {}});
+  return plan;
 }
 
-const std::vector<int>& DrawPlan::drawers(int iteration, const std::vector<std::int32_t>& views) {
+std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_bands) {
+  std::int64_t sum = std::accumulate(work.begin(), work.end(), std::int64_t{0});
+  const bool is_known = sum > 0;
+  if (!is_known) sum = static_cast<std::int64_t>(work.size());
+  std::vector<TileRowSpan> bands;
+  std::int32_t row = 0;
+  std::int64_t before = 0;  // work of the rows above
+  for (int band = 1; band < n_bands; ++band) {
+    const double target = static_cast<double>(sum) * band / n_bands;
+    const std::int32_t begin = row;
+    while (row < static_cast<std::int32_t>(work.size())) {
+      const std::int64_t own = is_known ? work[static_cast<std::size_t>(row)] : 1;
+      if (static_cast<double>(before) + 0.5 * static_cast<double>(own) > target) break;
+      before += own;
+      ++row;
+    }
+    bands.push_back({begin, row});
+  }
+  bands.push_back({row, TileRowSpan{}.end});
+  return bands;
+}
+
+StepPlan counted_bands(const std::vector<std::vector<std::int64_t>>& work, int n_ranks) {
+  std::vector<double> of_view;
+  for (const std::vector<std::int64_t>& rows : work) {
+    of_view.push_back(static_cast<double>(std::accumulate(rows.begin(), rows.end(), std::int64_t{0})));
+  }
+  std::vector<int> n_bands(work.size(), 1);
+  for (int rank = static_cast<int>(work.size()); rank < n_ranks; ++rank) {
+    std::size_t most = 0;
+    for (std::size_t v = 1; v < work.size(); ++v) {
+      if (of_view[v] / n_bands[v] > of_view[most] / n_bands[most]) most = v;
+    }
+    ++n_bands[most];
+  }
+  StepPlan plan;
+  int rank = 0;
+  for (std::size_t v = 0; v < work.size(); ++v) {
+    for (const TileRowSpan& rows : cut_rows(work[v], n_bands[v])) {
+      if (rows.begin < rows.end) plan.push_back({v, rank, rows});
+      ++rank;
+    }
+  }
+  return plan;
+}
+
+std::int64_t DrawPlan::expected_work(std::int32_t view) const {
+  if (const auto known = work_.find(view); known != work_.end()) return known->second;
+  std::int64_t sum = 0;
+  for (const auto& [other, work] : work_) sum += work;
+  return work_.empty() ? 1 : sum / static_cast<std::int64_t>(work_.size());
+}
+
+std::vector<std::int64_t> DrawPlan::expected_rows(const PlannedView& view) const {
+  const auto n_rows = static_cast<std::size_t>(view.n_rows);
+  const auto known = rows_.find(view.index);
+  if (known == rows_.end() || known->second.empty()) {
+    return std::vector<std::int64_t>(n_rows,
+                                     std::max<std::int64_t>(1, expected_work(view.index) / std::max(1, view.n_rows)));
+  }
+  std::vector<std::int64_t> rows;
+  for (std::size_t row = 0; row < n_rows; ++row) rows.push_back(known->second[row * known->second.size() / n_rows]);
+  return rows;
+}
+
+void DrawPlan::set_row_work(std::int32_t view, std::vector<std::int64_t> rows) {
+  work_[view] = std::accumulate(rows.begin(), rows.end(), std::int64_t{0});
+  rows_[view] = std::move(rows);
+}
+
+const StepPlan& DrawPlan::plan(int iteration, const std::vector<PlannedView>& views, bool may_cut) {
   Step& step = steps_[iteration];
-  if (step.views != views || step.drawers.empty()) step = {views, counted_drawers(expected_work(views), n_ranks_)};
-  return step.drawers;
+  if (step.views == views && !step.plan.empty()) return step.plan;
+  step.views = views;
+  if (views.size() < static_cast<std::size_t>(n_ranks_) && may_cut) {
+    std::vector<std::vector<std::int64_t>> rows;
+    for (const PlannedView& view : views) rows.push_back(expected_rows(view));
+    step.plan = counted_bands(rows, n_ranks_);
+  } else {
+    std::vector<std::int64_t> work;
+    for (const PlannedView& view : views) work.push_back(expected_work(view.index));
+    step.plan = whole_views(counted_drawers(work, n_ranks_));
+  }
+  return step.plan;
 }
 
 }  // namespace b3dgs

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -27,9 +28,14 @@ class ExchangeTimer {
   template <class Exchange>
   auto time(Exchange&& exchange) {
     timer_.begin(Stage::kUpload);  // which one does not matter: there is no other
-    auto result = exchange();
-    timer_.end();
-    return result;
+    if constexpr (std::is_void_v<decltype(exchange())>) {
+      exchange();
+      timer_.end();
+    } else {
+      auto result = exchange();
+      timer_.end();
+      return result;
+    }
   }
 
   /// Of the steps that the device has finished by now, oldest first; each is returned once. Does not wait.

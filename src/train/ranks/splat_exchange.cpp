@@ -66,7 +66,8 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
   drawn_.clear();
   views_of_.assign(size, {});
   for (std::size_t v = 0; v < n_views; ++v) {
-    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ", size);
+    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ",
+                size);
     views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
   }
   if (n_views == 0) return {};
@@ -152,6 +153,53 @@ std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Ten
     for (const std::size_t v : views_of_[drawer]) {
       own[v] = received.slice(0, n_read, n_read + own_counts_[v]);
       n_read += own_counts_[v];
+    }
+  }
+  return own;
+}
+
+std::vector<SplatPairs> SplatExchange::pairs_to_owners(const std::vector<SplatPairs>& drawn, std::int64_t n_columns) {
+  std::vector<torch::Tensor> drawn_counts;
+  for (const SplatPairs& pairs : drawn) drawn_counts.push_back(pairs.counts.unsqueeze(1));
+  const std::vector<torch::Tensor> own_counts = to_owners(drawn_counts, 1, torch::kInt64);
+  if (own_counts.empty()) return {};
+  if (shards_.size == 1) return drawn;
+
+  // In the order of the rows that all_to_all_rows() returned.
+  const auto integers = torch::dtype(torch::kInt64).device(device_);
+  const torch::Tensor counts = torch::zeros({sum_of(receive_)}, integers), first = torch::zeros_like(counts);
+  std::vector<torch::Tensor> rows{torch::empty({0, n_columns}, torch::dtype(torch::kFloat32).device(device_))};
+  std::int64_t n_pairs = 0;
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    counts.index_copy_(0, drawn_[i].places, drawn[i].counts);
+    first.index_copy_(0, drawn_[i].places, drawn[i].counts.cumsum(0) - drawn[i].counts + n_pairs);
+    rows.push_back(drawn[i].sums);
+    n_pairs += drawn[i].sums.size(0);
+  }
+  const torch::Tensor splat = torch::repeat_interleave(counts);
+  const torch::Tensor places =
+      torch::arange(splat.size(0), integers) + (first - counts.cumsum(0) + counts).index_select(0, splat);
+  const torch::Tensor sent = torch::cat(rows).index_select(0, places);
+
+  std::vector<std::int64_t> send, receive;
+  std::int64_t n_rows = 0;
+  for (const std::int64_t n : receive_) {
+    send.push_back(counts.slice(0, n_rows, n_rows + n).sum().item<std::int64_t>());
+    n_rows += n;
+  }
+  for (const std::vector<std::size_t>& views : views_of_) {
+    receive.push_back(0);
+    for (const std::size_t v : views) receive.back() += own_counts[v].sum().item<std::int64_t>();
+  }
+  const torch::Tensor received = exchange(sent, send, receive);
+
+  std::vector<SplatPairs> own(own_counts.size());
+  std::int64_t n_read = 0;
+  for (const std::vector<std::size_t>& views : views_of_) {  // by drawer, those of a drawer by view
+    for (const std::size_t v : views) {
+      const std::int64_t n = own_counts[v].sum().item<std::int64_t>();
+      own[v] = {own_counts[v].flatten(), received.slice(0, n_read, n_read + n)};
+      n_read += n;
     }
   }
   return own;

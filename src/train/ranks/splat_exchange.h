@@ -33,6 +33,14 @@ class SplatExchange {
   std::vector<torch::Tensor> to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
                                        torch::ScalarType type);
 
+  /// drawn[i] are pairs of the splats of result i of to_drawers(), in its order; sums have n_columns floats. Returns
+  /// those of the rows of own[v] for every view v, in its order. The host waits. @throws LogicError naming a tensor
+  /// that does not fit
+  std::vector<SplatPairs> pairs_to_owners(const std::vector<SplatPairs>& drawn, std::int64_t n_columns);
+
+  /// Of the tensors of this step.
+  const torch::Device& device() const { return device_; }
+
   /// To and from other ranks, by all calls so far.
   std::int64_t sent_bytes() const { return sent_bytes_; }
   std::int64_t received_bytes() const { return received_bytes_; }

@@ -45,32 +45,99 @@ TEST(DrawPlan, RanksDifferByAtMostAView) {
   }
 }
 
+Ranks drawers_of(const StepPlan& plan) {
+  Ranks ranks;
+  for (std::size_t v = 0; v < plan.size(); ++v) {
+    EXPECT_EQ(plan[v].view, v);
+    EXPECT_FALSE(plan[v].is_band());
+    ranks.push_back(plan[v].rank);
+  }
+  return ranks;
+}
+
+std::vector<DrawPlan::PlannedView> views_of(const std::vector<std::int32_t>& indices) {
+  std::vector<DrawPlan::PlannedView> views;
+  for (const std::int32_t index : indices) views.push_back({index, 10});
+  return views;
+}
+
 TEST(DrawPlan, ViewsWithoutACountAreExpectedToBeAverage) {
   DrawPlan plan(2);
-  EXPECT_EQ(plan.drawers(0, {4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
+  EXPECT_EQ(drawers_of(plan.plan(0, views_of({4, 5, 6}), true)), (Ranks{0, 1, 0})) << "nothing is known";
   plan.set_work(1, 10);
   plan.set_work(2, 30);
   // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
-  EXPECT_EQ(plan.drawers(3, {1, 9, 2}), (Ranks{1, 1, 0}));
+  EXPECT_EQ(drawers_of(plan.plan(3, views_of({1, 9, 2}), true)), (Ranks{1, 1, 0}));
 }
 
 TEST(DrawPlan, AStepKeepsItsAnswerUntilItIsForgotten) {
   DrawPlan plan(2);
-  const Ranks first = plan.drawers(6, {0, 1, 2});
+  const auto views = views_of({0, 1, 2});
+  const Ranks first = drawers_of(plan.plan(6, views, true));
   plan.set_work(0, 1), plan.set_work(1, 1), plan.set_work(2, 100);
-  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), first) << "it has been read ahead for";
+  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), first) << "it has been read ahead for";
   plan.forget_before(6);
-  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), first) << "the step after iteration 6 is not before it";
-  EXPECT_EQ(plan.drawers(9, {0, 1, 2}), (Ranks{1, 1, 0}));
+  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), first) << "the step after iteration 6 is not before it";
+  EXPECT_EQ(drawers_of(plan.plan(9, views, true)), (Ranks{1, 1, 0}));
   plan.forget_before(9);
-  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), (Ranks{1, 1, 0}));
+  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), (Ranks{1, 1, 0}));
 }
 
 TEST(DrawPlan, OtherViewsAreDecidedAnew) {
   DrawPlan plan(2);
-  plan.set_work(7, 100);
-  plan.drawers(0, {1, 2, 3});
-  EXPECT_EQ(plan.drawers(0, {1, 2, 7, 3}).size(), 4u);
+  plan.plan(0, views_of({1, 2, 3}), true);
+  EXPECT_EQ(plan.plan(0, views_of({1, 2, 7, 3}), true).size(), 4u);
+}
+
+std::vector<std::int32_t> edges(const Work& work, int n_bands) {
+  std::vector<std::int32_t> edges;
+  std::int32_t row = 0;
+  for (const TileRowSpan& band : cut_rows(work, n_bands)) {
+    EXPECT_EQ(band.begin, row) << "bands follow each other";
+    row = band.end;
+    edges.push_back(band.end);
+  }
+  EXPECT_EQ(edges.back(), TileRowSpan{}.end) << "no row is left out";
+  edges.pop_back();
+  return edges;
+}
+
+TEST(DrawPlan, CutsRowsAtEqualWork) {
+  using Edges = std::vector<std::int32_t>;
+  EXPECT_EQ(edges({1, 1, 1, 1, 1, 1}, 3), (Edges{2, 4}));
+  EXPECT_EQ(edges({0, 0, 0, 0}, 2), Edges{2}) << "nothing is known";
+  EXPECT_EQ(edges({8, 1, 1, 1, 1, 1, 1, 1, 1}, 2), Edges{1});
+  EXPECT_EQ(edges({1, 1, 100, 1, 1}, 3), (Edges{2, 3})) << "at the nearest edges";
+  EXPECT_EQ(edges({5}, 3), (Edges{0, 1})) << "more bands than rows";
+  EXPECT_EQ(edges({}, 2), Edges{0});
+}
+
+TEST(DrawPlan, DividesViewsAmongMoreRanks) {
+  DrawPlan plan(4);
+  const StepPlan equal = plan.plan(0, {{3, 8}}, true);
+  ASSERT_EQ(equal.size(), 4u);
+  EXPECT_TRUE(is_banded(equal));
+  for (int rank = 0; rank < 4; ++rank) EXPECT_EQ(equal[static_cast<std::size_t>(rank)].rows.begin, 2 * rank);
+  plan.set_row_work(3, {10, 10, 10, 10, 0, 0, 0, 0});
+  EXPECT_EQ(plan.plan(1, {{3, 8}}, true)[1].rows.begin, 1);
+  EXPECT_EQ(plan.plan(2, {{3, 16}}, true)[1].rows.begin, 2) << "at twice the size";
+  EXPECT_FALSE(is_banded(plan.plan(3, {{3, 8}}, false)));
+
+  plan.set_row_work(5, {30, 30, 30, 30});  // three of four ranks
+  const StepPlan two = plan.plan(4, {{3, 8}, {5, 4}}, true);
+  ASSERT_EQ(two.size(), 4u);
+  EXPECT_FALSE(two[0].is_band());
+  for (std::size_t p = 0; p < 4; ++p) {
+    EXPECT_EQ(two[p].view, p == 0 ? 0u : 1u);
+    EXPECT_EQ(two[p].rank, static_cast<int>(p));
+  }
+}
+
+TEST(DrawPlan, RanksWithoutARowDrawNothing) {
+  DrawPlan plan(4);
+  const StepPlan small = plan.plan(0, {{0, 2}}, true);
+  for (const DrawnPart& part : small) EXPECT_LT(part.rows.begin, part.rows.end);
+  EXPECT_LE(small.size(), 3u);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Rows, row edits, splats, noise and whole trainings on several ranks have the bytes of one rank: train_rank.cpp and
-// train_together.cpp in real processes.
+// Rows, row edits, splats, noise, bands of views and whole trainings on several ranks have the bytes of one rank:
+// train_rank.cpp, draw_bands.cpp and train_together.cpp in real processes.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -27,6 +27,12 @@ TEST_P(TrainRanks, ComputeTheBytesOfOneRank) {
   expect_success(B3DGS_PROGRAM, std::get<0>(GetParam()), std::get<1>(GetParam()));
 }
 
+class DrawBands : public TrainRanks {};
+
+TEST_P(DrawBands, GivesTheBytesOfOneRasterizer) {
+  expect_success(B3DGS_DRAW_BANDS, std::get<0>(GetParam()), std::get<1>(GetParam()));
+}
+
 class TrainTogether : public TrainRanks {};
 
 TEST_P(TrainTogether, GivesTheFilesOfOneProcess) {
@@ -42,10 +48,13 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
                                           testing::Values("gathering", "edits", "splats", "noise", "misfits")),
                          name_of);
 
+INSTANTIATE_TEST_SUITE_P(Ranks, DrawBands,
+                         testing::Combine(testing::Values(1, 2, 3, 4), testing::Values("scenes", "views")), name_of);
+
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
-                                          testing::Values("default", "mcmc", "balanced", "options", "few", "resume",
-                                                          "invalid", "stop", "unsupported")),
+                                          testing::Values("default", "mcmc", "balanced", "options", "bands", "few",
+                                                          "resume", "invalid", "stop", "unsupported")),
                          name_of);
 
 }  // namespace

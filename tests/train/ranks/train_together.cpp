@@ -140,6 +140,22 @@ void check_options(Communicator& ranks) {
   }
 }
 
+/// Fewer views in a step than ranks: they are drawn in bands.
+void check_bands(Communicator& ranks) {
+  test::TinySceneOptions options;
+  options.masked = true;
+  const Scene scene = test::make_tiny_scene(options);
+  for (const char* const strategy : {"default", "balanced"}) {
+    TrainConfig config = config_of(strategy);
+    config.batch = 1;
+    check_strategy(config, scene, ranks);
+  }
+  TrainConfig config = config_of("balanced");
+  config.batch = 2;
+  config.random_background = true;
+  check_strategy(config, scene, ranks);
+}
+
 /// Fewer Gaussians than ranks x rows of a block, some ranks have none.
 void check_few(Communicator& ranks) {
   test::TinySceneOptions options;
@@ -239,6 +255,7 @@ void check_unsupported(Communicator& ranks) {
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "options") return check_options(ranks);
+  if (scenario == "bands") return check_bands(ranks);
   if (scenario == "few") return check_few(ranks);
   if (scenario == "resume") return check_resume(ranks);
   if (scenario == "invalid") return check_invalid(ranks);

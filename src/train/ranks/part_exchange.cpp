@@ -1,0 +1,196 @@
+#include "train/ranks/part_exchange.h"
+
+#include <torch/torch.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <numeric>
+#include <utility>
+
+#include "core/check.h"
+#include "raster/splat_rows.h"
+#include "raster/torch/splat_owner.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kMeanY = offsetof(Splat, mean_y) / sizeof(float);
+constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
+constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
+
+ViewSplats select(const ViewSplats& splats, const torch::Tensor& rows) {
+  return {splats.splats.index_select(0, rows), splats.extents.index_select(0, rows),
+          splats.radii.index_select(0, rows)};
+}
+
+/// Parts of the step that this rank draws.
+std::vector<std::size_t> parts_of(const StepPlan& plan, int rank) {
+  std::vector<std::size_t> parts;
+  for (std::size_t p = 0; p < plan.size(); ++p) {
+    if (plan[p].rank == rank) parts.push_back(p);
+  }
+  return parts;
+}
+
+std::vector<int> drawers_of(const StepPlan& plan) {
+  std::vector<int> drawers;
+  for (const DrawnPart& part : plan) drawers.push_back(part.rank);
+  return drawers;
+}
+
+}  // namespace
+
+torch::Tensor touches_band(const ViewSplats& splats, const TileRowSpan& rows, std::int32_t tile_height) {
+  // In double, with a margin that is far above the rounding of the exact test (raster/math/tiling.h).
+  const torch::Tensor mean = splats.splats.select(1, kMeanY).to(torch::kFloat64);
+  const torch::Tensor reach =
+      torch::maximum(splats.extents.select(1, 1).to(torch::kFloat64), splats.radii.to(torch::kFloat64));
+  const torch::Tensor margin = (mean.abs() + reach) * 1e-5 + 1;
+  const double top = static_cast<double>(rows.begin) * tile_height,
+               bottom = static_cast<double>(rows.end) * tile_height;
+  return (mean + reach + margin >= top).logical_and_(mean - reach - margin < bottom);
+}
+
+std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::vector<ViewSplats>& views,
+                                              std::int32_t tile_height) {
+  plan_ = plan;
+  tile_height_ = tile_height;
+  is_banded_ = b3dgs::is_banded(plan);
+  n_own_.clear();
+  own_.clear();
+  rows_.clear();
+  std::vector<std::int64_t> counts;
+  for (const ViewSplats& view : views) n_own_.push_back(view.size());
+  for (const DrawnPart& part : plan_) {
+    const ViewSplats& view = views.at(part.view);
+    if (is_banded_) {
+      rows_.push_back(touches_band(view, part.rows, tile_height).nonzero().flatten());
+      own_.push_back(select(view, rows_.back()));
+    } else {
+      own_.push_back(view);
+    }
+    counts.push_back(own_.back().size());
+  }
+  return counts;
+}
+
+std::vector<ViewSplats> PartExchange::to_drawers(const std::vector<std::vector<std::int64_t>>& counts) {
+  std::vector<ViewSplats> drawn = splats_.to_drawers(own_, counts, drawers_of(plan_));
+  drawn_crossing_.clear();
+  if (!is_banded_) return drawn;
+  const std::vector<std::size_t> parts = parts_of(plan_, ranks_.rank());
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    torch::Tensor n_bands = torch::zeros({drawn[i].size()}, drawn[i].radii.options());
+    for (const DrawnPart& other : plan_) {
+      if (other.view == plan_[parts[i]].view) n_bands.add_(touches_band(drawn[i], other.rows, tile_height_));
+    }
+    drawn_crossing_.push_back((n_bands > 1).nonzero().flatten());
+  }
+  return drawn;
+}
+
+void PartExchange::share_rows(const std::vector<torch::Tensor>& images, std::int64_t n_columns) {
+  if (!is_banded_) return;
+  const std::vector<std::size_t> parts = parts_of(plan_, ranks_.rank());
+  B3DGS_CHECK(parts.size() <= 1 && parts.empty() == images.empty(), "a rank draws at most one band");
+  const auto size = static_cast<std::size_t>(ranks_.size());
+  std::vector<std::int64_t> send(size), receive(size);
+  torch::Tensor sent = torch::empty({0, n_columns}, torch::dtype(torch::kFloat32).device(splats_.device()));
+  const auto pixel_rows = [&](const DrawnPart& part) {
+    const std::int64_t height = images[0].size(0);
+    return std::pair(std::min<std::int64_t>(std::int64_t{part.rows.begin} * tile_height_, height),
+                     std::min<std::int64_t>(std::int64_t{part.rows.end} * tile_height_, height));
+  };
+  if (!parts.empty()) {
+    const DrawnPart& own = plan_[parts[0]];
+    const std::int64_t width = images[0].size(1);
+    const auto [begin, end] = pixel_rows(own);
+    std::vector<torch::Tensor> columns;
+    for (const torch::Tensor& image : images) {
+      columns.push_back(
+          image.slice(0, begin, end).reshape({(end - begin) * width, image.dim() == 3 ? image.size(2) : 1}));
+    }
+    const torch::Tensor rows = torch::cat(columns, 1);
+    std::int64_t n_peers = 0;
+    for (const DrawnPart& other : plan_) {
+      if (other.view != own.view || other.rank == own.rank) continue;
+      const auto [other_begin, other_end] = pixel_rows(other);
+      send[static_cast<std::size_t>(other.rank)] = rows.size(0);
+      receive[static_cast<std::size_t>(other.rank)] = (other_end - other_begin) * width;
+      ++n_peers;
+    }
+    sent = rows.repeat({n_peers, 1});
+  }
+  const auto sum = [](const std::vector<std::int64_t>& counts) {
+    return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
+  };
+  const std::int64_t row_bytes = n_columns * static_cast<std::int64_t>(sizeof(float));
+  sent_bytes_ += sum(send) * row_bytes;
+  received_bytes_ += sum(receive) * row_bytes;
+  const torch::Tensor received = ranks_.all_to_all_rows(sent, send, receive);
+  std::int64_t n_read = 0;
+  for (const DrawnPart& other : plan_) {  // by rank, as the parts of a view are
+    const std::int64_t n = receive[static_cast<std::size_t>(other.rank)];
+    if (n == 0) continue;
+    const torch::Tensor rows = received.slice(0, n_read, n_read + n);
+    n_read += n;
+    const auto [begin, end] = pixel_rows(other);
+    std::int64_t column = 0;
+    for (const torch::Tensor& image : images) {
+      const torch::Tensor to = image.slice(0, begin, end);
+      const std::int64_t n_values = image.dim() == 3 ? image.size(2) : 1;
+      to.copy_(rows.slice(1, column, column + n_values).reshape(to.sizes()));
+      column += n_values;
+    }
+  }
+}
+
+std::vector<torch::Tensor> PartExchange::sums_to_owners(const std::vector<torch::Tensor>& sums,
+                                                        const std::vector<SplatPairs>& pairs, bool is_exact) {
+  const std::vector<torch::Tensor> by_part = splats_.to_owners(sums, kSums, torch::kFloat32);
+  if (!is_banded_) return by_part;
+  std::vector<torch::Tensor> views;
+  for (const std::int64_t n : n_own_) {
+    views.push_back(torch::zeros({n, kSums}, torch::dtype(torch::kFloat32).device(splats_.device())));
+  }
+  for (std::size_t p = 0; p < plan_.size(); ++p) views[plan_[p].view].index_add_(0, rows_[p], by_part[p]);
+  if (!is_exact) return views;
+
+  const std::vector<SplatPairs> own_pairs = splats_.pairs_to_owners(pairs, kSums);
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    std::vector<torch::Tensor> splat_of_pair, rows;  // by band, from top to bottom
+    for (std::size_t p = 0; p < plan_.size(); ++p) {
+      if (plan_[p].view != v) continue;
+      splat_of_pair.push_back(rows_[p].repeat_interleave(own_pairs[p].counts));
+      rows.push_back(own_pairs[p].sums);
+    }
+    const torch::Tensor splats = torch::cat(splat_of_pair);
+    const torch::Tensor order = std::get<1>(torch::sort(splats, /*stable=*/true, /*dim=*/0, /*descending=*/false));
+    const torch::Tensor counts = torch::bincount(splats, /*weights=*/{}, n_own_[v]);
+    const torch::Tensor crossing = counts.nonzero().flatten();
+    views[v].index_copy_(0, crossing,
+                         sum_splat_pairs({counts.index_select(0, crossing), torch::cat(rows).index_select(0, order)}));
+  }
+  return views;
+}
+
+std::vector<torch::Tensor> PartExchange::scores_to_owners(const std::vector<torch::Tensor>& scores) {
+  const std::vector<torch::Tensor> by_part = splats_.to_owners(scores, kScores, torch::kInt32);
+  if (!is_banded_) return by_part;
+  // As 64-bit integers: sums of errors and of weights, and the bits of the largest weight, which is not negative.
+  std::vector<torch::Tensor> views;
+  for (const std::int64_t n : n_own_) {
+    views.push_back(torch::zeros({n, kScores / 2}, torch::dtype(torch::kInt64).device(splats_.device())));
+  }
+  for (std::size_t p = 0; p < plan_.size(); ++p) {
+    torch::Tensor& view = views[plan_[p].view];
+    const torch::Tensor part = by_part[p].view(torch::kInt64), before = view.index_select(0, rows_[p]);
+    const torch::Tensor after = torch::cat(
+        {before.slice(1, 0, 2) + part.slice(1, 0, 2), torch::maximum(before.slice(1, 2, 3), part.slice(1, 2, 3))}, 1);
+    view.index_copy_(0, rows_[p], after);
+  }
+  for (torch::Tensor& view : views) view = view.view(torch::kInt32);
+  return views;
+}
+
+}  // namespace b3dgs
