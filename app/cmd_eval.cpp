@@ -220,9 +220,8 @@ int run_eval(const std::vector<std::string>& words) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
     if (!is_other_scene) check_photographs(model, views, status);
-    const Evaluation evaluation =
-        evaluator.run(views, name, split_colors(model, name == "test", is_other_scene, status),
-                      model.folder.root() / name / key);
+    const Evaluation evaluation = evaluator.run(
+        views, name, split_colors(model, name == "test", is_other_scene, status), model.folder.root() / name / key);
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;
     model.folder.write_results(key, evaluation, source);

@@ -68,6 +68,17 @@ LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const Model
 /// instead. Returns whether model_path is still a file.
 bool names_single_file(ModelOptions& options);
 
+/// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
+/// @throws InputError
+LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status);
+
+/// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
+/// @throws InputError
+void add_scene(LoadedModel& model, StatusLine& status);
+
+/// Adds the cameras of the model folder's cameras.json. Returns whether there is one.
+bool add_saved_cameras(LoadedModel& model);
+
 SceneOptions scene_options(const TrainConfig& config);
 
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.

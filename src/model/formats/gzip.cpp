@@ -82,7 +82,8 @@ void GzipReader::skip_at_most(std::size_t bytes) {
 void GzipReader::expect_end() {
   unsigned char extra = 0;
   if (read_some(&extra, 1) > 0) {
-    input_error(file_.name(), ": expected the end of the compressed content, found more; the file is damaged or of a "
+    input_error(file_.name(),
+                ": expected the end of the compressed content, found more; the file is damaged or of a "
                 "later version");
   }
   if (stream_->avail_in > 0) {

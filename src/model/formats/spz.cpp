@@ -65,7 +65,8 @@ std::uint8_t to_byte(double value) {
 
 Header parse_header(const std::uint8_t* bytes, const FileReader& file) {
   if (std::memcmp(bytes, kMagic, sizeof kMagic) != 0) {
-    input_error(file.name(), ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
+    input_error(file.name(),
+                ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
   }
   Header header;
   header.version = load_u32(bytes + 4);
@@ -280,9 +281,8 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud) {
   write_array(gzip, header.count, 3, [&](std::uint64_t row, std::uint8_t* bytes) {
     for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.log_scales[3 * row + k] + 10.0) * 16);
   });
-  write_array(gzip, header.count, header.rotation_bytes(), [&](std::uint64_t row, std::uint8_t* bytes) {
-    encode_smallest_three(&cloud.quats[4 * row], bytes);
-  });
+  write_array(gzip, header.count, header.rotation_bytes(),
+              [&](std::uint64_t row, std::uint8_t* bytes) { encode_smallest_three(&cloud.quats[4 * row], bytes); });
   const std::size_t rest = header.rest();
   write_array(gzip, header.count, 3 * rest, [&](std::uint64_t row, std::uint8_t* bytes) {
     const float* const sh = cloud.shN.data() + 3 * rest * row;
@@ -302,7 +302,8 @@ SplatCloud read_spz(FileReader& file) {
   std::array<std::uint8_t, kHeaderBytes> bytes{};
   GzipReader gzip(file);
   if (gzip.starts_with({kMagic, sizeof kMagic})) {
-    input_error(file.name(), ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another "
+    input_error(file.name(),
+                ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another "
                 "way; convert it first: splat-transform IN.spz OUT.ply");
   }
   gzip.read_bytes(bytes.data(), bytes.size());
@@ -320,9 +321,8 @@ SplatCloud read_spz(FileReader& file) {
     header.version == 1 ? decode_halves(row, from, to, file) : decode_fixed(from, header.fractional_bits, to);
   });
   cloud.logit_opacities.resize(n);
-  read_array(gzip, n, 1, [&](std::uint64_t row, const std::uint8_t* from) {
-    cloud.logit_opacities[row] = decode_opacity(*from);
-  });
+  read_array(gzip, n, 1,
+             [&](std::uint64_t row, const std::uint8_t* from) { cloud.logit_opacities[row] = decode_opacity(*from); });
   cloud.sh0.resize(3 * n);
   read_array(gzip, n, 3, [&](std::uint64_t row, const std::uint8_t* from) {
     for (std::size_t k = 0; k < 3; ++k) {
