@@ -8,10 +8,12 @@
 #include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"
 #include "model/formats/ply.h"
+#include "model/formats/spz.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
 #include "support/sample_model.h"
+#include "support/spz_content.h"
 #include "support/train/tiny_scene.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
@@ -79,6 +81,14 @@ void write_ply_seeds(const fs::path& folder) {
              "2\nproperty float x\nproperty double y\nproperty int z\nproperty uchar red\nproperty uchar "
              "green\nproperty uchar blue\nproperty list uchar short more\nend_header\n3 0 1 0\n0.5 -1e3 7 0 128 255 "
              "1 4\n1 2 3 4 5 6 0\n");
+}
+
+void write_spz_seeds(const fs::path& folder) {
+  for (const int degree : {0, 3}) write_spz(folder / ("file" + std::to_string(degree)), small_cloud(degree));
+  // Not compressed, so that a fuzzer can change values; the target compresses them.
+  for (const std::uint8_t version : {1, 2, 3}) {
+    write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
+  }
 }
 
 nlohmann::ordered_json kernel_selection() {
@@ -171,6 +181,7 @@ int main(int argc, char** argv) {
   b3dgs::remove_tree(folder);
   b3dgs::write_colmap_seeds(folder);
   b3dgs::write_ply_seeds(folder / "ply");
+  b3dgs::write_spz_seeds(folder / "spz");
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");
   b3dgs::write_config_seeds(folder / "json_config");
   b3dgs::write_image_seeds(folder / "image_header");
