@@ -147,14 +147,20 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   return model;
 }
 
+LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
+  LoadedModel model;
+  model.splats = read_splats(file);
+  model.background = read_background_json(background_path(file));
+  apply_options(model, options);
+  return model;
+}
+
 LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
   if (options.source_path.empty()) {
-    input_error("no cameras for the PLY: ", ply.string(), "; name a scene with -s, or render a model folder");
+    input_error("no cameras for the Gaussians: ", ply.string(),
+                "; name a scene with -s or cameras with --cameras, or use --path turntable");
   }
-  LoadedModel model;
-  model.splats = read_splats(ply);
-  model.background = read_background_json(background_path(ply));
-  apply_options(model, options);
+  LoadedModel model = load_splat_file(ply, options);
   model.scene = open_cameras(model.config, status);
   return model;
 }

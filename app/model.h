@@ -57,6 +57,9 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status);
 /// scene if the options name a scene or a resolution.
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
+/// Loads Gaussians from a file, without views. @throws InputError
+LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
+
 /// Loads a PLY, and the views of the scene `options.source_path` without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
 
