@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -20,6 +21,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kMaxFps = 1000;
+constexpr const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
 
 /// A finite number in (0, max]. @throws InputError
 double positive_number(const Json& json, const char* what, const std::string& place, double max) {
@@ -213,14 +215,17 @@ CameraFile read_transforms(const Json& json, const fs::path& path, ImageSize siz
 }  // namespace
 
 CameraFile read_camera_file(const fs::path& path, ImageSize size) {
-  const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
   std::error_code error;
   if (!fs::exists(path, error)) input_error("camera file not found: ", path.string(), " (", kExpected, ")");
-  std::ifstream file(path);
+  std::ifstream file(path, std::ios::binary);
   if (fs::is_directory(path, error) || !file) {
     input_error(path.string(), ": cannot be read as a file (", kExpected, ")");
   }
-  const Json json = parse_json(file);
+  return parse_camera_file({std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()}, path, size);
+}
+
+CameraFile parse_camera_file(const std::string& text, const fs::path& path, ImageSize size) {
+  const Json json = parse_json(text);
   if (json.is_discarded()) input_error(path.string(), ": not valid JSON (", kExpected, ")");
   if (json.is_array()) return {cameras_from_json(json, path.string()), 0};
   if (json.is_object() && json.contains("camera_path")) return read_camera_path(json, path.string(), size);

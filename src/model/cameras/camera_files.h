@@ -11,6 +11,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "model/cameras/cameras_json.h"
@@ -28,5 +29,8 @@ struct CameraFile {
 /// transforms.json without "w" and "h" has the size of its photograph, if that is there and `size` is empty.
 /// @throws InputError with file and frame if the file is missing, damaged or of another kind, or a camera has no size
 CameraFile read_camera_file(const std::filesystem::path& path, ImageSize size = {});
+
+/// The same from the text of a file that would be at `path`. @throws InputError as read_camera_file()
+CameraFile parse_camera_file(const std::string& text, const std::filesystem::path& path, ImageSize size = {});
 
 }  // namespace b3dgs
