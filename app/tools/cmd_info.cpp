@@ -174,7 +174,8 @@ std::string read_start(const std::string& path) {
 }  // namespace
 
 int run_info(const std::vector<std::string>& words) {
-  CommandLine line("info", "Describe a scene folder, model folder, file of Gaussians or checkpoint.", "b3dgs info output/garden");
+  CommandLine line("info", "Describe a scene folder, model folder, file of Gaussians or checkpoint.",
+                   "b3dgs info output/garden");
   InfoOptions options;
   line.add(options, "Input", {"input"});
   if (!line.parse(words)) return 0;

@@ -7,6 +7,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"
+#include "model/cameras/cameras_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/spz.h"
 #include "scene/colmap/colmap.h"
@@ -137,6 +138,18 @@ void write_config_seeds(const fs::path& folder) {
   write_file(folder / "some", R"({"iterations": 300, "kernel": "dynamic", "eval": true, "opacity_lr": 0.05})");
 }
 
+void write_camera_seeds(const fs::path& folder) {
+  View view;
+  view.name = "a.png";
+  view.camera = test::look_at_origin(1, -2, 3, 40, 30);
+  write_file(folder / "list", cameras_to_json({}, {view, view}).dump());
+  write_file(folder / "path", R"({"render_width": 40, "render_height": 30, "seconds": 1, "camera_path": [
+      {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1], "fov": 50, "aspect": 1.33}]})");
+  write_file(folder / "transforms", R"({"camera_angle_x": 0.7, "w": 40, "frames": [
+      {"file_path": "a", "h": 30, "cy": 14.5,
+       "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]}]})");
+}
+
 void write_image_seeds(const fs::path& folder) {
   const fs::path png = folder / "a.png", jpeg = folder / "a.jpg";
   for (const int channels : {1, 3}) {
@@ -184,6 +197,7 @@ int main(int argc, char** argv) {
   b3dgs::write_spz_seeds(folder / "spz");
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");
   b3dgs::write_config_seeds(folder / "json_config");
+  b3dgs::write_camera_seeds(folder / "camera_file");
   b3dgs::write_image_seeds(folder / "image_header");
   b3dgs::write_log_seeds(folder / "train_log");
 }
