@@ -26,7 +26,7 @@ std::string general_help() {
                      ": 3D Gaussian Splatting from COLMAP scenes\n\n"
                      "Usage: b3dgs COMMAND [OPTIONS]\n\nCommands:\n";
   for (const CommandName& command : kCommandNames) {
-    text += "  " + std::string(command.name) + std::string(9 - std::strlen(command.name), ' ') + command.help + "\n";
+    text += "  " + std::string(command.name) + std::string(13 - std::strlen(command.name), ' ') + command.help + "\n";
   }
   return text + "\nb3dgs COMMAND --help shows how to use a command; b3dgs --version prints the version.\n";
 }

@@ -14,6 +14,7 @@ struct CommandName {
 };
 
 inline constexpr CommandName kCommandNames[] = {
+    {"reconstruct", "make a scene from photographs or a video, by COLMAP", false},
     {"train", "train a COLMAP scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
@@ -26,6 +27,7 @@ inline constexpr CommandName kCommandNames[] = {
 };
 
 /// Each returns its exit code: 0, or 128 + signal for a training or comparison that a signal stopped.
+int run_reconstruct(const std::vector<std::string>& words);
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);

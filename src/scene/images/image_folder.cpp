@@ -20,11 +20,6 @@ std::string lower_case(std::string text) {
   return text;
 }
 
-bool is_image_file(const fs::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
-}
-
 std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());
 }
@@ -59,6 +54,11 @@ std::string list_subfolders(const fs::path& source) {
 }
 
 }  // namespace
+
+bool is_image_file(const fs::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
 
 ImageFolder::ImageFolder(const fs::path& source, const std::string& images)
     : source_(source), folder_(source / images), images_(images) {

@@ -10,6 +10,9 @@
 
 namespace b3dgs {
 
+/// Whether the file name ends like that of an image: .jpg, .png and others, in any case.
+bool is_image_file(const std::filesystem::path& path);
+
 class ImageFolder {
  public:
   /// `images` is the folder inside `source`. If "images_4" does not exist but "images" does, that is used instead, with
