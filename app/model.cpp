@@ -87,10 +87,14 @@ void require_scene(const fs::path& file, const ModelOptions& options) {
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
+  // Older models do not say which views were held out.
+  const bool has_split =
+      std::any_of(cameras.begin(), cameras.end(), [](const NamedCamera& camera) { return camera.held_out; });
   Scene scene;
   scene.source_path = model.config.source_path;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    std::vector<View>& part = model.config.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    const bool is_held_out = has_split ? cameras[i].held_out : i % kTestEvery == 0;
+    std::vector<View>& part = model.config.eval && is_held_out ? scene.test : scene.train;
     part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
   }
   return scene;

@@ -121,7 +121,7 @@ void describe_model(const std::string& path) {
   print_line("iterations", "%d", config.iterations);
   print_line("saved", "%s", list(saved).c_str());
   print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
-  print_line("test views", "%s", config.eval ? "every 8th view" : "none");
+  print_line("test views", "%s", config.eval ? "held out (--eval)" : "none");
   print_options(config);
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
