@@ -17,6 +17,7 @@ inline constexpr CommandName kCommandNames[] = {
     {"train", "train a COLMAP scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
+    {"view", "show a model in a browser"},
     {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
     {"synth", "write a synthetic COLMAP scene", false},
     {"compare", "train a scene with several configurations; compare time and quality"},
@@ -28,6 +29,7 @@ inline constexpr CommandName kCommandNames[] = {
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
+int run_view(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
