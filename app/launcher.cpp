@@ -59,7 +59,8 @@ const char* program_of(const std::string& command, const std::string& next) {
 ExitCode run_command(char* const* argv) {
   std::error_code error;
   let_waiting_threads_sleep();
-  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1], argv[2] != nullptr ? argv[2] : "");
+  const fs::path program =
+      fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1], argv[2] != nullptr ? argv[2] : "");
   execv(program.c_str(), argv);
   return fail(
       "cannot start " + program.string() + " (" + std::strerror(errno) + "); build or copy it together with b3dgs",

@@ -19,6 +19,7 @@ inline constexpr CommandName kCommandNames[] = {
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
     {"export", "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss"},
+    {"view", "show a model in a browser"},
     {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
     {"synth", "write a synthetic COLMAP scene", false},
     {"compare", "train a scene with several configurations; compare time and quality"},
@@ -32,6 +33,7 @@ int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
 int run_export(const std::vector<std::string>& words);
+int run_view(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);

@@ -30,20 +30,20 @@ struct Link {
 };
 
 struct ClusterCost {
-  Link in_host;           // of each GPU, to all others of its host together
-  Link network;           // of a host, to all other hosts together
-  double record_ms = 0;   // a small record of every rank, within a host
-  double overhead_ms = 0; // packing, sorting and waits of the host in a step, besides the exchanges
-  double busiest = 1;     // list entries of the busiest rank, as a multiple of the mean
+  Link in_host;            // of each GPU, to all others of its host together
+  Link network;            // of a host, to all other hosts together
+  double record_ms = 0;    // a small record of every rank, within a host
+  double overhead_ms = 0;  // packing, sorting and waits of the host in a step, besides the exchanges
+  double busiest = 1;      // list entries of the busiest rank, as a multiple of the mean
 };
 
 struct Prediction {
   int n_gpus = 1, n_hosts = 1;
   double work_ms = 0, exchange_ms = 0, overhead_ms = 0;  // of a step with one view for each GPU
   double step_ms() const { return work_ms + exchange_ms + overhead_ms; }
-  double speedup = 1;        // views per second, as a multiple of one GPU
-  double exchange_bytes = 0; // that each GPU sends in a step
-  double model_bytes = 0;    // of parameters, moments, gradients and statistics, on each GPU
+  double speedup = 1;         // views per second, as a multiple of one GPU
+  double exchange_bytes = 0;  // that each GPU sends in a step
+  double model_bytes = 0;     // of parameters, moments, gradients and statistics, on each GPU
 };
 
 /// A step of G views on G GPUs, in hosts of at most gpus_per_host.

@@ -165,8 +165,7 @@ void Trainer::Impl::take_distributed_step() {
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
   record.drawn = take_drawn();
-  const std::vector<StepRecord> records =
-      exchange_timer.time([&] { return ranks->exchange_record("step", record); });
+  const std::vector<StepRecord> records = exchange_timer.time([&] { return ranks->exchange_record("step", record); });
   agreed = {false, records[0].write_checkpoint != 0, records[0].check_kernels != 0};
   std::vector<std::vector<std::int64_t>> counts;
   std::vector<DrawnRecord> drawn_before;
@@ -184,8 +183,7 @@ void Trainer::Impl::take_distributed_step() {
   // The views that this rank draws.
   std::vector<ViewSplats> own;
   for (View& view : views) own.push_back(view.own);
-  const std::vector<ViewSplats> drawn =
-      exchange_timer.time([&] { return splats->to_drawers(own, counts, drawers); });
+  const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(own, counts, drawers); });
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
   std::vector<torch::Tensor> drawn_sums, drawn_scores;
   std::size_t place = 0;

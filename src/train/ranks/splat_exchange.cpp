@@ -66,7 +66,8 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
   drawn_.clear();
   views_of_.assign(size, {});
   for (std::size_t v = 0; v < n_views; ++v) {
-    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ", size);
+    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ",
+                size);
     views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
   }
   if (n_views == 0) return {};
