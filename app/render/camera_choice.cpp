@@ -31,8 +31,8 @@ CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, 
   CameraChoice keys;
   if (!options.cameras.empty()) {
     CameraFile file = read_camera_file(options.cameras, {options.width, options.height});
-    const bool has_names =
-        std::all_of(file.cameras.begin(), file.cameras.end(), [](const NamedCamera& named) { return !named.name.empty(); });
+    const bool has_names = std::all_of(file.cameras.begin(), file.cameras.end(),
+                                       [](const NamedCamera& named) { return !named.name.empty(); });
     for (const NamedCamera& named : file.cameras) {
       keys.cameras.push_back(named.camera);
       if (has_names) keys.views.push_back({named.name, "", named.camera, nullptr, nullptr});
@@ -88,6 +88,12 @@ Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
   const double sign = name[0] == '-' ? -1 : 1;
   const char axis = name.back();
   return {axis == 'x' ? sign : 0, axis == 'y' ? sign : 0, axis == 'z' ? sign : 0};
+}
+
+/// "(1.5, 0, -2.25)", to 0.01.
+std::string vec_text(const Vec3d& v) {
+  const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
+  return print_to_string("(%.10g, %.10g, %.10g)", rounded(v.x), rounded(v.y), rounded(v.z));
 }
 
 /// The distance at which a ball of the Gaussians' size fits into the image.
@@ -163,13 +169,12 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
   const Camera lens = orbit_lens(options, keys);
   const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
   choice.cameras = cameras_on(orbit, lens, options.frames);
-  const Vec3d& f = orbit.focus;
-  choice.notes.push_back(print_to_string("around (%.3g, %.3g, %.3g), up (%.2g, %.2g, %.2g), distance %.3g", f.x, f.y, f.z,
-                                         orbit.up.x, orbit.up.y, orbit.up.z,
-                                         std::hypot(orbit.first_radius, orbit.height)));
+  choice.notes.push_back("around " + vec_text(orbit.focus) + ", up " + vec_text(orbit.up) +
+                         print_to_string(", distance %.3g", std::hypot(orbit.first_radius, orbit.height)));
   if (orbit.gap > 0.5 * kPi) {
-    choice.notes.push_back(print_to_string(
-        "the cameras leave a gap of %.0f degrees around this point; expect blur and holes there", orbit.gap * 180 / kPi));
+    choice.notes.push_back(
+        print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
+                        orbit.gap * 180 / kPi));
   }
   return choice;
 }

@@ -29,8 +29,7 @@ template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CameraOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated", "orbit", "turntable"}},
         "test or training views, a path through the training views, or around the scene");
-  field(Option{"cameras"}, c.cameras, Any{},
-        "cameras from this file: cameras.json, camera path or transforms.json");
+  field(Option{"cameras"}, c.cameras, Any{}, "cameras from this file: cameras.json, camera path or transforms.json");
   field(Option{"frames"}, c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
   field(Option{"width"}, c.width, InRange{0, kMaxCameraSide}, "image width, px (0 = that of the cameras)");
   field(Option{"height"}, c.height, InRange{0, kMaxCameraSide}, "image height, px (0 = that of the cameras)");

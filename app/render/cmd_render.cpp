@@ -1,5 +1,5 @@
-// b3dgs render: colour, depth and alpha images or a video of a model, from its views, from cameras of a file, or along a
-// path.
+// b3dgs render: colour, depth and alpha images or a video of a model, from its views, from cameras of a file, or along
+// a path.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -112,8 +112,8 @@ ImageSize frame_size(const std::vector<Camera>& cameras) {
   const ImageSize size{cameras.at(0).width, cameras.at(0).height};
   for (const Camera& camera : cameras) {
     if (ImageSize{camera.width, camera.height} == size) continue;
-    input_error("--video needs images of one size, found ", size.width, " x ", size.height, " and ", camera.width, " x ",
-                camera.height, "; name a size with --width and --height");
+    input_error("--video needs images of one size, found ", size.width, " x ", size.height, " and ", camera.width,
+                " x ", camera.height, "; name a size with --width and --height");
   }
   return size;
 }

@@ -10,10 +10,10 @@ namespace b3dgs {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr std::int64_t kSamples = 200000;   // Gaussians that are examined
-constexpr double kParallel = 1e-3;          // determinant of the mean projection, below which axes are nearly parallel
-constexpr double kFullCircle = 0.5 * kPi;   // the largest gap between cameras that go all around
-constexpr double kLongestEllipse = 2.5;     // ratio of the axes
+constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
+constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
+constexpr double kFullCircle = 0.5 * kPi;  // the largest gap between cameras that go all around
+constexpr double kLongestEllipse = 2.5;    // ratio of the axes
 
 Vec3d to_vec(const std::array<double, 3>& v) {
   return {v[0], v[1], v[2]};
@@ -142,8 +142,7 @@ Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback) {
     b = b + share * (c - dot(c, d) * d);
   }
   const auto determinant = [](const Mat3<double>& m) {
-    return dot(Vec3d{m.m[0], m.m[3], m.m[6]},
-               cross(Vec3d{m.m[1], m.m[4], m.m[7]}, Vec3d{m.m[2], m.m[5], m.m[8]}));
+    return dot(Vec3d{m.m[0], m.m[3], m.m[6]}, cross(Vec3d{m.m[1], m.m[4], m.m[7]}, Vec3d{m.m[2], m.m[5], m.m[8]}));
   };
   if (determinant(a) < kParallel) {
     for (const int i : {0, 4, 8}) a.m[i] += 0.01;  // draws the point along the axes to the fallback, which is 0 here
@@ -237,8 +236,8 @@ std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frame
     Camera camera = lens;
     camera.cx = 0.5 * lens.width;
     camera.cy = 0.5 * lens.height;
-    camera.cam_from_world.rotation = {right.x,   right.y,   right.z,   down.x,   down.y,
-                                      down.z,    forward.x, forward.y, forward.z};
+    camera.cam_from_world.rotation = {right.x, right.y,   right.z,   down.x,   down.y,
+                                      down.z,  forward.x, forward.y, forward.z};
     camera.cam_from_world.translation = {-dot(right, center), -dot(down, center), -dot(forward, center)};
     cameras.push_back(camera);
   }

@@ -29,13 +29,13 @@ Vec3d up_of(const std::vector<Camera>& cameras);
 
 /// A horizontal ellipse on which cameras move, looking at a point above or below its centre.
 struct Orbit {
-  Vec3d focus{};                                  // what the cameras look at
-  Vec3d up{0, -1, 0};                             // unit vector
-  Vec3d first_axis{1, 0, 0};                      // of the ellipse: unit vector, perpendicular to `up`
-  double first_radius = 1, second_radius = 1;     // along first_axis and along up x first_axis; world units
-  double height = 0;                              // of the ellipse above the focus, world units
-  double start = 0;                               // angle of the first frame, rad
-  double gap = 0;                                 // largest angle between two neighbouring training cameras, rad
+  Vec3d focus{};                               // what the cameras look at
+  Vec3d up{0, -1, 0};                          // unit vector
+  Vec3d first_axis{1, 0, 0};                   // of the ellipse: unit vector, perpendicular to `up`
+  double first_radius = 1, second_radius = 1;  // along first_axis and along up x first_axis; world units
+  double height = 0;                           // of the ellipse above the focus, world units
+  double start = 0;                            // angle of the first frame, rad
+  double gap = 0;                              // largest angle between two neighbouring training cameras, rad
 };
 
 /// The ellipse that fits the horizontal positions of the cameras, at their mean height: a circle if they do not go all

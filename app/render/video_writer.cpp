@@ -24,7 +24,8 @@ std::string extension_of(const fs::path& path) {
 /// What ffmpeg is told about the output, without the file's name.
 Words output_options(const std::string& extension, const VideoSettings& settings) {
   if (extension == ".gif") {
-    return {"-vf", "split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse", "-loop", "0", "-f", "gif"};
+    return {"-vf", "split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse", "-loop", "0", "-f",
+            "gif"};
   }
   const bool is_mp4 = extension == ".mp4";
   const std::string crf = std::to_string(settings.crf >= 0 ? settings.crf : is_mp4 ? 18 : 30);
@@ -72,14 +73,21 @@ VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, con
     input_error(path.string(), ": expected frames of at least 2 x 2 px, found ", size.width, " x ", size.height);
   }
   check_video_file(path, /*may_replace=*/true);
-  Words words{"ffmpeg",      "-hide_banner",
-              "-loglevel",   "error",
-              "-y",          "-f",
-              "rawvideo",    "-pixel_format",
+  Words words{"ffmpeg",
+              "-hide_banner",
+              "-loglevel",
+              "error",
+              "-y",
+              "-f",
+              "rawvideo",
+              "-pixel_format",
               channels == 3 ? "rgb24" : "gray",
-              "-video_size", detail::concat(size.width, "x", size.height),
-              "-framerate",  print_to_string("%.6g", settings.fps),
-              "-i",          "pipe:0"};
+              "-video_size",
+              detail::concat(size.width, "x", size.height),
+              "-framerate",
+              print_to_string("%.6g", settings.fps),
+              "-i",
+              "pipe:0"};
   const Words output = output_options(extension_of(path), settings);
   words.insert(words.end(), output.begin(), output.end());
   words.push_back("file:" + file_.temporary().string());
@@ -89,8 +97,8 @@ VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, con
 }
 
 void VideoWriter::write(const Image8& frame) {
-  B3DGS_CHECK(frame.width == size_.width && frame.height == size_.height && frame.channels == channels_,
-              "a frame of ", frame.width, " x ", frame.height, " x ", frame.channels);
+  B3DGS_CHECK(frame.width == size_.width && frame.height == size_.height && frame.channels == channels_, "a frame of ",
+              frame.width, " x ", frame.height, " x ", frame.channels);
   if (!ffmpeg_->write(frame.pixels.data(), frame.pixels.size())) fail(ffmpeg_->finish());
 }
 

@@ -25,7 +25,8 @@ void check_video_file(const std::filesystem::path& path, bool may_replace);
 class VideoWriter {
  public:
   /// Starts ffmpeg: H.264 in .mp4, VP9 in .webm, both with 4:2:0 chroma and BT.709, or .gif. Sizes are made even by
-  /// leaving out the last row or column. `channels`: 3, RGB, or 1, grey. @throws InputError as check_video_file(); IoError
+  /// leaving out the last row or column. `channels`: 3, RGB, or 1, grey. @throws InputError as check_video_file();
+  /// IoError
   VideoWriter(const std::filesystem::path& path, ImageSize size, int channels, const VideoSettings& settings);
 
   /// Appends a frame of the size and channels above. @throws IoError with ffmpeg's last line

@@ -56,7 +56,8 @@ Json transforms(const std::vector<View>& views) {
   for (const View& view : views) {
     const OpenGlMatrix m = opengl_from_pose(view.camera.cam_from_world);
     Json rows = Json::array();
-    for (std::size_t row = 0; row < 4; ++row) rows.push_back({m[4 * row], m[4 * row + 1], m[4 * row + 2], m[4 * row + 3]});
+    for (std::size_t row = 0; row < 4; ++row)
+      rows.push_back({m[4 * row], m[4 * row + 1], m[4 * row + 2], m[4 * row + 3]});
     frames.push_back({{"file_path", view.name}, {"fl_x", view.camera.fx}, {"transform_matrix", rows}});
   }
   return {{"w", 90}, {"h", 60.0}, {"cx", 45}, {"cy", 30}, {"k1", 0.1}, {"frames", frames}};
@@ -90,7 +91,8 @@ TEST_F(CameraFiles, OfEveryKindGiveTheSameCameras) {
       const Camera &a = expected.cameras[i].camera, &b = found.cameras[i].camera;
       EXPECT_EQ(b.width, 90);
       EXPECT_EQ(b.height, 60);
-      for (const auto& [x, y] : {std::pair{a.fx, b.fx}, {a.fy, b.fy}, {a.cx, b.cx}, {a.cy, b.cy}}) EXPECT_NEAR(x, y, 1e-6);
+      for (const auto& [x, y] : {std::pair{a.fx, b.fx}, {a.fy, b.fy}, {a.cx, b.cx}, {a.cy, b.cy}})
+        EXPECT_NEAR(x, y, 1e-6);
       for (std::size_t k = 0; k < 9; ++k) {
         EXPECT_NEAR(a.cam_from_world.rotation[k], b.cam_from_world.rotation[k], 1e-6);
       }
@@ -151,8 +153,8 @@ TEST_F(CameraFiles, BadFramesAreNamed) {
                       [](Json& json) { json["camera_path"][2]["camera_to_world"].erase(3); }));
   EXPECT_TRUE(refuses(path, {"frame 1", "4 x 4 numbers"},
                       [](Json& json) { json["camera_path"][1]["camera_to_world"][5] = nullptr; }));
-  EXPECT_TRUE(refuses(path, {"frame 4", "rotation"},
-                      [](Json& json) { json["camera_path"][4]["camera_to_world"][0] = 17; }));
+  EXPECT_TRUE(
+      refuses(path, {"frame 4", "rotation"}, [](Json& json) { json["camera_path"][4]["camera_to_world"][0] = 17; }));
   EXPECT_TRUE(refuses(path, {"frame 0", "fov", "180"}, [](Json& json) { json["camera_path"][0]["fov"] = 180; }));
   EXPECT_TRUE(refuses(path, {"frame 0", "fov", "wide"}, [](Json& json) { json["camera_path"][0]["fov"] = "wide"; }));
   EXPECT_TRUE(refuses(path, {"frame 3", "found 7"}, [](Json& json) { json["camera_path"][3] = 7; }));
@@ -168,8 +170,8 @@ TEST_F(CameraFiles, BadFramesAreNamed) {
   }));
   EXPECT_TRUE(refuses(list, {"frame 1 (images/1.png)", "4 x 4 numbers"},
                       [](Json& json) { json["frames"][1]["transform_matrix"][0] = 3; }));
-  EXPECT_TRUE(refuses(list, {"frame 1 (images/1.png)", "focal length"},
-                      [](Json& json) { json["frames"][1].erase("fl_x"); }));
+  EXPECT_TRUE(
+      refuses(list, {"frame 1 (images/1.png)", "focal length"}, [](Json& json) { json["frames"][1].erase("fl_x"); }));
   EXPECT_TRUE(refuses(list, {"frame 1", "focal length", "-3"}, [](Json& json) { json["frames"][1]["fl_x"] = -3; }));
   EXPECT_TRUE(refuses(list, {"frame 2", "cx"}, [](Json& json) { json["frames"][2]["cx"] = "left"; }));
   EXPECT_TRUE(refuses(list, {"frame 2", "principal point"}, [](Json& json) { json["frames"][2]["cx"] = 1e300; }));

@@ -93,8 +93,7 @@ Camera camera_of_path(const Json& frame, ImageSize size, const std::string& plac
   camera.fx = camera.fy = 0.5 * size.height / std::tan(0.5 * fov * kPi / 180);
   camera.cx = 0.5 * size.width;
   camera.cy = 0.5 * size.height;
-  camera.cam_from_world =
-      pose_from_opengl(matrix_from_json(frame["camera_to_world"], "camera_to_world", place), place);
+  camera.cam_from_world = pose_from_opengl(matrix_from_json(frame["camera_to_world"], "camera_to_world", place), place);
   check_camera(camera, place);
   return camera;
 }
@@ -230,7 +229,8 @@ CameraFile parse_camera_file(const std::string& text, const fs::path& path, Imag
   if (json.is_array()) return {cameras_from_json(json, path.string()), 0};
   if (json.is_object() && json.contains("camera_path")) return read_camera_path(json, path.string(), size);
   if (json.is_object() && json.contains("frames")) return read_transforms(json, path, size);
-  input_error(path.string(), ": unknown kind of camera file (expected a list of cameras, \"camera_path\" or \"frames\")",
+  input_error(path.string(),
+              ": unknown kind of camera file (expected a list of cameras, \"camera_path\" or \"frames\")",
               json.is_object() && json.contains("keyframes") ? "; it has keyframes only: export the path again" : "");
 }
 

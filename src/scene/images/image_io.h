@@ -33,8 +33,8 @@ Depth16 resize_depth_map(const Depth16& map, ImageSize size);
 /// Writes a grey PNG of 16 bits. The file appears complete or not at all. @throws IoError
 void write_depth_map(const std::filesystem::path& path, const Depth16& map);
 
-/// Writes an OpenEXR file with one channel of 32-bit floats, "Y". `values` [height, width]. The file appears complete or
-/// not at all. @throws InputError if the installed OpenCV cannot write OpenEXR; IoError
+/// Writes an OpenEXR file with one channel of 32-bit floats, "Y". `values` [height, width]. The file appears complete
+/// or not at all. @throws InputError if the installed OpenCV cannot write OpenEXR; IoError
 void write_exr(const std::filesystem::path& path, ImageSize size, const float* values);
 
 /// Writes PNG or JPEG by extension, with one or three channels. The file appears complete or not at all.

@@ -80,7 +80,8 @@ int largest_difference(const fs::path& a, const fs::path& b) {
 /// Share of pixels that are more than half covered.
 double covered_share(const fs::path& alpha) {
   const Image8 image = read_image(alpha, false);
-  const auto n = std::count_if(image.pixels.begin(), image.pixels.end(), [](std::uint8_t value) { return value > 127; });
+  const auto n =
+      std::count_if(image.pixels.begin(), image.pixels.end(), [](std::uint8_t value) { return value > 127; });
   return static_cast<double>(n) / static_cast<double>(image.pixels.size());
 }
 
@@ -91,8 +92,11 @@ TEST_F(Render, CamerasOfAFileGiveTheImagesOfTheirViews) {
     const double fov = 2 * std::atan(0.5 * view.camera.height / view.camera.fy) * 180 / 3.14159265358979323846;
     path_frames.push_back({{"camera_to_world", m}, {"fov", fov}, {"aspect", 64.0 / 48}});
     frames.push_back({{"file_path", view.name},
-                      {"transform_matrix", {{m[0], m[1], m[2], m[3]}, {m[4], m[5], m[6], m[7]}, {m[8], m[9], m[10], m[11]},
-                                            {m[12], m[13], m[14], m[15]}}}});
+                      {"transform_matrix",
+                       {{m[0], m[1], m[2], m[3]},
+                        {m[4], m[5], m[6], m[7]},
+                        {m[8], m[9], m[10], m[11]},
+                        {m[12], m[13], m[14], m[15]}}}});
   }
   test::write_bytes(folder_ / "flight.json",
                     Json{{"render_width", 64}, {"render_height", 48}, {"camera_path", path_frames}}.dump());
@@ -155,8 +159,8 @@ TEST_F(Render, PathsOfAFileOfGaussians) {
 }
 
 TEST_F(Render, AModelIsRenderedWithCamerasOfAFile) {
-  const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("model"), "--iterations", "2", "--device", "cpu",
-                                     "--quiet"});
+  const Outcome trained =
+      run_b3dgs({"train", path("scene"), "-m", path("model"), "--iterations", "2", "--device", "cpu", "--quiet"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   remove_tree(path("scene"));
   const Outcome rendered = render({path("model"), "--cameras", path("cameras.json")});

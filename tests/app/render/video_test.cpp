@@ -48,8 +48,12 @@ class Video : public ::testing::Test {
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   /// A turntable of 7 frames.
   static Outcome render(Words more, const test::RunOptions& options = {}) {
-    Words words{"render",   (*scene_ / "scene/truth.ply").string(), "--device", "cpu", "--quiet", "--path", "turntable",
-                "--frames", "7",                                    "--up",     "z"};
+    Words words{"render",    (*scene_ / "scene/truth.ply").string(),
+                "--device",  "cpu",
+                "--quiet",   "--path",
+                "turntable", "--frames",
+                "7",         "--up",
+                "z"};
     words.insert(words.end(), more.begin(), more.end());
     return run_b3dgs(words, options);
   }
@@ -57,9 +61,9 @@ class Video : public ::testing::Test {
   std::vector<Image8> decode(const std::string& video) const {
     fs::create_directories(folder_ / "decoded");
     std::string output;
-    const ChildResult result = run_program_lines({"ffmpeg", "-loglevel", "error", "-i", video, "-fps_mode", "passthrough",
-                                                  "-y", path("decoded/%05d.png")},
-                                                 [&](const std::string& line) { output += line; });
+    const ChildResult result = run_program_lines(
+        {"ffmpeg", "-loglevel", "error", "-i", video, "-fps_mode", "passthrough", "-y", path("decoded/%05d.png")},
+        [&](const std::string& line) { output += line; });
     EXPECT_TRUE(result.succeeded()) << output;
     std::vector<Image8> frames;
     for (int i = 1; fs::exists(folder_ / "decoded" / name_of(i)); ++i) {
@@ -102,8 +106,8 @@ test::TempDir* Video::scene_ = nullptr;
 TEST_F(Video, HasTheFramesInEveryFormat) {
   B3DGS_NEED_FFMPEG();
   const auto expect_frames = [&](const std::string& name, const std::string& of, const std::string& images, double db) {
-    const Outcome outcome = render({"--video", path(name), "--video_of", of, "--output", path("images"), "--width", "128",
-                                    "--height", "96"});
+    const Outcome outcome = render(
+        {"--video", path(name), "--video_of", of, "--output", path("images"), "--width", "128", "--height", "96"});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
     EXPECT_NE(outcome.out.find("7 frames"), std::string::npos) << outcome.out;
     const std::vector<Image8> frames = decode(path(name));
@@ -171,7 +175,8 @@ TEST_F(Video, FailureOfFfmpegIsAnErrorWithItsLastLine) {
     test::write_bytes(folder_ / "a.mp4", "mine");
     const Outcome outcome = render({"--video", path("a.mp4"), "--overwrite"});
     EXPECT_EQ(outcome.exit_code, 2);
-    EXPECT_NE(outcome.err.find("a.mp4: ffmpeg failed (exit code 3): no such encoder"), std::string::npos) << outcome.err;
+    EXPECT_NE(outcome.err.find("a.mp4: ffmpeg failed (exit code 3): no such encoder"), std::string::npos)
+        << outcome.err;
     EXPECT_EQ(files(), Words{"a.mp4"});
     EXPECT_EQ(test::read_bytes(folder_ / "a.mp4"), "mine");
   }
@@ -194,7 +199,9 @@ TEST_F(Video, BadNamesAndSizesAreErrors) {
     EXPECT_EQ(outcome.exit_code, 2);
     EXPECT_NE(outcome.err.find(".mp4, .webm or .gif"), std::string::npos) << outcome.err;
   }
-  EXPECT_TRUE(fails_with<InputError>({"a.mp4", "at least 2 x 2"}, [&] { VideoWriter(folder_ / "a.mp4", {5, 1}, 3, {}); }));
+  EXPECT_TRUE(fails_with<InputError>({"a.mp4", "at least 2 x 2"}, [&] {
+    VideoWriter(folder_ / "a.mp4", {5, 1}, 3, {});
+  }));
   EXPECT_TRUE(files().empty());
 }
 
