@@ -90,6 +90,12 @@ Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
   return {axis == 'x' ? sign : 0, axis == 'y' ? sign : 0, axis == 'z' ? sign : 0};
 }
 
+/// "(1.5, 0, -2.25)", to 0.01.
+std::string vec_text(const Vec3d& v) {
+  const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
+  return print_to_string("(%.10g, %.10g, %.10g)", rounded(v.x), rounded(v.y), rounded(v.z));
+}
+
 /// The distance at which a ball of the Gaussians' size fits into the image.
 double fitting_distance(const SplatBounds& bounds, const Camera& lens) {
   constexpr double kBall = 1.4;  // the median distance is 0.8 of the radius of a full ball, and 0.7 of that of a disc
@@ -163,10 +169,8 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
   const Camera lens = orbit_lens(options, keys);
   const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
   choice.cameras = cameras_on(orbit, lens, options.frames);
-  const Vec3d& f = orbit.focus;
-  choice.notes.push_back(print_to_string("around (%.3g, %.3g, %.3g), up (%.2g, %.2g, %.2g), distance %.3g", f.x, f.y,
-                                         f.z, orbit.up.x, orbit.up.y, orbit.up.z,
-                                         std::hypot(orbit.first_radius, orbit.height)));
+  choice.notes.push_back("around " + vec_text(orbit.focus) + ", up " + vec_text(orbit.up) +
+                         print_to_string(", distance %.3g", std::hypot(orbit.first_radius, orbit.height)));
   if (orbit.gap > 0.5 * kPi) {
     choice.notes.push_back(
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",

@@ -129,7 +129,7 @@ TEST(Focus, OfParallelAxesIsNearTheGaussians) {
   for (std::size_t i = 0; i < 3; ++i) {
     cameras[1].cam_from_world.translation[i] -= 0.2 * first.cam_from_world.rotation[3 * i + 1] * side.y;
   }
-  const Vec3d focus = focus_of(cameras, kFocus + Vec3d{0, 0.1, 0} + 4 * kUp);
+  const Vec3d focus = focus_of(cameras, kFocus + Vec3d{0, 0.1, 0} + 4.0 * kUp);
   EXPECT_NEAR(length(focus - kFocus - Vec3d{0, 0.1, 0}), 0, 0.05);
 }
 
