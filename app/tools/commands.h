@@ -18,6 +18,8 @@ inline constexpr CommandName kCommandNames[] = {
     {"train", "train a COLMAP scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
+    {"export", "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss"},
+    {"view", "show a model in a browser"},
     {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
     {"synth", "write a synthetic COLMAP scene", false},
     {"compare", "train a scene with several configurations; compare time and quality"},
@@ -30,6 +32,8 @@ int run_reconstruct(const std::vector<std::string>& words);
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
+int run_export(const std::vector<std::string>& words);
+int run_view(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
@@ -38,5 +42,6 @@ int run_bench(const std::vector<std::string>& words);
 int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
 int run_bench_exchange(const std::vector<std::string>& words);  // b3dgs bench exchange
+int run_bench_scaling(const std::vector<std::string>& words);   // b3dgs bench scaling; needs no LibTorch
 
 }  // namespace b3dgs

@@ -99,7 +99,7 @@ std::vector<Photograph> list_photographs(const fs::path& folder, const std::vect
       continue;
     }
     if (is_folder || !entries->is_regular_file(ignored)) continue;
-    if (is_image_file(path)) {
+    if (has_image_extension(path)) {
       photographs.push_back({path.lexically_relative(folder).generic_string(), fs::file_size(path), time_of(path)});
     } else if (is_raw_or_heic(path)) {
       ++n_others;

@@ -104,7 +104,7 @@ class Reconstruction {
   void check_input() {
     if (!is_there(source_)) input_error("photographs not found: ", options_.input, " (expected a folder or a video)");
     is_video_ = !fs::is_directory(source_);
-    if (is_video_ && is_image_file(source_)) {
+    if (is_video_ && has_image_extension(source_)) {
       input_error(options_.input, ": only one photograph (expected a folder of photographs, or a video)");
     }
     if (is_there(folders_.root) && !fs::is_directory(folders_.root)) {

@@ -55,7 +55,7 @@ std::string list_subfolders(const fs::path& source) {
 
 }  // namespace
 
-bool is_image_file(const fs::path& path) {
+bool has_image_extension(const fs::path& path) {
   const std::string extension = lower_case(path.extension().string());
   return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
 }
@@ -87,7 +87,7 @@ void ImageFolder::list_files() {
   const auto options = fs::directory_options::skip_permission_denied;
   for (fs::recursive_directory_iterator entry(folder_, options, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (is_file(entry->path()) && is_image_file(entry->path())) files_.push_back(entry->path());
+    if (is_file(entry->path()) && has_image_extension(entry->path())) files_.push_back(entry->path());
   }
   std::sort(files_.begin(), files_.end());
   const auto add = [](Index& index, const std::string& key, const fs::path& file) {

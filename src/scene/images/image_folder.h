@@ -10,8 +10,8 @@
 
 namespace b3dgs {
 
-/// Whether the file name ends like that of an image: .jpg, .png and others, in any case.
-bool is_image_file(const std::filesystem::path& path);
+/// Whether the name ends like that of an image file, in upper or lower case.
+bool has_image_extension(const std::filesystem::path& path);
 
 class ImageFolder {
  public:
