@@ -78,7 +78,7 @@ class Reconstruction {
         source_(fs::absolute(options.input).lexically_normal()),
         folders_(fs::absolute(options.output).lexically_normal()) {
     check_input();
-    lock_.emplace(folders_.work);
+    lock_.emplace(folders_.work, "scene folder");
     log_.emplace(folders_.root / "reconstruct.log", stop);
     colmap_.emplace(options_, ColmapFolders{folders_.database, folders_.images, folders_.models}, *log_);
     record_.emplace(folders_.record);
