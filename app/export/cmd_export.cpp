@@ -10,6 +10,7 @@
 #include "app/export/splat_transform.h"
 #include "app/model.h"
 #include "app/tools/commands.h"
+#include "app/train_setup.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
@@ -213,7 +214,13 @@ int run_export(const std::vector<std::string>& words) {
     rotate_splats(rotation, model.splats);
   }
   const fs::path output = options.output;
-  write_output(output, model.splats, options.sh_bits, status);
+  if (needs_splat_transform(output)) catch_stop_signals();  // whose files have to be removed
+  try {
+    write_output(output, model.splats, options.sh_bits, status);
+  } catch (const InputError&) {
+    if (stop_signal() == 0) throw;
+  }
+  if (stop_signal() != 0) return 128 + stop_signal();
   const auto bytes = static_cast<std::int64_t>(fs::file_size(output));
   print_line("to", "%s, %s Gaussians, SH degree %d, %s (%.1f %%)", output.string().c_str(),
              format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(bytes).c_str(),
@@ -231,9 +238,9 @@ int run_export(const std::vector<std::string>& words) {
     return 0;
   }
   rotate_splats(inverse(rotation), *written);
-  print_quality(compare_export(original, std::move(*written), views, device, status), has_test  ? "test views"
-                                                                                      : is_file ? "views"
-                                                                                                : "training views");
+  const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
+  if (stop_signal() != 0) return 128 + stop_signal();
+  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views");
   return 0;
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 
 #include "app/export/scene_views.h"
@@ -75,14 +76,16 @@ test::TempDir* Export::folder_ = nullptr;
 TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   const Outcome outcome = run_export({path("model"), path("a.spz")});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  for (const char* part : {"300 Gaussians, SH degree 3", "dB lost (mean of 2 test views)", "against those before"}) {
+  const std::int64_t n = read_splat_ply(ply()).size();
+  for (const std::string& part : {std::to_string(n) + " Gaussians, SH degree 3",
+                                  std::string("dB lost (mean of 2 test views)"), std::string("against those before")}) {
     EXPECT_TRUE(contains(outcome.out, part)) << part << " is not in: " << outcome.out;
   }
-  EXPECT_EQ(read_spz(path("a.spz")).size(), 300);
+  EXPECT_EQ(read_spz(path("a.spz")).size(), n);
   EXPECT_LT(fs::file_size(path("a.spz")), fs::file_size(ply()) / 3);
 
   const Outcome info = run_b3dgs({"info", path("a.spz")});
-  EXPECT_TRUE(contains(info.out, "Gaussians         300")) << info.out << info.err;
+  EXPECT_TRUE(contains(info.out, "Gaussians         " + std::to_string(n))) << info.out << info.err;
   const Outcome eval = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--split", "test", "--quiet"});
   EXPECT_TRUE(contains(eval.out, "mean of 2")) << eval.out << eval.err;
   const Outcome all = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--quiet"});
@@ -110,7 +113,7 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   EXPECT_TRUE(contains(refused.err, "--overwrite")) << refused.err;
   EXPECT_EQ(test::read_bytes(path("kept.spz")), "important");
   EXPECT_EQ(run_export({path("model"), path("kept.spz"), "--overwrite"}).exit_code, 0);
-  EXPECT_EQ(read_spz(path("kept.spz")).size(), 300);
+  EXPECT_EQ(read_spz(path("kept.spz")).size(), read_splat_ply(ply()).size());
   const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
   EXPECT_EQ(itself.exit_code, 2);
   EXPECT_TRUE(contains(itself.err, "is the file to export")) << itself.err;
@@ -138,33 +141,36 @@ TEST_F(Export, LeavesOutWhatTheOptionsSay) {
 }
 
 TEST_F(Export, KeepsTheGaussiansThatMatterToTheViews) {
-  // 100 transparent ones, and 100 that no camera sees.
+  // Some are made transparent, and as many are moved to where no camera sees them.
+  constexpr std::size_t kEach = 30;
   SplatCloud cloud = read_splat_ply(ply());
-  for (std::size_t i = 0; i < 100; ++i) {
+  ASSERT_GT(cloud.size(), 3 * std::int64_t{kEach});
+  for (std::size_t i = 0; i < kEach; ++i) {
     cloud.logit_opacities[i] = -8;
-    cloud.means[3 * (100 + i)] = 1e5f;
-    cloud.log_scales[3 * (100 + i)] = 3;  // opacity times area would keep it
+    cloud.means[3 * (kEach + i)] = 1e5f;
+    cloud.log_scales[3 * (kEach + i)] = 3;  // opacity times area would keep it
   }
   write_splat_ply(path("padded.ply"), cloud);
+  const std::string kept = std::to_string(cloud.size() - 2 * std::int64_t{kEach});
   const Outcome outcome =
-      run_export({path("padded.ply"), path("useful.ply"), "-s", path("scene"), "--max_gaussians", "100"});
+      run_export({path("padded.ply"), path("useful.ply"), "-s", path("scene"), "--max_gaussians", kept});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const SplatCloud after = read_splat_ply(path("useful.ply"));
-  EXPECT_EQ(after.logit_opacities,
-            std::vector<float>(cloud.logit_opacities.begin() + 200, cloud.logit_opacities.end()));
-  const Outcome blind = run_export({path("padded.ply"), path("blind.ply"), "--max_gaussians", "100"});
+  const std::vector<float> useful(cloud.logit_opacities.begin() + 2 * kEach, cloud.logit_opacities.end());
+  EXPECT_EQ(read_splat_ply(path("useful.ply")).logit_opacities, useful);
+  const Outcome blind = run_export({path("padded.ply"), path("blind.ply"), "--max_gaussians", kept});
   ASSERT_EQ(blind.exit_code, 0) << blind.err;
+  EXPECT_NE(read_splat_ply(path("blind.ply")).logit_opacities, useful);
   EXPECT_TRUE(contains(blind.out, "opacity times area, for lack of a scene")) << blind.out;
   EXPECT_TRUE(contains(blind.out, "not measured: no scene is named (-s SCENE)")) << blind.out;
 }
 
 TEST_F(Export, TurnsTheModelUpright) {
-  const Outcome outcome = run_export({path("model"), path("up.ply"), "--up", "z"});
+  const Outcome outcome = run_export({path("model"), path("up.ply"), "--up", "-y"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << "measured before rotating: " << outcome.out;
-  // Cameras of this scene orbit about the axis y, which points down.
+  // Cameras of this scene are on a ring about the axis z, which points up.
   SplatCloud expected = read_splat_ply(ply());
-  rotate_splats(rotation_between({0, -1, 0}, {0, 0, 1}), expected);
+  rotate_splats(rotation_between({0, 0, 1}, {0, -1, 0}), expected);
   const SplatCloud after = read_splat_ply(path("up.ply"));
   ASSERT_EQ(after.size(), expected.size());
   for (std::size_t i = 0; i < expected.means.size(); ++i) EXPECT_NEAR(after.means[i], expected.means[i], 1e-3) << i;
@@ -237,6 +243,22 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   for (const auto& entry : fs::directory_iterator(folder_->path())) {
     EXPECT_FALSE(contains(entry.path().string(), ".b3dgs-export")) << entry.path();
   }
+}
+
+TEST_F(Export, RemovesItsFilesWhenItIsStopped) {
+  const fs::path folder = *folder_ / "bin2", out = *folder_ / "stopped";
+  fs::create_directory(folder);
+  fs::create_directory(out);
+  test::write_bytes(folder / "splat-transform", "#!/bin/sh\ntouch '" + out.string() + "/started'\nsleep 100\n");
+  fs::permissions(folder / "splat-transform", fs::perms::owner_all);
+  const ScopedPath first(folder.string() + ":/usr/bin:/bin");
+  test::RunOptions options;
+  options.signal = SIGINT;
+  options.signal_when = [&] { return fs::exists(out / "started"); };
+  const Outcome outcome = run_b3dgs({"export", path("model"), (out / "a.sog").string(), "--device", "cpu"}, options);
+  EXPECT_EQ(outcome.exit_code, 128 + SIGINT) << outcome.err;
+  fs::remove(out / "started");
+  EXPECT_TRUE(fs::is_empty(out));
 }
 
 /// A camera that looks along the angle `heading` about the vertical axis z, and down by `pitch`.
