@@ -78,26 +78,23 @@ Scene open_cameras(const TrainConfig& config, StatusLine& status) {
 
 void require_scene(const fs::path& file, const ModelOptions& options) {
   if (!options.source_path.empty()) return;
-  input_error("no cameras for ", file.string(), "; name a scene with -s, or a model folder in place of the file");
-}
-
-/// A file of Gaussians without its views.
-LoadedModel load_file(const fs::path& file, const ModelOptions& options) {
-  LoadedModel model;
-  model.splats = read_splats(file);
-  model.background = read_background_json(background_path(file));
-  apply_options(model, options);
-  return model;
+  input_error(
+      "no cameras for ", file.string(),
+      "; name a scene with -s, a model folder in place of the file, or, for render, --cameras or --path turntable");
 }
 
 /// The views used for training, from cameras.json.
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
+  // Older models do not say which views were held out.
+  const bool has_split =
+      std::any_of(cameras.begin(), cameras.end(), [](const NamedCamera& camera) { return camera.held_out; });
   Scene scene;
   scene.source_path = model.config.source_path;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    std::vector<View>& part = model.config.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    const bool is_held_out = has_split ? cameras[i].held_out : i % kTestEvery == 0;
+    std::vector<View>& part = model.config.eval && is_held_out ? scene.test : scene.train;
     part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
   }
   return scene;
@@ -142,8 +139,16 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 
 }  // namespace
 
+LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
+  LoadedModel model;
+  model.splats = read_splats(file);
+  model.background = read_background_json(background_path(file));
+  apply_options(model, options);
+  return model;
+}
+
 LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) {
-  if (fs::is_regular_file(options.model_path)) return load_file(options.model_path, options);
+  if (fs::is_regular_file(options.model_path)) return load_splat_file(options.model_path, options);
   LoadedModel model = load_gaussians(options);
   warn_of_missing_background(model, status);
   apply_options(model, options);
@@ -181,14 +186,14 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
 
 LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
   require_scene(ply, options);
-  LoadedModel model = load_file(ply, options);
+  LoadedModel model = load_splat_file(ply, options);
   model.scene = open_cameras(model.config, status);
   return model;
 }
 
 LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& options, StatusLine& status) {
   require_scene(file, options);
-  LoadedModel model = load_file(file, options);
+  LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
   model.scene = open_scene(scene_options(model.config), status);
   return model;

@@ -57,8 +57,10 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status);
 /// scene if the options name a scene or a resolution.
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
-/// Loads a file of Gaussians (model/formats/splat_formats.h), and the views of the scene `options.source_path`, without
-/// photographs. @throws InputError
+/// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
+LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
+
+/// The same with the views of the scene `options.source_path`, without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
 
 /// The same with photographs. Every 8th view is a test view, as in a training with --eval.

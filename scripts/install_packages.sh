@@ -10,6 +10,7 @@ packages=(
   g++ cmake ninja-build
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
+  libcpp-httplib-dev  # the live view's server
 )
 libtorch=(
   libtorch-dev
@@ -22,6 +23,7 @@ for argument in "$@"; do
         libgtest-dev
         libexpat1-dev  # parses the reports
         chromium       # shows a report as a reader sees it (120 MB to fetch, 410 MB installed)
+        ffmpeg         # decodes the videos that we write
         colmap         # its model_analyzer reads the scenes that we write
       )
       ;;
