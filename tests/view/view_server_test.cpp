@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-class OneColor final : public ViewSource {
+class OneColor final : public FrameSource {
  public:
   OneColor() {
     scene_.title = "one colour";

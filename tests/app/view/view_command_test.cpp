@@ -27,7 +27,7 @@ using test::fails_with;
 using Words = std::vector<std::string>;
 
 /// A model of a few iterations.
-class ViewCommand : public ::testing::Test {
+class ViewPrograms : public ::testing::Test {
  protected:
   void SetUp() override {
     ASSERT_EQ(run_synth({"orbit", scene(), "--points", "1500", "--views", "12", "--width", "160", "--height", "120",
@@ -57,7 +57,7 @@ double psnr(const cv::Mat& bgr, const Image8& rgb) {
   return 10 * std::log10(255.0 * 255.0 * static_cast<double>(rgb.pixels.size()) / squares);
 }
 
-TEST_F(ViewCommand, AFrameIsWhatRenderWrites) {
+TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   const fs::path images = folder_.path() / "images";
   ASSERT_EQ(run_render({model(), "--path", "train", "--output", images.string(), "--quiet", "--device", "cpu"}), 0);
 
@@ -102,7 +102,7 @@ TEST_F(ViewCommand, AFrameIsWhatRenderWrites) {
   viewer.join();
 }
 
-TEST_F(ViewCommand, ShowsAFileOfGaussiansWithoutAScene) {
+TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
   int port = 0;
   {
     httplib::Server probe;  // finds a free port
@@ -123,7 +123,7 @@ TEST_F(ViewCommand, ShowsAFileOfGaussiansWithoutAScene) {
   EXPECT_NE(viewed.out.find("ssh -N -L "), std::string::npos) << viewed.out;
 }
 
-TEST_F(ViewCommand, ATrainingThatIsShownEndsByItself) {
+TEST_F(ViewPrograms, ATrainingThatIsShownEndsByItself) {
   const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", scene(), "-m",
                                                  (folder_.path() / "shown").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
@@ -131,7 +131,7 @@ TEST_F(ViewCommand, ATrainingThatIsShownEndsByItself) {
   EXPECT_EQ(trained.err.find("warning"), std::string::npos) << trained.err;
 }
 
-TEST_F(ViewCommand, AnotherAddressIsWarnedOf) {
+TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
   const test::Outcome trained =
       test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
                        (folder_.path() / "open").string(), "--iterations", "20"});
@@ -139,7 +139,7 @@ TEST_F(ViewCommand, AnotherAddressIsWarnedOf) {
   EXPECT_NE(trained.err.find("other machines can reach the page"), std::string::npos) << trained.err;
 }
 
-TEST_F(ViewCommand, ATakenPortIsAnErrorBeforeTraining) {
+TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
   httplib::Server other;
   const int port = other.bind_to_any_port("127.0.0.1");
   std::thread listening([&] { other.listen_after_bind(); });
@@ -153,7 +153,7 @@ TEST_F(ViewCommand, ATakenPortIsAnErrorBeforeTraining) {
   listening.join();
 }
 
-TEST_F(ViewCommand, OptionsThatDoNotGoTogether) {
+TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
   EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] { run_train({scene(), "--view_port", "8080"}); }));
   EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"},
                                      [&] { run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"}); }));
