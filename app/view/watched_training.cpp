@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "train/device.h"
 #include "train/evaluate.h"
+#include "train/poses/pose_state.h"
 
 namespace b3dgs {
 namespace {

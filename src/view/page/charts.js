@@ -15,7 +15,7 @@ function draw_chart(canvas, points, format) {
   }
   const values = points.map((point) => point[1]);
   const sorted = [...values].sort((a, b) => a - b);
-  const low = sorted[0], high = sorted[Math.floor(0.99 * (sorted.length - 1))];  // a first loss may tower over all others
+  const low = sorted[0], high = sorted[Math.ceil(0.99 * (sorted.length - 1))];  // a first loss may tower over all others
   const first = points[0][0], last = points[points.length - 1][0];
   const x = (iteration) => 1 + (width - 2) * (iteration - first) / Math.max(1, last - first);
   const y = (value) => height - 4 - (height - 8) * Math.min(1, (value - low) / (high - low || 1));
@@ -27,6 +27,10 @@ function draw_chart(canvas, points, format) {
   for (const [iteration, value] of points) context.lineTo(x(iteration), y(value));
   context.stroke();
   context.textAlign = "right";
-  context.fillText(format(high), width - 4, 12);
-  context.fillText(format(low), width - 4, height - 5);
+  context.strokeStyle = "#1f2124";  // around the letters
+  context.lineWidth = 4;
+  for (const [value, place] of [[high, 12], [low, height - 5]]) {
+    context.strokeText(format(value), width - 4, place);
+    context.fillText(format(value), width - 4, place);
+  }
 }

@@ -345,7 +345,7 @@ function listen_to_picture() {
 }
 
 const kMoves = {w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0]};
-const kTurns = {arrowleft: [-1, 0], arrowright: [1, 0], arrowup: [0, -1], arrowdown: [0, 1]};
+const kTurns = {arrowleft: [1, 0], arrowright: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1]};  // as if dragged
 
 function listen_to_keys() {
   window.addEventListener("keydown", (event) => {
