@@ -397,7 +397,8 @@ void check_view_options(const CommandLine& line, const TrainCommandOptions& opti
     input_error("--view_port and --view_address are for the page that --view shows; add --view");
   }
   if (options.view && (plan.n_to_start > 1 || plan.place.size > 1)) {
-    input_error("--view: a training on several ranks cannot be shown yet; train on one (--ranks 1), or leave out --view");
+    input_error(
+        "--view: a training on several ranks cannot be shown yet; train on one (--ranks 1), or leave out --view");
   }
 }
 

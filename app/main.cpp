@@ -15,7 +15,7 @@ namespace b3dgs {
 namespace {
 
 /// In the order of kCommandNames.
-constexpr RunCommand kCommands[] = {run_train, run_eval,  run_render,  run_view,  run_info,
+constexpr RunCommand kCommands[] = {run_train, run_eval,    run_render, run_view, run_info,
                                     run_synth, run_compare, run_report, run_bench};
 static_assert(std::size(kCommands) == std::size(kCommandNames));
 

@@ -47,7 +47,8 @@ void paint_depth(const RenderedView& rendered, Frame& frame) {
   }
   std::sort(samples.begin(), samples.end());
   const double near = samples.empty() ? 1 : samples[samples.size() / 50];
-  const double far = samples.empty() ? 2 : std::max<double>(samples[samples.size() - 1 - samples.size() / 50], 1.001 * near);
+  const double far =
+      samples.empty() ? 2 : std::max<double>(samples[samples.size() - 1 - samples.size() / 50], 1.001 * near);
   cv::Mat grey(static_cast<int>(depth.size(0)), static_cast<int>(depth.size(1)), CV_8UC1);
   for (std::size_t i = 0; i < n; ++i) {
     const double inverse = depths[i] > 0 ? alphas[i] / depths[i] : 0;
@@ -55,7 +56,8 @@ void paint_depth(const RenderedView& rendered, Frame& frame) {
   }
   frame.image = colored(grey, cv::COLORMAP_TURBO);
   for (std::size_t i = 0; i < 3 * n; ++i) {
-    frame.image.pixels[i] = static_cast<std::uint8_t>(std::lround(frame.image.pixels[i] * std::clamp(alphas[i / 3], 0.0f, 1.0f)));
+    frame.image.pixels[i] =
+        static_cast<std::uint8_t>(std::lround(frame.image.pixels[i] * std::clamp(alphas[i / 3], 0.0f, 1.0f)));
   }
   frame.legend = print_to_string("inverse depth: red %.4g to blue %.4g world units", near, far);
 }
@@ -68,8 +70,8 @@ void paint_difference(const Image8& photograph, Frame& frame) {
   for (int y = 0; y < rendered.height; ++y) {
     for (int x = 0; x < rendered.width; ++x) {
       int difference = 0;
-      const std::size_t at = 3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(rendered.width) +
-                                  static_cast<std::size_t>(x));
+      const std::size_t at =
+          3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(rendered.width) + static_cast<std::size_t>(x));
       for (std::size_t c = 0; c < 3; ++c) {
         const int d = std::abs(int{rendered.pixels[at + c]} - int{photograph.pixels[at + c]});
         difference += d;
@@ -82,8 +84,9 @@ void paint_difference(const Image8& photograph, Frame& frame) {
   const auto n = static_cast<double>(rendered.pixels.size());
   const double psnr = squares > 0 ? 10 * std::log10(255.0 * 255.0 * n / squares) : 99;
   frame.image = colored(grey, cv::COLORMAP_INFERNO);
-  frame.legend = print_to_string("absolute difference, mean %.4f; black 0, yellow %.2f or more; PSNR %.2f dB at %d x %d",
-                                 sum / n / 255, kFullError, psnr, rendered.width, rendered.height);
+  frame.legend =
+      print_to_string("absolute difference, mean %.4f; black 0, yellow %.2f or more; PSNR %.2f dB at %d x %d",
+                      sum / n / 255, kFullError, psnr, rendered.width, rendered.height);
 }
 
 /// Entries of each tile's list, on a logarithmic scale.
@@ -102,10 +105,10 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
     }
   }
   frame.image = colored(grey, cv::COLORMAP_TURBO);
-  frame.legend = print_to_string("splats per tile of %d x %d px, logarithmic: blue 0, red %s; median %s, 99 %% %s, Gini %.2f",
-                                 tile.width, tile.height, format_count(statistics.max).c_str(),
-                                 format_count(statistics.median).c_str(), format_count(statistics.p99).c_str(),
-                                 statistics.gini);
+  frame.legend = print_to_string(
+      "splats per tile of %d x %d px, logarithmic: black 0, red %s; median %s, 99th percentile %s, Gini %.2f",
+      tile.width, tile.height, format_count(statistics.max).c_str(), format_count(statistics.median).c_str(),
+      format_count(statistics.p99).c_str(), statistics.gini);
 }
 
 }  // namespace

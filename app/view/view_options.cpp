@@ -25,8 +25,9 @@ std::vector<std::string> split_view_port(const std::vector<std::string>& words) 
   std::vector<std::string> result;
   for (std::size_t i = 0; i < words.size(); ++i) {
     result.push_back(words[i]);
-    const bool has_port = words[i] == "--view" && i + 1 < words.size() && !words[i + 1].empty() &&
-                          std::all_of(words[i + 1].begin(), words[i + 1].end(), [](char c) { return c >= '0' && c <= '9'; });
+    const bool has_port =
+        words[i] == "--view" && i + 1 < words.size() && !words[i + 1].empty() &&
+        std::all_of(words[i + 1].begin(), words[i + 1].end(), [](char c) { return c >= '0' && c <= '9'; });
     if (has_port) result.emplace_back("--view_port");
   }
   return result;

@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kShare = 0.05;          // of the time, for frames
+constexpr double kShare = 0.05;  // of the time, for frames
 constexpr double kMostSavedSeconds = 0.25;
 constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
 constexpr std::chrono::seconds kPatience{20};
@@ -118,7 +118,8 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
   }
-  Frame frame = painter_.paint(wanted, model.gaussians, model.background, evaluation_settings(config_, model.sh_degree));
+  Frame frame =
+      painter_.paint(wanted, model.gaussians, model.background, evaluation_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
   return frame;
 }
@@ -136,6 +137,7 @@ void WatchedTraining::save_now() {
 
 void WatchedTraining::close() {
   queue_.close();
+  is_paused_ = false;
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.activity = "ended";
 }
@@ -147,8 +149,9 @@ ViewState WatchedTraining::state(int since) const {
   if (state.is_paused) state.activity = "paused";
   state.iterations_per_second = eta_.iterations_per_second();
   if (const std::optional<Eta> eta = eta_.estimate()) state.eta_s = eta->seconds;
-  const auto first = std::upper_bound(state.curve.begin(), state.curve.end(), since,
-                                      [](int iteration, const CurvePoint& point) { return iteration < point.iteration; });
+  const auto first =
+      std::upper_bound(state.curve.begin(), state.curve.end(), since,
+                       [](int iteration, const CurvePoint& point) { return iteration < point.iteration; });
   state.curve.erase(state.curve.begin(), first);
   return state;
 }

@@ -48,8 +48,8 @@ struct TrainHooks : TrainListeners {
   std::function<void()> on_result;
   // For callers that show the model while it is trained: after each step with its density control, wants_model() is
   // asked, and on_model() called if it returns true. It may read the model, call Trainer::write_checkpoint(), and take
-  // its time, which counts as output; whatever it does, the training stays the same. Of one process only, not of several
-  // ranks.
+  // its time, which counts as output; whatever it does, the training stays the same. Of one process only, not of
+  // several ranks.
   std::function<bool()> wants_model;
   std::function<void(const ModelInTraining&)> on_model;
   Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone

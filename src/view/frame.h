@@ -17,7 +17,7 @@ struct FrameRequest {
   Camera camera;
   int view = -1;  // index in ViewedScene::views whose camera this is; -1: none
   FrameMode mode = FrameMode::kRender;
-  int quality = 85;                         // of the JPEG, 1 to 100
+  int quality = 85;                          // of the JPEG, 1 to 100
   std::shared_ptr<const Image8> photograph;  // of the camera's size, for kDifference
 };
 

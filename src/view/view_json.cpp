@@ -87,8 +87,8 @@ ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within) {
     input_error("view: expected a number from 0 to ", static_cast<int>(scene.views.size()) - 1, ", found ", view);
   }
   const Camera& camera = scene.views[static_cast<std::size_t>(view)].camera;
-  const double scale = std::min({1.0, within.width / static_cast<double>(camera.width),
-                                 within.height / static_cast<double>(camera.height)});
+  const double scale = std::min(
+      {1.0, within.width / static_cast<double>(camera.width), within.height / static_cast<double>(camera.height)});
   const auto scaled = [&](int side) { return std::max(1, static_cast<int>(std::lround(scale * side))); };
   return {scaled(camera.width), scaled(camera.height)};
 }
@@ -103,8 +103,7 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
   if (json.contains("view")) {
     request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
     const ImageSize fitted = fit_view(scene, request.view, size);
-    request.camera =
-        scene.views[static_cast<std::size_t>(request.view)].camera.scaled_to(fitted.width, fitted.height);
+    request.camera = scene.views[static_cast<std::size_t>(request.view)].camera.scaled_to(fitted.width, fitted.height);
   } else {
     request.camera = parse_camera(member(json, "camera"), size);
   }
@@ -172,10 +171,8 @@ Json state_json(const ViewState& state) {
 }
 
 Json frame_json(const Frame& frame) {
-  return {{"iteration", frame.iteration},
-          {"count", frame.n_gaussians},
-          {"ms", frame.render_ms},
-          {"legend", frame.legend}};
+  return {
+      {"iteration", frame.iteration}, {"count", frame.n_gaussians}, {"ms", frame.render_ms}, {"legend", frame.legend}};
 }
 
 std::string json_text(const Json& json) {

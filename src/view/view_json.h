@@ -15,7 +15,8 @@ inline constexpr std::int64_t kMaxFramePixels = 4'000'000;
 ///    "view": 3,
 ///    "camera": {"camera_to_world": [16 numbers], "fov": 50}}
 /// A view's camera is reduced to fit into the size. A camera of its own has that size; it is given as in the camera
-/// paths that nerfstudio writes: row-major, OpenGL axes (+x right, +y up, -z forward), vertical field of view in degrees.
+/// paths that nerfstudio writes: row-major, OpenGL axes (+x right, +y up, -z forward), vertical field of view in
+/// degrees.
 /// @throws InputError, one line, for anything that is missing, not finite or out of range
 FrameRequest parse_frame_request(const std::string& body, const ViewedScene& scene);
 

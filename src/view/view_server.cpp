@@ -17,8 +17,8 @@ namespace b3dgs {
 namespace {
 
 constexpr int kPortsTried = 20;
-constexpr std::size_t kThreads = 16;   // connections that are answered at the same time
-constexpr int kTimeoutSeconds = 5;     // for a client to send or take something
+constexpr std::size_t kThreads = 16;  // connections that are answered at the same time
+constexpr int kTimeoutSeconds = 5;    // for a client to send or take something
 constexpr int kKeepAliveSeconds = 2;
 constexpr const char* kJson = "application/json";
 
@@ -82,7 +82,8 @@ struct ViewServer::Impl {
     });
     if (wanted == 0) {
       port = server.bind_to_any_port(address);
-      if (port <= 0) input_error("--view_address ", address, ": cannot listen there (expected an address of this machine)");
+      if (port <= 0)
+        input_error("--view_address ", address, ": cannot listen there (expected an address of this machine)");
       return;
     }
     const int first = wanted.value_or(kFirstViewPort), n = wanted ? 1 : kPortsTried;
@@ -118,8 +119,8 @@ struct ViewServer::Impl {
       answer(response, 403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
     } else if (!is_own_origin(request.get_header_value("Origin"), host)) {
       answer(response, 403, "a request from another site");
-    } else if (!equal_in_constant_time(
-                   is_page ? request.get_param_value("token") : request.get_header_value("X-Token"), token)) {
+    } else if (!equal_in_constant_time(is_page ? request.get_param_value("token") : request.get_header_value("X-Token"),
+                                       token)) {
       answer(response, 401, "the token is missing or wrong: open the URL that the program has printed");
     } else if (!is_page && !clients.admit(client_of(request), ClientLimit::Clock::now())) {
       answer(response, 503, detail::concat(kMaxViewClients, " browsers are looking already, which is the limit"));
@@ -150,8 +151,8 @@ struct ViewServer::Impl {
     const auto end = [&](ClientLimit* limit) { limit->end_frame(client); };
     const std::unique_ptr<ClientLimit, decltype(end)> at_end(&clients, end);
     if (wanted.mode == FrameMode::kDifference) {
-      wanted.photograph = std::make_shared<Image8>(
-          source.photograph(wanted.view, {wanted.camera.width, wanted.camera.height}));
+      wanted.photograph =
+          std::make_shared<Image8>(source.photograph(wanted.view, {wanted.camera.width, wanted.camera.height}));
     }
     const Frame frame = source.render(wanted);
     response.set_header("X-Frame", json_text(frame_json(frame)).c_str());
@@ -175,9 +176,8 @@ struct ViewServer::Impl {
     server.set_pre_routing_handler([this](const Request& request, Response& response) {
       return refuse(request, response) ? Handled::Handled : Handled::Unhandled;
     });
-    server.Get("/", [this](const Request&, Response& response) {
-      answer_with(response, [&] { send_page(response); });
-    });
+    server.Get("/",
+               [this](const Request&, Response& response) { answer_with(response, [&] { send_page(response); }); });
     server.Get("/cameras", [this](const Request&, Response& response) {
       answer_with(response, [&] { response.set_content(json_text(cameras_json(source.scene())), kJson); });
     });
@@ -203,8 +203,9 @@ struct ViewServer::Impl {
     server.set_error_handler([](const Request&, Response& response) {
       if (!response.body.empty()) return;
       const bool is_large = response.status == 413;
-      answer(response, response.status, is_large ? detail::concat("expected at most ", kMaxViewBody, " bytes")
-                                                 : detail::concat("error ", response.status));
+      answer(response, response.status,
+             is_large ? detail::concat("expected at most ", kMaxViewBody, " bytes")
+                      : detail::concat("error ", response.status));
     });
   }
 

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <cstring>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -122,10 +123,12 @@ TEST_F(Server, ThePageNeedsTheToken) {
 }
 
 TEST_F(Server, EverythingElseNeedsTheTokenAsAHeader) {
-  for (const char* path : {"/cameras", "/state", "/photograph?view=0&width=64&height=48", "/nothing", "/../etc/passwd"}) {
+  for (const char* path :
+       {"/cameras", "/state", "/photograph?view=0&width=64&height=48", "/nothing", "/../etc/passwd"}) {
     SCOPED_TRACE(path);
     expect_refused(another().Get(path), 401);
-    expect_refused(another().Get(std::string(path) + "?token=" + server_.token()), 401);
+    expect_refused(another().Get(std::string(path) + (std::strchr(path, '?') ? "&" : "?") + "token=" + server_.token()),
+                   401);
   }
   expect_refused(another().Post("/frame", kFrame, "application/json"), 401);
   expect_refused(another().Post("/command", R"({"command":"stop"})", "application/json"), 401);
@@ -146,7 +149,8 @@ TEST_F(Server, OtherHostNamesAreRefused) {
 
 TEST_F(Server, OtherOriginsAreRefused) {
   for (const char* origin : {"http://evil.example", "null", "https://127.0.0.1"}) {
-    expect_refused(another().Post("/command", and_header("Origin", origin), R"({"command":"stop"})", "text/plain"), 403);
+    expect_refused(another().Post("/command", and_header("Origin", origin), R"({"command":"stop"})", "text/plain"),
+                   403);
   }
   EXPECT_TRUE(source_.commands.empty());
   const std::string own = "http://127.0.0.1:" + std::to_string(server_.port());
@@ -162,7 +166,8 @@ TEST_F(Server, NoAnswerIsForOtherSites) {
     EXPECT_EQ(result->get_header_value("X-Content-Type-Options"), "nosniff") << path;
     EXPECT_EQ(result->get_header_value("Referrer-Policy"), "no-referrer") << path;
     EXPECT_EQ(result->get_header_value("Cache-Control"), "no-store") << path;
-    EXPECT_EQ(result->get_header_value("Content-Security-Policy"), "default-src 'none'; frame-ancestors 'none'") << path;
+    EXPECT_EQ(result->get_header_value("Content-Security-Policy"), "default-src 'none'; frame-ancestors 'none'")
+        << path;
   }
   const httplib::Result preflight = another().Options("/frame", {{"Origin", "http://evil.example"}});
   ASSERT_TRUE(preflight);
@@ -261,7 +266,8 @@ TEST_F(Server, FourClientsAtOnce) {
 
 TEST_F(Server, OneFrameInWorkForEachClient) {
   source_.hold(true);
-  std::thread first([&] { EXPECT_EQ(another().Post("/frame", headers("a"), kFrame, "application/json")->status, 200); });
+  std::thread first(
+      [&] { EXPECT_EQ(another().Post("/frame", headers("a"), kFrame, "application/json")->status, 200); });
   while (source_.frames == 0) std::this_thread::yield();
   expect_refused(another().Post("/frame", headers("a"), kFrame, "application/json"), 503);
   EXPECT_EQ(source_.frames, 1);

@@ -1,6 +1,8 @@
 // The commands of the live view: b3dgs view and b3dgs train --view.
 #include <gtest/gtest.h>
 #include <httplib.h>
+#include <netinet/in.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
@@ -41,6 +43,19 @@ class ViewPrograms : public ::testing::Test {
   test::TempDir folder_;
 };
 
+/// A port that nobody listens on.
+int free_port() {
+  const int probe = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(bind(probe, reinterpret_cast<const sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(probe);
+  return ntohs(address.sin_port);
+}
+
 double psnr(const cv::Mat& bgr, const Image8& rgb) {
   EXPECT_EQ(bgr.cols, rgb.width);
   EXPECT_EQ(bgr.rows, rgb.height);
@@ -76,9 +91,9 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   std::thread viewer([&] {
     httplib::Client client("127.0.0.1", server.port());
     const auto frame = [&](const std::string& mode) {
-      const httplib::Result result = client.Post("/frame", {{"X-Token", server.token()}},
-                                                 R"({"width":160,"height":120,"view":2,"quality":95,"mode":")" + mode + "\"}",
-                                                 "application/json");
+      const httplib::Result result =
+          client.Post("/frame", {{"X-Token", server.token()}},
+                      R"({"width":160,"height":120,"view":2,"quality":95,"mode":")" + mode + "\"}", "application/json");
       EXPECT_TRUE(result && result->status == 200) << mode << ": " << (result ? result->body : "no answer");
       if (!result || result->status != 200) return cv::Mat();
       return cv::imdecode(std::vector<unsigned char>(result->body.begin(), result->body.end()), cv::IMREAD_COLOR);
@@ -88,7 +103,9 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
       EXPECT_GT(psnr(color, read_image(images / "renders" / "00002.png", false)), 35);
     }
     const cv::Mat alpha = frame("alpha");
-    if (!alpha.empty()) EXPECT_GT(psnr(alpha, read_image(images / "alpha" / "00002.png", false)), 35);
+    if (!alpha.empty()) {
+      EXPECT_GT(psnr(alpha, read_image(images / "alpha" / "00002.png", false)), 35);
+    }
     for (const char* mode : {"depth", "difference", "load"}) {
       const cv::Mat image = frame(mode);
       if (image.empty()) continue;
@@ -103,12 +120,7 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
 }
 
 TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
-  int port = 0;
-  {
-    httplib::Server probe;  // finds a free port
-    port = probe.bind_to_any_port("127.0.0.1");
-    probe.stop();
-  }
+  const int port = free_port();
   test::RunOptions options;
   options.signal_when = [&] {
     const httplib::Result answer = httplib::Client("127.0.0.1", port).Get("/");
@@ -116,7 +128,8 @@ TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
   };
   options.signal = SIGINT;
   const fs::path ply = fs::path(model()) / "point_cloud" / "iteration_30" / "point_cloud.ply";
-  const test::Outcome viewed = test::run_b3dgs({"view", ply.string(), "--port", std::to_string(port), "--device", "cpu"}, options);
+  const test::Outcome viewed =
+      test::run_b3dgs({"view", ply.string(), "--port", std::to_string(port), "--device", "cpu"}, options);
   EXPECT_EQ(viewed.exit_code, 0) << viewed.err;
   EXPECT_NE(viewed.out.find("0 cameras"), std::string::npos) << viewed.out;
   EXPECT_NE(viewed.out.find("/?token="), std::string::npos) << viewed.out;
@@ -124,17 +137,16 @@ TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
 }
 
 TEST_F(ViewPrograms, ATrainingThatIsShownEndsByItself) {
-  const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", scene(), "-m",
-                                                 (folder_.path() / "shown").string(), "--iterations", "20"});
+  const test::Outcome trained = test::run_b3dgs(
+      {"train", "--view", "0", scene(), "-m", (folder_.path() / "shown").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
   EXPECT_NE(trained.out.find("http://127.0.0.1:"), std::string::npos) << trained.out;
   EXPECT_EQ(trained.err.find("warning"), std::string::npos) << trained.err;
 }
 
 TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
-  const test::Outcome trained =
-      test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
-                       (folder_.path() / "open").string(), "--iterations", "20"});
+  const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
+                                                 (folder_.path() / "open").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
   EXPECT_NE(trained.err.find("other machines can reach the page"), std::string::npos) << trained.err;
 }
@@ -154,9 +166,12 @@ TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
 }
 
 TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
-  EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] { run_train({scene(), "--view_port", "8080"}); }));
-  EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"},
-                                     [&] { run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"}); }));
+  EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] {
+    run_train({scene(), "--view_port", "8080"});
+  }));
+  EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"}, [&] {
+    run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"});
+  }));
   EXPECT_TRUE(fails_with<InputError>({"--view_port"}, [&] { run_train({scene(), "--view", "70000"}); }));
   EXPECT_TRUE(fails_with<InputError>({"not found"}, [&] { run_view({(folder_.path() / "none").string()}); }));
 }

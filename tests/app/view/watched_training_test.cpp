@@ -20,7 +20,8 @@ FrameRequest request_of(const WatchedTraining& watched, FrameMode mode, int view
   request.camera = watched.scene().views[static_cast<std::size_t>(view)].camera;
   request.mode = mode;
   if (mode == FrameMode::kDifference) {
-    request.photograph = std::make_shared<Image8>(watched.photograph(view, {request.camera.width, request.camera.height}));
+    request.photograph =
+        std::make_shared<Image8>(watched.photograph(view, {request.camera.width, request.camera.height}));
   }
   return request;
 }
@@ -74,8 +75,8 @@ void expect_same_bytes(TrainConfig config) {
     viewers.emplace_back([&] {
       try {
         for (;;) {
-          for (const FrameMode mode : {FrameMode::kRender, FrameMode::kDifference, FrameMode::kDepth, FrameMode::kAlpha,
-                                       FrameMode::kLoad}) {
+          for (const FrameMode mode :
+               {FrameMode::kRender, FrameMode::kDifference, FrameMode::kDepth, FrameMode::kAlpha, FrameMode::kLoad}) {
             live.watched.render(request_of(live.watched, mode));
             ++n_frames;
           }
