@@ -29,6 +29,21 @@ if(NOT TARGET hwy::hwy)
   message(FATAL_ERROR "Highway was found without its target hwy::hwy: ${_b3dgs_remedy} libhwy-dev.")
 endif()
 
+# cpp-httplib: the header alone or, on Debian, a header for a shared library, which must see the library's own macros.
+find_path(B3DGS_HTTPLIB_INCLUDE httplib.h)
+b3dgs_need(B3DGS_HTTPLIB_INCLUDE "cpp-httplib" "libcpp-httplib-dev")
+add_library(b3dgs_httplib INTERFACE)
+target_include_directories(b3dgs_httplib SYSTEM INTERFACE ${B3DGS_HTTPLIB_INCLUDE})
+target_link_libraries(b3dgs_httplib INTERFACE Threads::Threads)
+file(STRINGS ${B3DGS_HTTPLIB_INCLUDE}/httplib.h _is_whole REGEX "^inline .*Server::listen_after_bind" LIMIT_COUNT 1)
+if(NOT _is_whole)
+  find_library(B3DGS_HTTPLIB cpp-httplib)
+  b3dgs_need(B3DGS_HTTPLIB "cpp-httplib's library" "libcpp-httplib-dev")
+  target_link_libraries(b3dgs_httplib INTERFACE ${B3DGS_HTTPLIB})
+  target_compile_definitions(b3dgs_httplib INTERFACE
+    CPPHTTPLIB_OPENSSL_SUPPORT CPPHTTPLIB_ZLIB_SUPPORT CPPHTTPLIB_BROTLI_SUPPORT)
+endif()
+
 # OpenCV: core, imgproc and imgcodecs. Debian's packages of single modules carry no CMake package, only libopencv-dev
 # with some sixty others does, so headers and libraries are looked for where there is no package.
 find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs)

@@ -61,21 +61,12 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> vis
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing video; images are always replaced");
 }
 
-/// Interprets a file in place of the model folder as a PLY. A PLY in a model folder selects that model's iteration.
+/// Interprets a file in place of the model folder like that of --ply. The PLY of a model folder selects that model's
+/// iteration.
 void take_file(ModelOptions& model, RenderOptions& options) {
-  if (fs::is_regular_file(model.model_path)) options.ply = std::exchange(model.model_path, "");
-  if (options.ply.empty() || !model.source_path.empty()) return;
-  const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
-  const ModelFolder folder(root);
-  if (!folder.has_config()) return;
-  for (const int iteration : folder.ply_iterations()) {
-    std::error_code error;
-    if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;
-    model.model_path = root.string();
-    model.iteration = iteration;
-    options.ply.clear();
-    return;
-  }
+  if (!options.ply.empty() && !fs::is_regular_file(options.ply)) return;  // reading it reports the error
+  if (!options.ply.empty()) model.model_path = options.ply;
+  options.ply = names_single_file(model) ? std::exchange(model.model_path, "") : "";
 }
 
 /// @throws InputError if options contradict each other or cannot be done, before anything is loaded

@@ -169,7 +169,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"images", 'i'}.common(), c.images, Any{}, "image folder inside the scene folder");
   field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
         "1, 2, 4, 8: divide size; >= 32: width, px; -1: width at most 1600 px");
-  field(Option{"eval"}.common(), c.eval, Any{}, "hold out every 8th view, by sorted name, for testing");
+  field(Option{"eval"}.common(), c.eval, Any{},
+        "hold out views for testing: those that transforms files list, or every 8th by name");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY of Gaussians or points instead of the scene's points");
   field(Option{"depths", 'd'}, c.depths, Any{}, "folder of inverse depth maps, 16-bit PNGs named like the photographs");

@@ -9,11 +9,11 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
-#include "scene/colmap/model_search.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
 #include "scene/images/resolution.h"
 #include "scene/scene_images.h"
+#include "scene/scene_model.h"
 #include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
@@ -22,10 +22,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::map<std::string, fs::path> find_photographs(const ColmapModel& model, const ImageFolder& folder) {
+std::map<std::string, fs::path> find_photographs(const SceneModel& model, const ImageFolder& folder) {
   std::vector<std::string> names;
-  for (const ColmapImage& image : model.images) names.push_back(image.name);
-  return folder.find_all(names);
+  for (const ColmapImage& image : model.model.images) {
+    if (model.files.count(image.name) == 0) names.push_back(image.name);
+  }
+  std::map<std::string, fs::path> files = folder.find_all(names);
+  files.insert(model.files.begin(), model.files.end());
+  return files;
 }
 
 // The order of the views, and so of the split.
@@ -37,14 +41,15 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
 }
 
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
-ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, const fs::path& model_folder,
-                       const fs::path& file, int divisor, int resolution) {
+ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
+                       int resolution) {
+  const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
   ViewSource source;
   source.name = image.name;
   source.image_id = image.id;
   source.file = file;
   source.camera_id = camera.id;
-  source.camera_place = detail::concat(model_folder.string(), ": camera ", camera.id);
+  source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
   source.size = training_size(divided_size(source.file_size, divisor), resolution);
   source.lens = lens_of(camera, source.camera_place)
@@ -63,30 +68,6 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
   if (images) view.image = std::make_shared<ViewImage>(source, images);
   view.valid = source.valid;
   return view;
-}
-
-PointCloud points_of(const ColmapModel& model) {
-  PointCloud points;
-  points.positions.reserve(3 * model.points.size());
-  points.colors.reserve(3 * model.points.size());
-  for (const ColmapPoint& point : model.points) {
-    for (const double value : point.position) points.positions.push_back(static_cast<float>(value));
-    points.colors.insert(points.colors.end(), point.color.begin(), point.color.end());
-  }
-  return points;
-}
-
-/// Rows of the points in each image's tracks, by its ID, ascending.
-std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapModel& model) {
-  std::map<std::uint32_t, std::vector<std::int32_t>> points;
-  for (std::size_t row = 0; row < model.points.size(); ++row) {
-    for (const std::uint32_t image : model.points[row].image_ids) {
-      std::vector<std::int32_t>& own = points[image];
-      // Two keypoints of an image may belong to one point.
-      if (own.empty() || own.back() != static_cast<std::int32_t>(row)) own.push_back(static_cast<std::int32_t>(row));
-    }
-  }
-  return points;
 }
 
 }  // namespace
@@ -108,21 +89,20 @@ double scene_extent(const std::vector<View>& views) {
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  const SparseModelFolder model_folder = find_model_folder(source_path);
-  const ColmapModel model = read_colmap_model(model_folder.folder, options.tracks);
+  check_scene_folder(source_path);
   const ImageFolder folder(source_path, options.images);
+  SceneModel model = read_scene_model(options, folder);
 
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
-  for (const ColmapImage* image : sorted_by_name(model)) {
+  for (const ColmapImage* image : sorted_by_name(model.model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
       missing.push_back(image->name);
       continue;
     }
-    sources.push_back(view_source(*image, model.cameras.at(image->camera_id), model_folder.folder, file->second,
-                                  folder.divisor(), options.resolution));
+    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {
@@ -135,26 +115,28 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
 
   Scene scene;
   scene.source_path = options.source_path;
-  scene.points = points_of(model);
-  std::map<std::uint32_t, std::vector<std::int32_t>> points_of_image = visible_points(model);
+  scene.points = std::move(model.points);
   for (std::size_t i = 0; i < sources.size(); ++i) {
-    std::vector<View>& part = options.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    const bool is_held_out = model.has_split ? model.held_out.count(sources[i].name) > 0 : i % kTestEvery == 0;
+    std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
     part.push_back(view_of(sources[i], images));
-    if (options.tracks) part.back().points = std::move(points_of_image[sources[i].image_id]);
+    if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
   }
   if (scene.train.empty()) {
-    input_error(options.source_path, ": --eval holds out every ", kTestEvery, "th image, which leaves none of ",
-                scene.test.size(), " to train on; remove --eval");
+    input_error(
+        options.source_path, ": --eval holds out ",
+        model.has_split ? "the views of " + model.split_description : detail::concat("every ", kTestEvery, "th image"),
+        ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
   if (!missing.empty()) {
-    scene.warnings.push_back(detail::concat(folder.folder().string(), ": ", missing.size(), " of ", model.images.size(),
-                                            " registered images not found (first: ", missing.front(),
-                                            "); training and evaluation leave them out"));
+    scene.warnings.push_back(detail::concat(
+        folder.folder().string(), ": ", missing.size(), " of ", model.model.images.size(),
+        " registered images not found (first: ", missing.front(), "); training and evaluation leave them out"));
   }
   std::set<fs::path> used;
   for (const ViewSource& source : sources) used.insert(source.file);
-  scene.summary = summarize(scene, {options, model_folder, model, folder, sources, missing, folder.count_others(used)});
+  scene.summary = summarize(scene, {options, model, folder, sources, missing, folder.count_others(used)});
   return scene;
 }
 

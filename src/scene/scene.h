@@ -31,7 +31,7 @@ struct SceneOptions {
   std::string source_path;
   std::string images = "images";  // folder of the images inside source_path
   int resolution = -1;            // 1, 2, 4, 8 divide; -1 limits the width to 1600 px; 32 or more: target width in px
-  bool eval = false;              // hold out every 8th view by sorted name
+  bool eval = false;              // hold out the views that the scene names, or every 8th by sorted name
   bool white_background = false;  // what RGBA images are composited on
   bool tracks = false;            // read which view sees which points
   bool load_images = true;        // false: cameras and points only
@@ -52,9 +52,9 @@ struct Scene {
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a COLMAP scene. Only the headers of the photographs are read; ViewImage decodes them. `summary` mentions
-/// choices made for the user (one of several models, images reduced because images_N is missing) and missing
-/// photographs.
+/// Reads a scene of COLMAP or in transforms.json files. Only the headers of the photographs are read; ViewImage decodes
+/// them. `summary` mentions choices made for the user (one of several models, images reduced because images_N is
+/// missing) and missing photographs.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 

@@ -1,17 +1,18 @@
 #include "model/cameras/camera_files.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "core/check.h"
 #include "core/json_text.h"
 #include "scene/cameras/opengl_pose.h"
 #include "scene/images/image_io.h"
+#include "scene/transforms/transforms.h"
 
 namespace b3dgs {
 namespace {
@@ -126,87 +127,26 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
 
 // -------------------------------------------------------------------------------------------- transforms.json
 
-/// A value of the frame or, if it has none, of the file; null if neither has one.
-const Json* find_value(const Json& frame, const Json& file, const char* key) {
-  for (const Json* object : {&frame, &file}) {
-    if (const auto found = object->find(key); found != object->end() && !found->is_null()) return &*found;
-  }
-  return nullptr;
-}
-
-/// The photograph of a frame, whose extension may be missing; "" if it is not there.
-fs::path find_photograph(const fs::path& folder, const std::string& name) {
-  if (name.empty()) return "";
-  for (const char* extension : {"", ".png", ".jpg"}) {
-    const fs::path path = folder / (name + extension);
+/// Of frames without w and h: the size asked for, or that of the photograph.
+CameraFile read_transforms_cameras(const std::string& text, const fs::path& path, ImageSize size) {
+  TransformsModel frames;
+  const auto size_of = [&](const std::string& name) -> std::optional<ImageSize> {
+    if (size.width > 0 && size.height > 0) return size;
+    const fs::path& photograph = frames.files.at(name);
     std::error_code error;
-    if (fs::is_regular_file(path, error)) return path;
-  }
-  return "";
-}
-
-/// Focal length along one axis, px; 0 if the file has none for this axis.
-double focal_length(const Json* length, const Json* angle, int pixels, const std::string& place) {
-  if (length != nullptr) return positive_number(*length, "a focal length in pixels", place, 1e12);
-  if (angle == nullptr) return 0;
-  return 0.5 * pixels / std::tan(0.5 * positive_number(*angle, "an angle of view in radians", place, 3.14));
-}
-
-NamedCamera camera_of_transforms(const Json& frame, const Json& json, const fs::path& folder, ImageSize size,
-                                 std::string place) {
-  if (!frame.is_object() || !frame.contains("transform_matrix")) {
-    input_error(place, ": expected transform_matrix[4][4], found ", json_excerpt(frame));
-  }
-  NamedCamera named;
-  if (const auto name = frame.find("file_path"); name != frame.end() && name->is_string()) {
-    named.name = name->get<std::string>();
-    place += " (" + named.name + ")";
-  }
-  const auto find = [&](const char* key) { return find_value(frame, json, key); };
-  if (const Json* model = find("camera_model")) {
-    std::string text = json_excerpt(*model);
-    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::toupper(c); });
-    if (text == "\"EQUIRECTANGULAR\"") {
-      input_error(place, ": camera_model EQUIRECTANGULAR cannot be rendered: expected a camera of one image plane");
-    }
-  }
-  Camera& camera = named.camera;
-  const Json *w = find("w"), *h = find("h");
-  if (w != nullptr && h != nullptr) {
-    size = {side(*w, "w", place), side(*h, "h", place)};
-  } else if (size.width <= 0 || size.height <= 0) {
-    const fs::path photograph = find_photograph(folder, named.name);
-    if (photograph.empty()) {
-      input_error(place, ": has no size (w, h), and no photograph; name a size with --width and --height");
-    }
-    size = read_image_size(photograph);
-  }
-  camera.width = size.width;
-  camera.height = size.height;
-  camera.fx = focal_length(find("fl_x"), find("camera_angle_x"), size.width, place);
-  camera.fy = focal_length(find("fl_y"), find("camera_angle_y"), size.height, place);
-  if (camera.fx == 0) camera.fx = camera.fy;
-  if (camera.fy == 0) camera.fy = camera.fx;
-  if (camera.fx == 0) input_error(place, ": expected a focal length: fl_x or camera_angle_x");
-  const auto principal_point = [&](const char* key, int pixels) {
-    const Json* value = find(key);
-    if (value == nullptr) return 0.5 * pixels;
-    if (!value->is_number()) input_error(place, ": expected ", key, " in pixels, found ", json_excerpt(*value));
-    return value->get<double>();
+    if (fs::is_regular_file(photograph, error)) return read_image_size(photograph);
+    input_error(path.string(), ": frame ", frames.model.images.size(), " (", name,
+                "): has no size (w, h), and no photograph; name a size with --width and --height");
   };
-  camera.cx = principal_point("cx", size.width);
-  camera.cy = principal_point("cy", size.height);
-  camera.cam_from_world =
-      pose_from_opengl(matrix_from_json(frame["transform_matrix"], "transform_matrix", place), place);
-  check_camera(camera, place);
-  return named;
-}
-
-CameraFile read_transforms(const Json& json, const fs::path& path, ImageSize size) {
+  read_transforms(text, path, size_of, frames);
   CameraFile result;
-  for (const Json& frame : frames_of(json, "frames", path.string())) {
-    const std::string place = path.string() + ": frame " + std::to_string(result.cameras.size());
-    result.cameras.push_back(camera_of_transforms(frame, json, path.parent_path(), size, place));
+  for (const ColmapImage& image : frames.model.images) {
+    const ColmapCamera& lens = frames.model.cameras.at(image.camera_id);
+    const std::string& place = frames.camera_places.at(image.camera_id);
+    Camera camera = lens_of(lens, place).pinhole({static_cast<int>(lens.width), static_cast<int>(lens.height)});
+    camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
+    check_camera(camera, place);
+    result.cameras.push_back({image.name, camera});
   }
   return result;
 }
@@ -228,7 +168,7 @@ CameraFile parse_camera_file(const std::string& text, const fs::path& path, Imag
   if (json.is_discarded()) input_error(path.string(), ": not valid JSON (", kExpected, ")");
   if (json.is_array()) return {cameras_from_json(json, path.string()), 0};
   if (json.is_object() && json.contains("camera_path")) return read_camera_path(json, path.string(), size);
-  if (json.is_object() && json.contains("frames")) return read_transforms(json, path, size);
+  if (json.is_object() && json.contains("frames")) return read_transforms_cameras(text, path, size);
   input_error(path.string(),
               ": unknown kind of camera file (expected a list of cameras, \"camera_path\" or \"frames\")",
               json.is_object() && json.contains("keyframes") ? "; it has keyframes only: export the path again" : "");

@@ -39,6 +39,7 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   entry.at("fy").get_to(camera.fy);
   camera.cx = entry.value("cx", 0.5 * camera.width);
   camera.cy = entry.value("cy", 0.5 * camera.height);
+  named.held_out = entry.value("held_out", false);
   const auto position = entry.at("position").get<std::array<double, 3>>();
   const auto world_from_cam = entry.at("rotation").get<std::array<std::array<double, 3>, 3>>();
   Pose& pose = camera.cam_from_world;
@@ -72,7 +73,10 @@ std::string camera_fault(const Camera& camera) {
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train) {
   Json cameras = Json::array();
   for (const std::vector<View>* views : {&test, &train}) {
-    for (const View& view : *views) cameras.push_back(camera_to_json(cameras.size(), view));
+    for (const View& view : *views) {
+      cameras.push_back(camera_to_json(cameras.size(), view));
+      if (views == &test) cameras.back()["held_out"] = true;
+    }
   }
   return cameras;
 }

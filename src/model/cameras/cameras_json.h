@@ -13,10 +13,11 @@ namespace b3dgs {
 struct NamedCamera {
   std::string name;  // of the image
   Camera camera;
+  bool held_out = false;
 };
 
 /// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
-/// the image. Test views come first.
+/// the image. Test views come first, with "held_out": true.
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train);
 
 inline constexpr int kMaxCameraSide = 1 << 20;  // px
