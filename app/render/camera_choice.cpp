@@ -57,7 +57,7 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
   if (options.width > 0 && options.height > 0) return {options.width, options.height};
   const double aspect = static_cast<double>(size.width) / size.height;
   const auto side = [](double value) {
-    return static_cast<int>(std::clamp(std::round(value), 1.0, double{kMaxCameraSide}));
+    return static_cast<int>(std::clamp(std::round(value), 1.0, double{kMaxRenderSide}));
   };
   if (options.width > 0) return {options.width, side(options.width / aspect)};
   if (options.height > 0) return {side(options.height * aspect), options.height};
