@@ -19,8 +19,9 @@ void check_scene(const std::string& scene) {
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, balanced, step, sweep, exchange or scaling)"
-                              : "; did you mean " + nearest + "?");
+              nearest.empty()
+                  ? " (expected a COLMAP or model folder, street, balanced, step, sweep, exchange or scaling)"
+                  : "; did you mean " + nearest + "?");
 }
 
 int run_bench_kernels(const std::vector<std::string>& words) {

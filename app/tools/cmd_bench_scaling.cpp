@@ -51,11 +51,16 @@ nlohmann::ordered_json read_json(const std::string& path) {
 }
 
 nlohmann::ordered_json to_json(const SceneCost& scene, const Prediction& p) {
-  return {{"scene", scene.name},           {"gpus", p.n_gpus},
-          {"hosts", p.n_hosts},            {"work_ms", p.work_ms},
-          {"exchange_ms", p.exchange_ms},  {"overhead_ms", p.overhead_ms},
-          {"step_ms", p.step_ms()},        {"speedup", p.speedup},
-          {"sent_bytes", p.exchange_bytes}, {"model_bytes", p.model_bytes},
+  return {{"scene", scene.name},
+          {"gpus", p.n_gpus},
+          {"hosts", p.n_hosts},
+          {"work_ms", p.work_ms},
+          {"exchange_ms", p.exchange_ms},
+          {"overhead_ms", p.overhead_ms},
+          {"step_ms", p.step_ms()},
+          {"speedup", p.speedup},
+          {"sent_bytes", p.exchange_bytes},
+          {"model_bytes", p.model_bytes},
           {"prediction", true}};
 }
 

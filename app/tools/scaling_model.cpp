@@ -35,8 +35,12 @@ std::vector<SceneCost> standard_scenes() {
   const SceneCost bonsai{"bonsai", 928297, 350000, 0.259, 0.206 + 0.186 + 0.052 + 0.452, 0.133};
   constexpr double kGaussians = 100e6, kSeen = 5e6, kPixels = 5;  // pixels as a multiple of bonsai's
   const double n = kGaussians / bonsai.n_gaussians;
-  const SceneCost large{"large",      kGaussians, kSeen, bonsai.project_ms * n,
-                        0.206 * kSeen / bonsai.n_seen + (bonsai.draw_ms - 0.206) * kPixels, bonsai.optimize_ms * n};
+  const SceneCost large{"large",
+                        kGaussians,
+                        kSeen,
+                        bonsai.project_ms * n,
+                        0.206 * kSeen / bonsai.n_seen + (bonsai.draw_ms - 0.206) * kPixels,
+                        bonsai.optimize_ms * n};
   return {bonsai, large};
 }
 
@@ -83,11 +87,12 @@ void read_exchange(const nlohmann::ordered_json& file, const std::string& place,
   if (!record_ms) input_error(place, ": no time of a record", kExpected);
   const double spread = n * sum_xx - sum_x * sum_x;
   if (n < 2 || !(spread > 0)) {
-    input_error(place, ": expected all-to-all exchanges of at least two sizes, found ", n, " rows; time them with b3dgs",
-                " bench exchange --mib 1 64 --json FILE");
+    input_error(place, ": expected all-to-all exchanges of at least two sizes, found ", n,
+                " rows; time them with b3dgs", " bench exchange --mib 1 64 --json FILE");
   }
   const double slope = (n * sum_xy - sum_x * sum_y) / spread;
-  if (!(slope > 0)) input_error(place, ": larger exchanges do not take longer, so there is no bandwidth; time larger ones");
+  if (!(slope > 0))
+    input_error(place, ": larger exchanges do not take longer, so there is no bandwidth; time larger ones");
   cluster.in_host = {std::max(0.0, (sum_y - slope * sum_x) / n), 1 / slope};
   cluster.record_ms = *record_ms;
 }

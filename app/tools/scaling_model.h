@@ -31,11 +31,11 @@ struct Link {
 };
 
 struct ClusterCost {
-  Link in_host;           // of each GPU, to all others of its host together
-  Link network;           // of a host, to all other hosts together
-  double record_ms = 0;   // a small record of every rank, within a host
-  double overhead_ms = 0; // packing, sorting and waits of the host in a step, besides the exchanges
-  double busiest = 1;     // list entries of the busiest rank, as a multiple of the mean
+  Link in_host;            // of each GPU, to all others of its host together
+  Link network;            // of a host, to all other hosts together
+  double record_ms = 0;    // a small record of every rank, within a host
+  double overhead_ms = 0;  // packing, sorting and waits of the host in a step, besides the exchanges
+  double busiest = 1;      // list entries of the busiest rank, as a multiple of the mean
 };
 
 struct Prediction {

@@ -71,8 +71,7 @@ std::string rank_table(const std::vector<const LogPoint*>& points) {
   for (const Column& column : columns) {
     head.emplace_back(column.head);
     for (std::size_t r = 0; r < rows.size(); ++r) {
-      rows[r].push_back(column.values.empty() ? ""
-                                              : print_to_string(column.format, column.unit * column.values[r]));
+      rows[r].push_back(column.values.empty() ? "" : print_to_string(column.format, column.unit * column.values[r]));
     }
   }
   return html::table(head, rows);
@@ -84,7 +83,8 @@ std::string rank_section(const TrainHistory& history) {
   const std::vector<const LogPoint*> points = points_with_ranks(history);
   if (points.empty()) return "";
   return html::paragraph(
-             "Means per step. Work is counted: entries of tile lists, up to the last one that each pixel blends, of the "
+             "Means per step. Work is counted: entries of tile lists, up to the last one that each pixel blends, of "
+             "the "
              "views that a rank draws. Exchange is the time from when a rank is ready to exchange until it has what "
              "others sent; what is more than on the quickest rank is waiting.") +
          rank_table(points) +

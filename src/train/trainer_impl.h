@@ -74,6 +74,7 @@ struct Trainer::Impl {
   // trainer.cpp
   /// One iteration and everything it writes. @throws what failed, with the path of the checkpoint written appended
   void iterate();
+  void show_model();
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
   /// Whether training is to end after this step; the same on all ranks.
   bool must_stop() const { return is_distributed() ? agreed.stop : is_stopped(); }

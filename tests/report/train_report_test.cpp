@@ -94,9 +94,12 @@ TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
                             {"wait_ms", {0.25, 0}}}}}
         << "\n";
   }
-  log << R"({"iteration": 63, "ranks": {"steps": 5, "entries": [1, "x"]}})" << "\n"
-      << R"({"iteration": 64, "ranks": {"steps": 0, "entries": [1, 2]}})" << "\n"
-      << R"({"iteration": 65, "ranks": 3})" << "\n";
+  log << R"({"iteration": 63, "ranks": {"steps": 5, "entries": [1, "x"]}})"
+      << "\n"
+      << R"({"iteration": 64, "ranks": {"steps": 0, "entries": [1, 2]}})"
+      << "\n"
+      << R"({"iteration": 65, "ranks": 3})"
+      << "\n";
   log.close();
   const std::string html = test::read_bytes(write_train_report(folder_));
   EXPECT_EQ(test::xml_fault(html), "");

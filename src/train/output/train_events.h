@@ -31,6 +31,7 @@ struct TrainListeners {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   std::function<void(const std::string&)> on_warning;     // one line: something is wrong, but training continues
+  std::function<void(int iteration, const Evaluation&)> on_evaluation;  // of the test views
   // If set, every step is timed stage by stage, and reported some time after the device has finished it.
   std::function<void(const StageTimes&)> on_stage_times;
   std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume

@@ -76,6 +76,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
 void TrainRecorder::add_evaluation(const Evaluation& evaluation, const EvaluationSource& source) {
   const int iteration = source_.state.iteration;
   outputs_.evaluations.emplace_back(iteration, evaluation);
+  if (source_.listeners.on_evaluation) source_.listeners.on_evaluation(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
   char text[160];
   std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
