@@ -1,5 +1,6 @@
 // b3dgs export: writes a model in the formats of viewers and editors, and says what that has cost.
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <optional>
@@ -9,6 +10,7 @@
 #include "app/export/splat_transform.h"
 #include "app/model.h"
 #include "app/tools/commands.h"
+#include "app/train_setup.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
@@ -33,6 +35,7 @@ struct ExportOptions {
   double min_opacity = 0;
   int max_sh_degree = 3;
   std::int64_t max_gaussians = 0;
+  int sh_bits = kSpzShBits;
   int compare_views = 10;
 };
 
@@ -47,6 +50,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> vis
   field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
   field(Option{"max_gaussians"}, c.max_gaussians, AtLeast{0},
         "keep so many, those that contribute most to the training views (0 = all)");
+  field(Option{"sh_bits"}, c.sh_bits, InRange{1, kSpzShBits},
+        "SPZ: bits kept of SH coefficients; fewer compress better");
   field(Option{"compare_views"}, c.compare_views, AtLeast{0},
         "views on which PSNR before and after is measured (0 = not measured)");
 }
@@ -54,6 +59,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> vis
 template <class... Args>
 void print_line(const char* name, const char* format, Args... args) {
   std::printf("%-12s%s\n", name, print_to_string(format, args...).c_str());
+}
+
+bool is_spz(const fs::path& output) {
+  return !needs_splat_transform(output) && std::string(find_splat_format(output)->name) == "SPZ";
 }
 
 void check_output(const ModelOptions& model, const ExportOptions& options) {
@@ -73,6 +82,7 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
     input_error(options.output, ": expected an extension, such as .spz, .ply, .sog or .html, which selects the format");
   }
   if (needs_splat_transform(output)) require_splat_transform(output);
+  if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
 }
 
 /// The views that can be rendered, and why their photographs cannot be used (empty: they can).
@@ -143,10 +153,11 @@ void warn_of_coarse_positions(const SplatCloud& splats, StatusLine& status) {
                              " world units instead of 1/", 1 << kUsualBits, "; leave out distant ones with --crop"));
 }
 
-void write_output(const fs::path& output, const SplatCloud& splats, StatusLine& status) {
+void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, StatusLine& status) {
   if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
-  if (std::string(find_splat_format(output)->name) == "SPZ") warn_of_coarse_positions(splats, status);
-  write_splats(output, splats);
+  if (!is_spz(output)) return write_splats(output, splats);
+  warn_of_coarse_positions(splats, status);
+  write_spz(output, splats, sh_bits);
 }
 
 std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not) {
@@ -154,9 +165,10 @@ std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not
   return read_splats(output);
 }
 
-void print_quality(const ExportQuality& quality, const char* kind) {
-  print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %zu %s views)", quality.psnr_after,
-             quality.psnr_before, quality.psnr_before - quality.psnr_after, quality.n_views, kind);
+void print_quality(const ExportQuality& quality, const char* views) {
+  const double lost = quality.psnr_before - quality.psnr_after;
+  print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %zu %s)", quality.psnr_after, quality.psnr_before,
+             std::abs(lost), lost < 0 ? "gained" : "lost", quality.n_views, views);
   print_line("renders", "%.2f dB, those after against those before", quality.psnr_between);
 }
 
@@ -202,7 +214,13 @@ int run_export(const std::vector<std::string>& words) {
     rotate_splats(rotation, model.splats);
   }
   const fs::path output = options.output;
-  write_output(output, model.splats, status);
+  if (needs_splat_transform(output)) catch_stop_signals();  // whose files have to be removed
+  try {
+    write_output(output, model.splats, options.sh_bits, status);
+  } catch (const InputError&) {
+    if (stop_signal() == 0) throw;
+  }
+  if (stop_signal() != 0) return 128 + stop_signal();
   const auto bytes = static_cast<std::int64_t>(fs::file_size(output));
   print_line("to", "%s, %s Gaussians, SH degree %d, %s (%.1f %%)", output.string().c_str(),
              format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(bytes).c_str(),
@@ -220,9 +238,9 @@ int run_export(const std::vector<std::string>& words) {
     return 0;
   }
   rotate_splats(inverse(rotation), *written);
-  print_quality(compare_export(original, std::move(*written), views, device, status), has_test  ? "test"
-                                                                                      : is_file ? ""
-                                                                                                : "training");
+  const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
+  if (stop_signal() != 0) return 128 + stop_signal();
+  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views");
   return 0;
 }
 

@@ -1,5 +1,6 @@
 #include "app/export/export_quality.h"
 
+#include "app/train_setup.h"
 #include "model/raster_input.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
@@ -20,7 +21,7 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   quality.n_views = views.size();
   const auto n = static_cast<double>(views.size());
   const ProgressFn progress = show_loading(status);
-  for (std::size_t i = 0; i < views.size(); ++i) {
+  for (std::size_t i = 0; i < views.size() && stop_signal() == 0; ++i) {
     const View& view = views[i];
     const PinholeView pinhole = to_pinhole_view(view.camera);
     const std::shared_ptr<const Image8> photograph = view.image->read();

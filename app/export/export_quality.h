@@ -12,6 +12,7 @@ struct ExportQuality {
 };
 
 /// Renders `model` and `exported`, which have the same world frame, from `views`, which have photographs.
+/// Stops early after a signal (stop_signal()).
 ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, const std::vector<View>& views,
                              const torch::Device& device, StatusLine& status);
 

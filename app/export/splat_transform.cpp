@@ -58,8 +58,12 @@ class WorkFolder {
   fs::path path_;
 };
 
-/// Without control sequences and symbols in front.
-std::string plain_text(const std::string& line) {
+/// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
+std::string plain_text(std::string line, const fs::path& folder) {
+  const std::string path = folder.string() + "/";
+  for (std::size_t at = line.find(path); at != std::string::npos; at = line.find(path)) line.erase(at, path.size());
+  const std::size_t error = line.find("Error: ");
+  if (error != std::string::npos) return line.substr(error);
   const std::size_t begin = line.find_first_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz");
   return begin == std::string::npos ? "" : line.substr(begin);
 }
@@ -76,7 +80,7 @@ Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
   Conversion conversion;
   std::string first;
   conversion.result = run_program_lines(words, [&](const std::string& line) {
-    const std::string text = plain_text(line);
+    const std::string text = plain_text(line, to.parent_path());
     if (first.empty()) first = text;
     if (conversion.reason.empty() && text.find("rror") != std::string::npos) conversion.reason = text;
   });

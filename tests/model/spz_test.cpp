@@ -24,7 +24,7 @@ constexpr double kPositionBound = 0.5 / 4096 + 1e-6;
 constexpr double kOpacityBound = 0.5 / 255 + 1e-6;
 constexpr double kColorBound = 0.5 / 255 / 0.15 + 1e-6;
 constexpr double kLogScaleBound = 0.5 / 16 + 1e-6;
-constexpr double kShDegree1Bound = 0.5 / 16 + 1e-6, kShBound = 0.5 / 8 + 1e-6;
+constexpr double kShBound = 0.5 / 128 + 1e-6, kShBoundOf4Bits = 0.5 / 8 + 1e-6;
 // Angles, rad. Three components are within e = 0.5 / 511 * sqrt(1/2); if all four are equal, the largest is within 3 e,
 // the quaternion within sqrt(12) e, and the angle within twice that.
 constexpr double kRotationBound = 0.0048;
@@ -96,7 +96,6 @@ TEST_F(Spz, ReadsWhatItWritesWithinTheStepsOfTheFormat) {
     ASSERT_EQ(back.sh_degree, degree);
     ASSERT_EQ(back.shN.size(), cloud.shN.size());
     EXPECT_FALSE(back.antialiased);
-    const std::size_t n_rest = static_cast<std::size_t>(sh_coefficient_count(degree)) - 1;
     for (std::size_t i = 0; i < 3 * 5000; ++i) {
       ASSERT_NEAR(back.means[i], cloud.means[i], kPositionBound) << i;
       ASSERT_NEAR(back.log_scales[i], cloud.log_scales[i], kLogScaleBound) << i;
@@ -107,9 +106,18 @@ TEST_F(Spz, ReadsWhatItWritesWithinTheStepsOfTheFormat) {
       ASSERT_LT(angle_between(&back.quats[4 * i], &cloud.quats[4 * i]), kRotationBound) << i;
     }
     for (std::size_t i = 0; i < cloud.shN.size(); ++i) {
-      ASSERT_NEAR(back.shN[i], cloud.shN[i], i / 3 % n_rest < 3 ? kShDegree1Bound : kShBound) << i;
+      ASSERT_NEAR(back.shN[i], cloud.shN[i], kShBound) << i;
     }
   }
+}
+
+TEST_F(Spz, FewerBitsOfShMakeSmallerFiles) {
+  const SplatCloud cloud = random_cloud(2000, 3);
+  write_spz(folder_ / "8.spz", cloud);
+  write_spz(folder_ / "4.spz", cloud, 4);
+  EXPECT_LT(fs::file_size(folder_ / "4.spz"), 0.75 * static_cast<double>(fs::file_size(folder_ / "8.spz")));
+  const SplatCloud back = read_spz(folder_ / "4.spz");
+  for (std::size_t i = 0; i < cloud.shN.size(); ++i) ASSERT_NEAR(back.shN[i], cloud.shN[i], kShBoundOf4Bits) << i;
 }
 
 TEST_F(Spz, WritesTheSameBytesAgain) {

@@ -202,10 +202,7 @@ void encode_smallest_three(const float* quat, std::uint8_t* bytes) {
   store_u32(packed, bytes);
 }
 
-/// Coefficients from degree 1, in the steps to which writers of this format round, for the sake of gzip.
-std::uint8_t encode_sh(float value, std::size_t coefficient) {
-  constexpr std::size_t kDegree1 = 3;
-  const double step = coefficient < kDegree1 ? 8 : 16;
+std::uint8_t encode_sh(float value, double step) {
   return to_byte(std::round((value * kShOne + kShOne) / step) * step);
 }
 
@@ -258,7 +255,7 @@ int spz_fractional_bits(const SplatCloud& cloud) {
   return wanted;
 }
 
-void write_spz(const std::filesystem::path& path, const SplatCloud& cloud) {
+void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits) {
   Header header;
   header.count = static_cast<std::uint64_t>(cloud.size());
   header.sh_degree = cloud.sh_degree;
@@ -266,6 +263,7 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud) {
   header.flags = cloud.antialiased ? kAntialiased : 0;
   B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
   B3DGS_CHECK(header.count <= 0xffffffffu, header.count, " Gaussians");
+  B3DGS_CHECK(sh_bits >= 1 && sh_bits <= kSpzShBits, sh_bits, " bits");
   AtomicFile file(path);
   GzipWriter gzip(file);
   write_header(gzip, header);
@@ -284,9 +282,10 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud) {
   write_array(gzip, header.count, header.rotation_bytes(),
               [&](std::uint64_t row, std::uint8_t* bytes) { encode_smallest_three(&cloud.quats[4 * row], bytes); });
   const std::size_t rest = header.rest();
+  const double sh_step = 1 << (kSpzShBits - sh_bits);
   write_array(gzip, header.count, 3 * rest, [&](std::uint64_t row, std::uint8_t* bytes) {
     const float* const sh = cloud.shN.data() + 3 * rest * row;
-    for (std::size_t k = 0; k < 3 * rest; ++k) bytes[k] = encode_sh(kShSigns[k / 3] * sh[k], k / 3);
+    for (std::size_t k = 0; k < 3 * rest; ++k) bytes[k] = encode_sh(kShSigns[k / 3] * sh[k], sh_step);
   });
   gzip.finish();
   file.commit();

@@ -27,10 +27,13 @@ namespace b3dgs {
 /// fit into 24 bits. @throws InputError if it does not fit without fraction, either
 int spz_fractional_bits(const SplatCloud& cloud);
 
-/// Writes version 3. Lossy: SH coefficients are stored in steps of 1/16 (degree 1) and 1/8 (degrees 2 and 3) from -1 to
-/// 1, log scales from -10 to 5.94. The file appears complete or not at all.
-/// @throws IoError; InputError as spz_fractional_bits()
-void write_spz(const std::filesystem::path& path, const SplatCloud& cloud);
+/// What write_spz() keeps of an SH coefficient unless asked for less: all that the format holds.
+inline constexpr int kSpzShBits = 8;
+
+/// Writes version 3. SH coefficients are stored from -1 to 1 with `sh_bits` bits (1 to 8), so in steps of 1/128 with 8
+/// and of 1/8 with 4; fewer bits compress better. Log scales are clamped to -10 to 5.94. The file appears complete or
+/// not at all. @throws IoError; InputError as spz_fractional_bits()
+void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits = kSpzShBits);
 
 /// Reads versions 1 to 3. Opacities of 0 and 1 become the finite values 0.001 and 0.999.
 /// @throws InputError, also for a file that claims to decompress to more than a hundred times its size
