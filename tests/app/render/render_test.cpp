@@ -168,7 +168,7 @@ TEST_F(Render, AModelIsRenderedWithCamerasOfAFile) {
 
 TEST_F(Render, OptionsThatContradictEachOtherAreErrors) {
   const std::string cameras = path("cameras.json");
-  expect_refused({truth()}, "--cameras, or use --path turntable");
+  expect_refused({truth()}, "--cameras or --path turntable");
   expect_refused({truth(), "--path", "train"}, "name a scene with -s");
   expect_refused({truth(), "--cameras", cameras, "--path", "train"}, "--cameras replaces --path train");
   expect_refused({truth(), "--cameras", cameras, "-r", "2"}, "use --width and --height");
