@@ -107,12 +107,16 @@ bool PgmStream::take_image() {
   return begin_ < buffer_.size();
 }
 
-VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
+void check_ffmpeg_is_installed() {
   for (const char* program : {"ffprobe", "ffmpeg"}) {
     if (find_program(program).empty()) {
       input_error(program, " was not found in PATH, which reads videos; install it: apt install ffmpeg");
     }
   }
+}
+
+VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
+  check_ffmpeg_is_installed();
   std::string text;
   const std::string fault = detail::concat(video.string(), ": not a video that ffmpeg can read");
   try {

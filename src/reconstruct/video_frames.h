@@ -17,6 +17,9 @@ struct VideoInfo {
   std::size_t n_frames = 0;  // as the file says, or estimated; 0: unknown
 };
 
+/// @throws InputError if ffmpeg or ffprobe is not in PATH, with the remedy
+void check_ffmpeg_is_installed();
+
 /// @throws InputError if the file is no video that ffmpeg can read, or the programs are missing
 VideoInfo read_video_info(const std::filesystem::path& video, ProgramLog& log);
 
