@@ -22,6 +22,12 @@ std::vector<std::string> lines_of(const std::vector<std::string>& command, Progr
 
 }  // namespace
 
+void check_colmap_is_installed() {
+  if (find_program("colmap").empty()) {
+    input_error("colmap was not found in PATH, which computes the cameras; ", kInstall);
+  }
+}
+
 std::set<std::string> options_in_help(const std::vector<std::string>& lines) {
   std::set<std::string> options;
   for (const std::string& line : lines) {
@@ -34,9 +40,7 @@ std::set<std::string> options_in_help(const std::vector<std::string>& lines) {
 
 ColmapProgram::ColmapProgram(const ReconstructOptions& options, ColmapFolders folders, ProgramLog& log)
     : options_(options), folders_(std::move(folders)), log_(log) {
-  if (find_program("colmap").empty()) {
-    input_error("colmap was not found in PATH, which computes the cameras; ", kInstall);
-  }
+  check_colmap_is_installed();
   for (const std::string& line : lines_of({"colmap", "-h"}, log)) {
     const std::size_t begin = line.find_first_not_of(' ');
     if (begin == std::string::npos || line.find("Usage") != std::string::npos) break;

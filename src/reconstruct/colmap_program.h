@@ -20,6 +20,9 @@ struct ColmapFolders {
   std::filesystem::path models;  // the mapper's output: one folder for each model
 };
 
+/// @throws InputError if there is no colmap in PATH, with the remedy
+void check_colmap_is_installed();
+
 class ColmapProgram {
  public:
   /// Asks colmap for its version. @throws InputError if it is not installed or does not run, with the remedy

@@ -112,6 +112,8 @@ class Reconstruction {
     }
     if (source_ == folders_.root && is_there(folders_.images)) source_ = folders_.images;
     if (!is_video_) listed_ = list_photographs(source_, {folders_.work, folders_.images});
+    check_colmap_is_installed();
+    if (is_video_) check_ffmpeg_is_installed();
     if (is_there(folders_.record)) return;
     // What was there before the first call is the user's.
     for (const fs::path& folder : {folders_.sparse / "0", folders_.sparse, folders_.root}) {
@@ -262,7 +264,8 @@ class Reconstruction {
     std::string failure;
     try {
       log_->run(colmap_->map_command(), [&](const std::string& line) {
-        if (const auto step = colmap_step(line)) show("registering photographs", std::min(step->done, n_photographs), n_photographs);
+        if (const auto step = colmap_step(line))
+          show("registering photographs", std::min(step->done, n_photographs), n_photographs);
       });
     } catch (const InputError& error) {
       failure = error.what();

@@ -4,13 +4,13 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/json_text.h"
 #include "core/print.h"
-#include "reconstruct/sharpness.h"
 
 namespace b3dgs {
 namespace {
@@ -107,12 +107,16 @@ bool PgmStream::take_image() {
   return begin_ < buffer_.size();
 }
 
-VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
+void check_ffmpeg_is_installed() {
   for (const char* program : {"ffprobe", "ffmpeg"}) {
     if (find_program(program).empty()) {
       input_error(program, " was not found in PATH, which reads videos; install it: apt install ffmpeg");
     }
   }
+}
+
+VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
+  check_ffmpeg_is_installed();
   std::string text;
   const std::string fault = detail::concat(video.string(), ": not a video that ffmpeg can read");
   try {
@@ -136,6 +140,15 @@ VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
   if (n_frames == 0) n_frames = info.seconds * number_of(stream, "avg_frame_rate");
   info.n_frames = static_cast<std::size_t>(std::min(n_frames, 1e9));
   return info;
+}
+
+double sharpness(const std::uint8_t* grey, int width, int height) {
+  const cv::Mat image(height, width, CV_8U, const_cast<std::uint8_t*>(grey));
+  cv::Mat laplacian;
+  cv::Laplacian(image, laplacian, CV_32F);
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(laplacian, mean, deviation);
+  return deviation[0] * deviation[0];
 }
 
 std::size_t automatic_frame_count(double seconds, std::size_t n_frames) {

@@ -17,8 +17,15 @@ struct VideoInfo {
   std::size_t n_frames = 0;  // as the file says, or estimated; 0: unknown
 };
 
+/// @throws InputError if ffmpeg or ffprobe is not in PATH, with the remedy
+void check_ffmpeg_is_installed();
+
 /// @throws InputError if the file is no video that ffmpeg can read, or the programs are missing
 VideoInfo read_video_info(const std::filesystem::path& video, ProgramLog& log);
+
+/// Variance of the Laplacian of a grey image, [height, width] bytes: larger where edges are sharper. For comparing
+/// frames of one video that show about the same.
+double sharpness(const std::uint8_t* grey, int width, int height);
 
 /// How many frames to use where the user has not said it: 2 per second, but 100 to 300, and not more than there are.
 std::size_t automatic_frame_count(double seconds, std::size_t n_frames);

@@ -5,7 +5,6 @@
 #include "core/process/child_process.h"
 #include "data_synth/synth_writer.h"
 #include "reconstruct/reconstruct.h"
-#include "reconstruct/sharpness.h"
 #include "reconstruct/video_frames.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"

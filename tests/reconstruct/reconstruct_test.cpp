@@ -207,6 +207,18 @@ TEST_F(Reconstruct, RefusesOtherInput) {
   EXPECT_EQ(programs_.calls(), Words{});
 }
 
+TEST_F(Reconstruct, WithoutColmapOrFfmpegNothingIsWritten) {
+  write_bytes(folder_ / "film.mp4", "x");
+  const std::string photos = options_.input;
+  options_.input = (folder_ / "film.mp4").string();
+  programs_.hide("ffmpeg");
+  EXPECT_TRUE(fails({"ffmpeg was not found in PATH", "apt install ffmpeg"}));
+  options_.input = photos;
+  programs_.hide("colmap");
+  EXPECT_TRUE(fails({"colmap was not found in PATH", "apt install colmap"}));
+  EXPECT_FALSE(fs::exists(scene()));
+}
+
 TEST_F(Reconstruct, MakesAGroupForEachSize) {
   write_photographs(folder_ / "photos/upright", 2, 6, 8);
   const Words commands = commands_of_call();

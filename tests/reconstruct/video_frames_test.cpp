@@ -4,7 +4,6 @@
 
 #include "core/check.h"
 #include "reconstruct/fake_programs.h"
-#include "reconstruct/sharpness.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 
