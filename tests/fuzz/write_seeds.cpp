@@ -7,11 +7,14 @@
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"
+#include "model/cameras/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/spz.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
 #include "support/sample_model.h"
+#include "support/spz_content.h"
 #include "support/train/tiny_scene.h"
 #include "support/write_transforms.h"
 #include "train/checkpoint/checkpoint.h"
@@ -105,6 +108,14 @@ void write_ply_seeds(const fs::path& folder) {
              "1 4\n1 2 3 4 5 6 0\n");
 }
 
+void write_spz_seeds(const fs::path& folder) {
+  for (const int degree : {0, 3}) write_spz(folder / ("file" + std::to_string(degree)), small_cloud(degree));
+  // Not compressed, so that a fuzzer can change values; the target compresses them.
+  for (const std::uint8_t version : {1, 2, 3}) {
+    write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
+  }
+}
+
 nlohmann::ordered_json kernel_selection() {
   KernelSelectorOptions options;
   options.candidates = TrainConfig{}.kernel_candidates;
@@ -149,6 +160,18 @@ void write_config_seeds(const fs::path& folder) {
   config.image_cache_gb = 1.5;
   write_file(folder / "one_line", config_to_json(config).dump());
   write_file(folder / "some", R"({"iterations": 300, "kernel": "dynamic", "eval": true, "opacity_lr": 0.05})");
+}
+
+void write_camera_seeds(const fs::path& folder) {
+  View view;
+  view.name = "a.png";
+  view.camera = test::look_at_origin(1, -2, 3, 40, 30);
+  write_file(folder / "list", cameras_to_json({}, {view, view}).dump());
+  write_file(folder / "path", R"({"render_width": 40, "render_height": 30, "seconds": 1, "camera_path": [
+      {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1], "fov": 50, "aspect": 1.33}]})");
+  write_file(folder / "transforms", R"({"camera_angle_x": 0.7, "w": 40, "frames": [
+      {"file_path": "a", "h": 30, "cy": 14.5,
+       "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]}]})");
 }
 
 void write_image_seeds(const fs::path& folder) {
@@ -196,8 +219,10 @@ int main(int argc, char** argv) {
   b3dgs::write_colmap_seeds(folder);
   b3dgs::write_transforms_seeds(folder / "transforms");
   b3dgs::write_ply_seeds(folder / "ply");
+  b3dgs::write_spz_seeds(folder / "spz");
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");
   b3dgs::write_config_seeds(folder / "json_config");
+  b3dgs::write_camera_seeds(folder / "camera_file");
   b3dgs::write_image_seeds(folder / "image_header");
   b3dgs::write_log_seeds(folder / "train_log");
 }

@@ -278,7 +278,8 @@ TEST_F(LoadScene, FindsAModelOutsideANumberedFolder) {
   write(line_model(2), "sparse");
   EXPECT_EQ(load().train.size(), 2u);
   remove_tree(folder_ / "sparse");
-  EXPECT_TRUE(refuses({folder_.path().string(), "sparse/0", "no COLMAP model found"}));
+  EXPECT_TRUE(
+      refuses({folder_.path().string(), "sparse/0", "no COLMAP model found", "b3dgs reconstruct PHOTOS SCENE"}));
   write(line_model(2), "");
   EXPECT_EQ(load().train.size(), 2u);
 }
