@@ -144,7 +144,9 @@ TEST(MaskTraining, SegmentedBackgroundBecomesEmpty) {
   const double before = mean_empty_alpha(ignored.result.ply, scene.test);
   const double after = mean_empty_alpha(segmented.result.ply, scene.test);
   EXPECT_GT(before, 0.03);  // points that no photograph contradicts
-  EXPECT_LT(after, 0.2 * before);
+  // What remains is the rim of the object's own Gaussians after this short training.
+  EXPECT_LT(after, 0.01);
+  EXPECT_LT(after, before / 3);
   EXPECT_GT(mean_psnr(segmented, scene), mean_psnr(ignored, scene) - 0.5);  // the object is still there
 }
 
