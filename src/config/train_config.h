@@ -167,7 +167,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common().group("Scene and output"), c.source_path, Any{},
-        "COLMAP scene folder");
+        "scene folder: a COLMAP model or transforms.json files");
   field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{},
         "output folder (default output/SCENE)");
   field(Option{"images", 'i'}.common(), c.images, Any{}, "image folder inside the scene folder");
