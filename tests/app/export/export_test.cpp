@@ -117,6 +117,10 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
   EXPECT_EQ(itself.exit_code, 2);
   EXPECT_TRUE(contains(itself.err, "is the file to export")) << itself.err;
+  const std::string before = test::read_bytes(ply());
+  const Outcome model_ply = run_export({path("model"), ply(), "--overwrite", "--max_gaussians", "9"});
+  EXPECT_TRUE(contains(model_ply.err, "is the file to export")) << model_ply.err;
+  EXPECT_EQ(test::read_bytes(ply()), before);
 }
 
 TEST_F(Export, LeavesOutWhatTheOptionsSay) {
