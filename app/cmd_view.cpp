@@ -62,6 +62,7 @@ int run_view(const std::vector<std::string>& words) {
   ViewCommandOptions options;
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Page");
+  line.set_help("model_path", "model folder, or a file of Gaussians");
   if (!line.parse(words)) return 0;
   line.apply(model_options);
   line.apply(options);

@@ -267,6 +267,9 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.eval = config.eval;
   options.white_background = has_white_background(config);
   options.tracks = !config.depths.empty();
+  options.masks = config.masks;
+  options.invert_masks = config.invert_masks;
+  options.empty_background = config.mask_mode == "segment";
   options.host_memory_gb = config.host_memory_gb;
   return options;
 }

@@ -38,7 +38,12 @@ async function open(browser, url, viewport, options = {}) {
   return page;
 }
 
-const has_full_frame = (page) => page.waitForFunction(() => image !== null && shown_full && !wanted, null, kPatience);
+/// Waits for the picture that follows the last input.
+async function has_full_frame(page) {
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  await page.waitForFunction(() => image !== null && shown_full && !wanted && !is_moving(), null, kPatience);
+}
+
 const iteration = (page) => page.evaluate(() => state.iteration);
 
 /// What the canvas shows, as small grey values.

@@ -52,7 +52,7 @@ Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpu
   prediction.n_hosts = (n_gpus + gpus_per_host - 1) / gpus_per_host;
   prediction.model_bytes = kStateBytes * scene.n_gaussians / n_gpus;
   if (n_gpus == 1) {
-    prediction.work_ms = scene.alone_ms();
+    prediction.work_ms = scene.alone_ms(1);
     return prediction;
   }
   const double n_sent = scene.n_seen / n_gpus * (n_gpus - 1);
@@ -62,7 +62,7 @@ Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpu
                            exchange_ms(cluster, n_sent * kGradBytes, n_gpus, n_here);
   if (prediction.n_hosts > 1) prediction.exchange_ms += cluster.network.latency_ms;  // the record
   prediction.overhead_ms = cluster.overhead_ms;
-  prediction.speedup = n_gpus * scene.alone_ms() / prediction.step_ms();
+  prediction.speedup = n_gpus * scene.alone_ms(n_gpus) / prediction.step_ms();
   return prediction;
 }
 

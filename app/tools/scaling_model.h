@@ -17,7 +17,8 @@ struct SceneCost {
   double project_ms = 0;   // all Gaussians of one view
   double draw_ms = 0;      // binning, blending, loss and backward blend of one view
   double optimize_ms = 0;  // backward projection and Adam, all Gaussians
-  double alone_ms() const { return project_ms + draw_ms + optimize_ms; }
+  /// A view on one GPU, in steps of `batch` views.
+  double alone_ms(int batch) const { return project_ms + draw_ms + optimize_ms / batch; }
 };
 
 /// bonsai as measured (docs/benchmarks.md), and a scene of 100 million Gaussians and 4K photographs, whose costs are
@@ -41,9 +42,9 @@ struct Prediction {
   int n_gpus = 1, n_hosts = 1;
   double work_ms = 0, exchange_ms = 0, overhead_ms = 0;  // of a step with one view for each GPU
   double step_ms() const { return work_ms + exchange_ms + overhead_ms; }
-  double speedup = 1;         // views per second, as a multiple of one GPU
-  double exchange_bytes = 0;  // that each GPU sends in a step
-  double model_bytes = 0;     // of parameters, moments, gradients and statistics, on each GPU
+  double speedup = 1;        // views per second, as a multiple of one GPU with as many views in a step
+  double exchange_bytes = 0; // that each GPU sends in a step
+  double model_bytes = 0;    // of parameters, moments, gradients and statistics, on each GPU
 };
 
 /// A step of G views on G GPUs, in hosts of at most gpus_per_host.
@@ -52,7 +53,7 @@ struct Prediction {
 ///   exchange = record + splats + gradients. Of each view's n_seen splats, each GPU has n_seen / G, and sends those of
 ///              the G - 1 views that others draw: 60 bytes a splat forward, 48 back. Within a host and between hosts
 ///              at the same time; the slower one counts. GPUs of a host share its network.
-///   speedup  = G x alone / (work + exchange + overhead)
+///   speedup  = G x (project + draw + optimize / G) / (work + exchange + overhead)
 Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpus, int gpus_per_host);
 
 /// Link and record from the file that `b3dgs bench exchange --json` writes: least squares over its all-to-all rows.

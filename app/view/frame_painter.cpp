@@ -105,10 +105,10 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
     }
   }
   frame.image = colored(grey, cv::COLORMAP_TURBO);
-  frame.legend =
-      print_to_string("splats per tile of %d x %d px, logarithmic: blue 0, red %s; median %s, 99 %% %s, Gini %.2f",
-                      tile.width, tile.height, format_count(statistics.max).c_str(),
-                      format_count(statistics.median).c_str(), format_count(statistics.p99).c_str(), statistics.gini);
+  frame.legend = print_to_string(
+      "splats per tile of %d x %d px, logarithmic: black 0, red %s; median %s, 99th percentile %s, Gini %.2f",
+      tile.width, tile.height, format_count(statistics.max).c_str(), format_count(statistics.median).c_str(),
+      format_count(statistics.p99).c_str(), statistics.gini);
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 
 namespace b3dgs {
 
-std::unique_ptr<ViewServer> start_view_server(ViewSource& source, const ViewOptions& options, StatusLine& status) {
+std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status) {
   ViewServerOptions server;
   server.address = options.address;
   if (options.port >= 0) server.port = options.port;

@@ -17,7 +17,7 @@ struct ViewOptions {
 };
 
 /// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
-std::unique_ptr<ViewServer> start_view_server(ViewSource& source, const ViewOptions& options, StatusLine& status);
+std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status);
 
 /// "--view 8080" as "--view --view_port 8080".
 std::vector<std::string> split_view_port(const std::vector<std::string>& words);

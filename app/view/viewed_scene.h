@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "scene/scene.h"
-#include "view/view_source.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 

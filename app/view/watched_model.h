@@ -6,7 +6,7 @@
 #include "app/view/frame_painter.h"
 #include "scene/scene.h"
 #include "view/frame_queue.h"
-#include "view/view_source.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 
@@ -17,7 +17,7 @@ struct ModelAtRest {
   int iteration = 0;
 };
 
-class WatchedModel final : public ViewSource {
+class WatchedModel final : public FrameSource {
  public:
   /// `viewed` describes `scene`, which must outlive this.
   WatchedModel(ModelAtRest model, const Scene& scene, ViewedScene viewed);

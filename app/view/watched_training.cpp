@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "train/device.h"
 #include "train/evaluate.h"
+#include "train/poses/pose_state.h"
 
 namespace b3dgs {
 namespace {
@@ -136,6 +137,7 @@ void WatchedTraining::save_now() {
 
 void WatchedTraining::close() {
   queue_.close();
+  is_paused_ = false;
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.activity = "ended";
 }

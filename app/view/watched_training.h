@@ -10,7 +10,7 @@
 #include "app/view/frame_painter.h"
 #include "train/trainer.h"
 #include "view/frame_queue.h"
-#include "view/view_source.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 
@@ -28,7 +28,7 @@ class FrameBudget {
   double saved_s_ = 0, last_s_ = -1;
 };
 
-class WatchedTraining final : public ViewSource {
+class WatchedTraining final : public FrameSource {
  public:
   /// `scene` must outlive this. `stop`: asks the training to write a checkpoint and end.
   WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop);

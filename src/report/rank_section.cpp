@@ -89,10 +89,10 @@ std::string rank_section(const TrainHistory& history) {
              "others sent; what is more than on the quickest rank is waiting.") +
          rank_table(points) +
          curve_figure({"Work of the busiest rank", "x the mean of all ranks",
-                       "How much more than the mean the busiest rank of a step draws: with views assigned by counted "
-                       "work, as it was done, and if they were dealt in turn."},
+                       "How much more than the mean the busiest rank of a step draws: by counted work, as it was done, "
+                       "and in equal parts, that is with views dealt in turn or cut into bands of equally many rows."},
                       {busiest_curve(points, "counted", &RankPoint::busiest, 0),
-                       busiest_curve(points, "in turn", &RankPoint::busiest_equal, 1)});
+                       busiest_curve(points, "equal parts", &RankPoint::busiest_equal, 1)});
 }
 
 }  // namespace b3dgs

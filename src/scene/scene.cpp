@@ -11,6 +11,7 @@
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
+#include "scene/images/mask_folder.h"
 #include "scene/images/resolution.h"
 #include "scene/scene_images.h"
 #include "scene/scene_model.h"
@@ -60,6 +61,21 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   return source;
 }
 
+// A mask that the scene names comes before one of the mask folder.
+void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<ViewSource>& sources) {
+  if (folder.is_refused()) return;
+  for (ViewSource& source : sources) {
+    const auto named = model.masks.find(source.name);
+    source.mask = named != model.masks.end() && !folder.is_asked_for() ? named->second : folder.find(source.name);
+  }
+  const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
+  if (folder.is_asked_for() && !is_any) {
+    input_error(folder.folder().string(), ": no mask for any of the ", sources.size(),
+                " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose ",
+                "another folder with --masks");
+  }
+}
+
 View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& images) {
   View view;
   view.name = source.name;
@@ -67,6 +83,7 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
   view.camera = source.camera;
   if (images) view.image = std::make_shared<ViewImage>(source, images);
   view.valid = source.valid;
+  view.empty = source.empty;
   return view;
 }
 
@@ -111,16 +128,26 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
+  find_masks(model, MaskFolder(source_path, options.masks, options.images), sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;
   scene.source_path = options.source_path;
   scene.points = std::move(model.points);
+  std::vector<std::string> masked_out;
   for (std::size_t i = 0; i < sources.size(); ++i) {
+    if (sources[i].is_masked_out) {
+      masked_out.push_back(sources[i].name);
+      continue;
+    }
     const bool is_held_out = model.has_split ? model.held_out.count(sources[i].name) > 0 : i % kTestEvery == 0;
     std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
     part.push_back(view_of(sources[i], images));
     if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
+  }
+  if (scene.train.empty() && masked_out.size() + scene.test.size() == sources.size() && !masked_out.empty()) {
+    input_error(sources.front().mask.string(), ": masks leave no pixel of any training photograph; black is left out, ",
+                "and --invert_masks leaves out white instead");
   }
   if (scene.train.empty()) {
     input_error(
@@ -129,6 +156,11 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
         ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
+  if (!masked_out.empty()) {
+    scene.warnings.push_back(detail::concat("masks leave no pixel of ", masked_out.size(), " of ", sources.size(),
+                                            " photographs (first: ", masked_out.front(),
+                                            "); training and evaluation leave them out"));
+  }
   if (!missing.empty()) {
     scene.warnings.push_back(detail::concat(
         folder.folder().string(), ": ", missing.size(), " of ", model.model.images.size(),

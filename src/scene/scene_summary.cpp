@@ -75,6 +75,8 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
                                          [](const ViewSource& source) { return !source.lens.is_pinhole(); });
   if (n_distorted == 0) return "none";
   if (!origin.options.load_images) return concat("in ", n_distorted, " images");
+  const auto n_masked = std::count_if(origin.sources.begin(), origin.sources.end(),
+                                      [](const ViewSource& source) { return !source.mask.empty(); });
   double share = 0;
   for_each_view(scene, [&](const View& view) {
     if (!view.valid) {
@@ -85,7 +87,8 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
     share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
   });
   const double percent = 100 * share / static_cast<double>(origin.sources.size());
-  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid");
+  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid",
+                n_masked > 0 ? " and not masked" : "");
 }
 
 std::string describe_sizes(const SceneOrigin& origin) {
@@ -96,6 +99,14 @@ std::string describe_sizes(const SceneOrigin& origin) {
                                      : size);
   }
   return join({sizes.begin(), sizes.end()}) + " px";
+}
+
+std::string describe_masks(const SceneOrigin& origin) {
+  const auto n = std::count_if(origin.sources.begin(), origin.sources.end(),
+                               [](const ViewSource& source) { return !source.mask.empty(); });
+  if (n == 0) return "none";
+  return concat(n, " of ", origin.sources.size(), " photographs",
+                origin.options.invert_masks ? ", white is left out" : ", black is left out");
 }
 
 std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
@@ -151,6 +162,7 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   lines.add("images", describe_images(origin));
   lines.add("cameras", describe_cameras(origin.model.model));
   lines.add("distortion", describe_distortion(scene, origin));
+  lines.add("masks", describe_masks(origin));
   lines.add("size", describe_sizes(origin));
   lines.add("memory", describe_memory(scene, origin));
   const std::string& points = origin.model.points_description;

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
+#include "scene/cameras/opengl_pose.h"
 
 namespace b3dgs {
 namespace {
@@ -61,57 +62,12 @@ FrameMode parse_mode(const Json& json) {
   input_error("mode: expected render, difference, depth, alpha or load");
 }
 
-/// The rotation with OpenGL's axes, as a camera_to_world matrix has it, must be one, up to rounding.
-void check_rotation(const std::array<double, 16>& m) {
-  constexpr double kTolerance = 1e-3;
-  const auto column = [&](std::size_t c, std::size_t r) { return m[4 * r + c]; };
-  for (std::size_t a = 0; a < 3; ++a) {
-    for (std::size_t b = a; b < 3; ++b) {
-      double dot = 0;
-      for (std::size_t r = 0; r < 3; ++r) dot += column(a, r) * column(b, r);
-      if (!(std::abs(dot - (a == b ? 1.0 : 0.0)) <= kTolerance)) {
-        input_error("camera_to_world: expected a rotation in the first three rows and columns");
-      }
-    }
-  }
-  const double determinant =
-      m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
-  if (determinant < 0) input_error("camera_to_world: expected a rotation, found a reflection");
-}
-
-Pose pose_of(const std::array<double, 16>& m) {
-  Pose pose;
-  for (std::size_t c = 0; c < 3; ++c) {
-    const double sign = c == 0 ? 1 : -1;  // OpenGL's y and z axes point the other way
-    double dot = 0;
-    for (std::size_t r = 0; r < 3; ++r) {
-      pose.rotation[3 * c + r] = sign * m[4 * r + c];
-      dot += pose.rotation[3 * c + r] * m[4 * r + 3];
-    }
-    pose.translation[c] = -dot;
-  }
-  return pose;
-}
-
-std::array<double, 16> camera_to_world(const Camera& camera) {
-  const std::array<double, 9>& r = camera.cam_from_world.rotation;
-  const std::array<double, 3> center = camera.center();
-  std::array<double, 16> m{};
-  for (std::size_t row = 0; row < 3; ++row) {
-    for (std::size_t c = 0; c < 3; ++c) m[4 * row + c] = (c == 0 ? 1 : -1) * r[3 * c + row];
-    m[4 * row + 3] = center[row];
-  }
-  m[15] = 1;
-  return m;
-}
-
 Camera parse_camera(const Json& json, ImageSize size) {
   if (!json.is_object()) input_error("camera: expected an object");
   const Json& list = member(json, "camera_to_world");
-  std::array<double, 16> m{};
+  OpenGlMatrix m{};
   if (!list.is_array() || list.size() != m.size()) input_error("camera_to_world: expected 16 numbers");
   for (std::size_t i = 0; i < m.size(); ++i) m[i] = number(list[i], "camera_to_world", -kMaxCoordinate, kMaxCoordinate);
-  check_rotation(m);
   const double fov = number(member(json, "fov"), "fov", 1, 170);
   Camera camera;
   camera.width = size.width;
@@ -119,7 +75,7 @@ Camera parse_camera(const Json& json, ImageSize size) {
   camera.fx = camera.fy = 0.5 * size.height / std::tan(0.5 * fov * kPi / 180);
   camera.cx = 0.5 * size.width;
   camera.cy = 0.5 * size.height;
-  camera.cam_from_world = pose_of(m);
+  camera.cam_from_world = pose_from_opengl(m, "camera_to_world");
   return camera;
 }
 
@@ -185,7 +141,7 @@ Json cameras_json(const ViewedScene& scene) {
                      {"width", camera.width},
                      {"height", camera.height},
                      {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
-                     {"camera_to_world", camera_to_world(camera)}});
+                     {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
   return {{"title", scene.title},
           {"training", scene.is_training},

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "view/view_source.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 

@@ -71,7 +71,7 @@ std::string host_name() {
 }  // namespace
 
 struct ViewServer::Impl {
-  Impl(ViewSource& source, const ViewServerOptions& options)
+  Impl(FrameSource& source, const ViewServerOptions& options)
       : source(source), address(options.address), token(options.token.empty() ? make_token() : options.token) {}
 
   void bind(const std::optional<int>& wanted) {
@@ -209,7 +209,7 @@ struct ViewServer::Impl {
     });
   }
 
-  ViewSource& source;
+  FrameSource& source;
   const std::string address, token;
   int port = 0;
   ClientLimit clients{kMaxViewClients};
@@ -217,7 +217,7 @@ struct ViewServer::Impl {
   std::thread thread;
 };
 
-ViewServer::ViewServer(ViewSource& source, const ViewServerOptions& options)
+ViewServer::ViewServer(FrameSource& source, const ViewServerOptions& options)
     : impl_(std::make_unique<Impl>(source, options)) {
   impl_->set_limits();
   impl_->add_routes();

@@ -15,7 +15,7 @@
 #include <optional>
 #include <string>
 
-#include "view/view_source.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 
@@ -34,7 +34,7 @@ class ViewServer {
   /// Listens and answers on threads of its own until it is destroyed, which closes `source`. `source` must
   /// outlive it. @throws InputError if
   /// the address or port cannot be used
-  ViewServer(ViewSource& source, const ViewServerOptions& options);
+  ViewServer(FrameSource& source, const ViewServerOptions& options);
   ~ViewServer();
   ViewServer(const ViewServer&) = delete;
   ViewServer& operator=(const ViewServer&) = delete;

@@ -105,7 +105,7 @@ TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
   EXPECT_EQ(test::xml_fault(html), "");
   std::size_t at = 0;
   for (const char* part : {"<h2>Ranks", "work, x the mean", "0.500", "2.00", "1.00", "0.500", "0.250", "1.500", "1.00",
-                           "2.00", "0.250", "0.000", "Work of the busiest rank over the iterations", "in turn"}) {
+                           "2.00", "0.250", "0.000", "Work of the busiest rank over the iterations", "equal parts"}) {
     const std::size_t next = html.find(part, at);
     ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
     at = next;

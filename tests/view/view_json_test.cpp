@@ -112,9 +112,9 @@ TEST(FrameRequest, RefusesCamerasThatAreNone) {
   EXPECT_TRUE(refused(with("1,0,0"), "16 numbers"));
   EXPECT_TRUE(refused(with("1,0,0,null, 0,1,0,0, 0,0,1,0, 0,0,0,1"), "camera_to_world"));
   EXPECT_TRUE(refused(with("1,0,0,1e300, 0,1,0,0, 0,0,1,0, 0,0,0,1"), "camera_to_world"));
-  EXPECT_TRUE(refused(with("0,0,0,0, 0,0,0,0, 0,0,0,0, 0,0,0,0"), "rotation"));
-  EXPECT_TRUE(refused(with("2,0,0,0, 0,2,0,0, 0,0,2,0, 0,0,0,1"), "rotation"));
-  EXPECT_TRUE(refused(with("1,0,0,0, 0,1,0,0, 0,0,-1,0, 0,0,0,1"), "reflection"));
+  EXPECT_TRUE(refused(with("0,0,0,0, 0,0,0,0, 0,0,0,0, 0,0,0,1"), "rotation"));
+  EXPECT_TRUE(refused(with("2,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1"), "rotation"));
+  EXPECT_TRUE(refused(with("1,0,0,0, 0,1,0,0, 0,0,-1,0, 0,0,0,1"), "mirrors"));
   EXPECT_TRUE(refused(R"({"camera_to_world":[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1],"fov":0})", "fov"));
   EXPECT_TRUE(refused(R"({"camera_to_world":[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1],"fov":180})", "fov"));
   EXPECT_TRUE(refused(R"({"camera_to_world":[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]})", "fov"));

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <cstring>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -18,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-class OneColor final : public ViewSource {
+class OneColor final : public FrameSource {
  public:
   OneColor() {
     scene_.title = "one colour";
@@ -124,8 +125,10 @@ TEST_F(Server, ThePageNeedsTheToken) {
 TEST_F(Server, EverythingElseNeedsTheTokenAsAHeader) {
   for (const char* path :
        {"/cameras", "/state", "/photograph?view=0&width=64&height=48", "/nothing", "/../etc/passwd"}) {
-    expect_refused(client_.Get(path), 401);
-    expect_refused(another().Get(std::string(path) + "?token=" + server_.token()), 401);
+    SCOPED_TRACE(path);
+    expect_refused(another().Get(path), 401);
+    expect_refused(another().Get(std::string(path) + (std::strchr(path, '?') ? "&" : "?") + "token=" + server_.token()),
+                   401);
   }
   expect_refused(another().Post("/frame", kFrame, "application/json"), 401);
   expect_refused(another().Post("/command", R"({"command":"stop"})", "application/json"), 401);

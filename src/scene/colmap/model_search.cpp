@@ -54,10 +54,10 @@ SparseModelFolder find_model_folder(const fs::path& source) {
     if (colmap_format(folder)) candidates.push_back({folder, 0});
   }
   if (candidates.empty()) {
-    input_error(source.string(),
-                ": no COLMAP model found in sparse/0, sparse/N or sparse/ (expected cameras, images and ",
-                "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; reconstruct the ",
-                "scene with COLMAP, or choose another folder with -s");
+    input_error(
+        source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ (expected cameras, images and ",
+        "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
+        "PHOTOS SCENE` makes a scene of photographs, or choose another folder with -s");
   }
   SparseModelFolder found;
   if (candidates.size() == 1) {

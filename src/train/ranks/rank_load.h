@@ -24,7 +24,7 @@ struct RankFigures {
   std::vector<double> entries;  // list entries up to the last one that each pixel blends, of the views drawn
   std::vector<double> sent_bytes, received_bytes;
   double busiest = 1;        // entries of the rank that has most of them in a step, as a multiple of the ranks' mean
-  double busiest_equal = 1;  // the same if view v of a step were drawn by rank v % size
+  double busiest_equal = 1;  // the same with equal_drawers(), or in bands of equally many rows
   // Of the steps that were timed; empty if none was:
   std::vector<double> exchange_ms;  // in exchanges, including the wait for other ranks
   std::vector<double> wait_ms;      // what of it is more than on the rank that spends least in exchanges
@@ -40,7 +40,7 @@ struct RankFigures {
 
 nlohmann::ordered_json to_json(const RankFigures& figures);
 
-/// "busiest 1.07 x the mean (1.21 x without counting), waits 3 %, exchanged 8.1 MB per step"
+/// "busiest 1.07 x the mean (1.21 x in equal parts), waits 3 %, exchanged 8.1 MB per step"
 std::string describe(const RankFigures& figures);
 
 class RankLoad {

@@ -60,12 +60,13 @@ class PageCamera {
 
   pivot() { return sub(this.position, mul(this.axes[2], this.distance)); }
 
-  /// Angles in rad, positive to the right and down on the screen. Orbit turns about the pivot, fly about the camera.
+  /// The picture follows a drag by these angles (rad), to the right and down. Orbit turns about the pivot, fly about the
+  /// camera.
   turn(right, down, way) {
     const pivot = this.pivot();
     const sign = way === "orbit" ? -1 : 1;
     const axis = dot(this.axes[1], this.up) < 0 ? mul(this.up, -1) : this.up;
-    let axes = this.axes.map((v) => turned(v, axis, -sign * right * -1));
+    let axes = this.axes.map((v) => turned(v, axis, sign * right));
     const tilt = sign * down;
     const tilted = axes.map((v) => turned(v, axes[0], tilt));
     const steep = Math.abs(dot(tilted[2], this.up));  // not over the poles, where up would flip

@@ -3,14 +3,15 @@ const client = Array.from(crypto.getRandomValues(new Uint8Array(8)), (x) => x.to
 const $ = (id) => document.getElementById(id);
 const picture = $("picture");
 const kMaxPixels = 4000000;
-const kDraftMs = 80;  // a frame while moving should take no longer
+// What a frame should take, by its size. A training that is not paused gives a twentieth of its time.
+const kDraftMs = 80, kDraftMsInTraining = 25, kFullMsInTraining = 150;
 
 const camera = new PageCamera(), path = new CameraPath();
 let scene = null, state = null;
 let mode = "render", way = "orbit";
 let view = -1;  // the camera of the scene that is shown exactly; -1 once moved
 let moved_at = -1e9;  // ms
-let draft_scale = 0.5;
+let draft_scale = 0.5, full_scale = 1;
 let wanted = true;  // a frame newer than the one shown
 let shown_full = false, shown_iteration = -1, asked_at = 0;
 let image = null;  // the bitmap that is shown
@@ -55,8 +56,18 @@ function frame_size(scale) {
   return [Math.max(16, Math.floor(width * shrink)), Math.max(16, Math.floor(height * shrink))];
 }
 
+const is_training = () => scene.training && state !== null && !state.paused;
+
+/// Learns from a frame which size takes how long.
+function adapt_size(is_draft, render_ms, took_ms) {
+  const fit = (scale, wanted, ms) => Math.min(1, Math.max(0.12, scale * Math.sqrt(wanted / Math.max(1, ms))));
+  if (is_draft && is_training()) draft_scale = fit(draft_scale, kDraftMsInTraining, render_ms);
+  if (is_draft && !is_training()) draft_scale = fit(draft_scale, kDraftMs, took_ms);
+  if (!is_draft && is_training()) full_scale = Math.max(0.25, fit(full_scale, kFullMsInTraining, render_ms));
+}
+
 async function fetch_picture(is_draft) {
-  const [width, height] = frame_size(is_draft ? draft_scale : 1);
+  const [width, height] = frame_size(is_draft ? draft_scale : is_training() ? full_scale : 1);
   if (mode === "photograph") {
     return [await ask(`/photograph?view=${view}&width=${width}&height=${height}`), null];
   }
@@ -86,9 +97,8 @@ async function frames() {
       image = bitmap;
       draw();
       shown_full = !is_draft;
-      const took = performance.now() - asked_at;
-      if (is_draft) draft_scale = Math.min(1, Math.max(0.12, draft_scale * Math.sqrt(kDraftMs / Math.max(10, took))));
       if (about) {
+        adapt_size(is_draft, about.ms, performance.now() - asked_at);
         shown_iteration = about.iteration;
         $("frame").textContent = `${bitmap.width} x ${bitmap.height}, ${about.ms.toFixed(1)} ms` +
             (state && state.iterations > 0 && scene.training ? `, iteration ${about.iteration}` : "");
@@ -168,6 +178,7 @@ function show_state() {
       (state.activity === "training" && state.per_second > 0 ? `, ${state.per_second.toFixed(1)}/s` : "");
   $("kernel").textContent = state.kernel || "-";
   $("done").style.width = `${100 * state.iteration / Math.max(1, state.iterations)}%`;
+  if (state.paused !== ($("pause").textContent === "Resume")) shown_full = false;  // another size
   $("pause").textContent = state.paused ? "Resume" : "Pause";
   for (const id of ["pause", "save", "stop"]) $(id).disabled = has_ended;
   $("notice").textContent = state.notice;
@@ -345,7 +356,7 @@ function listen_to_picture() {
 }
 
 const kMoves = {w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0]};
-const kTurns = {arrowleft: [-1, 0], arrowright: [1, 0], arrowup: [0, -1], arrowdown: [0, 1]};
+const kTurns = {arrowleft: [1, 0], arrowright: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1]};  // as if dragged
 
 function listen_to_keys() {
   window.addEventListener("keydown", (event) => {

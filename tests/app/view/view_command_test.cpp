@@ -1,6 +1,8 @@
 // The commands of the live view: b3dgs view and b3dgs train --view.
 #include <gtest/gtest.h>
 #include <httplib.h>
+#include <netinet/in.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
@@ -27,7 +29,7 @@ using test::fails_with;
 using Words = std::vector<std::string>;
 
 /// A model of a few iterations.
-class ViewCommand : public ::testing::Test {
+class ViewPrograms : public ::testing::Test {
  protected:
   void SetUp() override {
     ASSERT_EQ(run_synth({"orbit", scene(), "--points", "1500", "--views", "12", "--width", "160", "--height", "120",
@@ -40,6 +42,19 @@ class ViewCommand : public ::testing::Test {
 
   test::TempDir folder_;
 };
+
+/// A port that nobody listens on.
+int free_port() {
+  const int probe = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(bind(probe, reinterpret_cast<const sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(probe);
+  return ntohs(address.sin_port);
+}
 
 double psnr(const cv::Mat& bgr, const Image8& rgb) {
   EXPECT_EQ(bgr.cols, rgb.width);
@@ -57,7 +72,7 @@ double psnr(const cv::Mat& bgr, const Image8& rgb) {
   return 10 * std::log10(255.0 * 255.0 * static_cast<double>(rgb.pixels.size()) / squares);
 }
 
-TEST_F(ViewCommand, AFrameIsWhatRenderWrites) {
+TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   const fs::path images = folder_.path() / "images";
   ASSERT_EQ(run_render({model(), "--path", "train", "--output", images.string(), "--quiet", "--device", "cpu"}), 0);
 
@@ -88,7 +103,9 @@ TEST_F(ViewCommand, AFrameIsWhatRenderWrites) {
       EXPECT_GT(psnr(color, read_image(images / "renders" / "00002.png", false)), 35);
     }
     const cv::Mat alpha = frame("alpha");
-    if (!alpha.empty()) EXPECT_GT(psnr(alpha, read_image(images / "alpha" / "00002.png", false)), 35);
+    if (!alpha.empty()) {
+      EXPECT_GT(psnr(alpha, read_image(images / "alpha" / "00002.png", false)), 35);
+    }
     for (const char* mode : {"depth", "difference", "load"}) {
       const cv::Mat image = frame(mode);
       if (image.empty()) continue;
@@ -102,13 +119,8 @@ TEST_F(ViewCommand, AFrameIsWhatRenderWrites) {
   viewer.join();
 }
 
-TEST_F(ViewCommand, ShowsAFileOfGaussiansWithoutAScene) {
-  int port = 0;
-  {
-    httplib::Server probe;  // finds a free port
-    port = probe.bind_to_any_port("127.0.0.1");
-    probe.stop();
-  }
+TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
+  const int port = free_port();
   test::RunOptions options;
   options.signal_when = [&] {
     const httplib::Result answer = httplib::Client("127.0.0.1", port).Get("/");
@@ -124,7 +136,7 @@ TEST_F(ViewCommand, ShowsAFileOfGaussiansWithoutAScene) {
   EXPECT_NE(viewed.out.find("ssh -N -L "), std::string::npos) << viewed.out;
 }
 
-TEST_F(ViewCommand, ATrainingThatIsShownEndsByItself) {
+TEST_F(ViewPrograms, ATrainingThatIsShownEndsByItself) {
   const test::Outcome trained = test::run_b3dgs(
       {"train", "--view", "0", scene(), "-m", (folder_.path() / "shown").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
@@ -132,14 +144,14 @@ TEST_F(ViewCommand, ATrainingThatIsShownEndsByItself) {
   EXPECT_EQ(trained.err.find("warning"), std::string::npos) << trained.err;
 }
 
-TEST_F(ViewCommand, AnotherAddressIsWarnedOf) {
+TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
   const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
                                                  (folder_.path() / "open").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
   EXPECT_NE(trained.err.find("other machines can reach the page"), std::string::npos) << trained.err;
 }
 
-TEST_F(ViewCommand, ATakenPortIsAnErrorBeforeTraining) {
+TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
   httplib::Server other;
   const int port = other.bind_to_any_port("127.0.0.1");
   std::thread listening([&] { other.listen_after_bind(); });
@@ -153,7 +165,7 @@ TEST_F(ViewCommand, ATakenPortIsAnErrorBeforeTraining) {
   listening.join();
 }
 
-TEST_F(ViewCommand, OptionsThatDoNotGoTogether) {
+TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
   EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] {
     run_train({scene(), "--view_port", "8080"});
   }));

@@ -60,9 +60,10 @@ class LiveTraining {
 };
 
 /// As many viewers as may look: frames of all modes, pauses and checkpoints.
-void expect_same_bytes(const TrainConfig& config) {
+void expect_same_bytes(TrainConfig config) {
   const test::TempDir folder;
   const Scene scene = test::make_tiny_scene();
+  config.deterministic = true;  // on a GPU, too
   const test::Trained alone = test::train(config, scene, folder.path() / "alone");
 
   LiveTraining live(config, scene, folder.path() / "watched", /*asks_every_step=*/true);

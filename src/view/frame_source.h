@@ -56,9 +56,9 @@ struct ViewState {
 enum class ViewCommand { kPause, kResume, kSave, kStop };
 
 /// All functions may be called from several threads.
-class ViewSource {
+class FrameSource {
  public:
-  virtual ~ViewSource() = default;
+  virtual ~FrameSource() = default;
 
   virtual const ViewedScene& scene() const = 0;
   /// The curve holds points of iterations above `since` only.
