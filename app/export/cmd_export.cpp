@@ -65,16 +65,18 @@ bool is_spz(const fs::path& output) {
   return !needs_splat_transform(output) && std::string(find_splat_format(output)->name) == "SPZ";
 }
 
+void refuse_to_replace(const fs::path& input, const std::string& output) {
+  std::error_code error;
+  if (fs::equivalent(output, input, error)) input_error(output, " is the file to export; write to another one");
+}
+
 void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs export MODEL OUTPUT.spz");
   const fs::path output = options.output;
-  std::error_code error;
   if (fs::is_directory(output)) {
     input_error(options.output, " is a folder; expected a file name such as ", (output / "model.spz").string());
   }
-  if (fs::exists(output) && fs::equivalent(output, model.model_path, error)) {
-    input_error(options.output, " is the file to export; write to another one");
-  }
+  refuse_to_replace(model.model_path, options.output);
   if (fs::exists(output) && !options.overwrite) {
     input_error(options.output, " exists; name another file, or replace it with --overwrite");
   }
@@ -203,6 +205,7 @@ int run_export(const std::vector<std::string>& words) {
   const LoadedModel original = model;
   const bool is_file = fs::is_regular_file(model_options.model_path);
   const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
+  refuse_to_replace(input, options.output);
   const auto input_bytes = static_cast<std::int64_t>(fs::file_size(input));
   print_line("from", "%s, %s Gaussians, SH degree %d, %s", input.string().c_str(),
              format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(input_bytes).c_str());

@@ -117,6 +117,10 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
   EXPECT_EQ(itself.exit_code, 2);
   EXPECT_TRUE(contains(itself.err, "is the file to export")) << itself.err;
+  const std::string before = test::read_bytes(ply());
+  const Outcome model_ply = run_export({path("model"), ply(), "--overwrite", "--max_gaussians", "9"});
+  EXPECT_TRUE(contains(model_ply.err, "is the file to export")) << model_ply.err;
+  EXPECT_EQ(test::read_bytes(ply()), before);
 }
 
 TEST_F(Export, LeavesOutWhatTheOptionsSay) {
@@ -135,9 +139,8 @@ TEST_F(Export, LeavesOutWhatTheOptionsSay) {
   EXPECT_FALSE(fs::exists(path("none.ply")));
   const Outcome opaque = run_export({path("model"), path("opaque.ply"), "--min_opacity", "0.1"});
   ASSERT_EQ(opaque.exit_code, 0) << opaque.err;
-  for (const float logit : read_splat_ply(path("opaque.ply")).logit_opacities) {
-    EXPECT_GE(1 / (1 + std::exp(-logit)), 0.0999f);
-  }
+  const SplatCloud rest = read_splat_ply(path("opaque.ply"));
+  for (const float logit : rest.logit_opacities) EXPECT_GE(1 / (1 + std::exp(-logit)), 0.0999f);
 }
 
 TEST_F(Export, KeepsTheGaussiansThatMatterToTheViews) {
