@@ -272,6 +272,7 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
                 format_bytes(result.peak_memory_bytes).c_str());
   }
+  if (result.ranks) std::printf("%-12s%s\n", "ranks", describe(*result.ranks).c_str());
   report_quality(result);
   if (result.n_removed > 0) {
     std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "config/batch_steps.h"
 #include "config/output_plan.h"
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
@@ -36,6 +37,9 @@
 #include "train/optimizer/gaussian_step.h"
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
+#include "train/ranks/draw_plan.h"
+#include "train/ranks/exchange_timer.h"
+#include "train/ranks/rank_load.h"
 #include "train/ranks/sharded_rows.h"
 #include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
@@ -49,6 +53,13 @@ namespace b3dgs {
 class LossError : public NumericError {
  public:
   using NumericError::NumericError;
+};
+
+/// What each rank tells the others of the views that it has drawn in the last step.
+struct DrawnRecord {
+  double losses[kMaxBatch]{};
+  std::int64_t entries[kMaxBatch]{};
+  RankTotals totals{};
 };
 
 struct Trainer::Impl {
@@ -150,10 +161,18 @@ struct Trainer::Impl {
   TrainView take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next);
   /// The camera of a view, as take_view() has it.
   PinholeView camera_of(std::int32_t index, int iteration);
-  /// Losses of the last step's views, in their order.
+  /// The rank that draws each of the next views, beginning with those of the next step.
+  std::vector<int> plan_drawing(const std::vector<std::int32_t>& next);
+  /// Whether the exchanges of the step after iteration `from` are timed; the same on all ranks.
+  bool times_exchanges(int from, int last) const;
+  /// Says once if one process would be about as fast.
+  void advise_on_ranks();
+  /// Losses and counted work of the last step's views, in their order.
   void read_losses_of_ranks();
-  void read_own_losses();
-  void add_losses(const std::vector<std::vector<double>>& of_ranks);
+  void read_own_loss();
+  /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
+  DrawnRecord take_drawn();
+  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
   /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
   void on_first_rank(const std::function<void()>& work);
   void serve_renders();
@@ -269,12 +288,21 @@ struct Trainer::Impl {
     bool check_kernels = false;     // before the next step
   };
   Agreed agreed;
-  /// Views of the last step whose losses have not been added to the average, and the losses of those drawn here. That
-  /// of the last one may still be on the device.
+  /// Views of the last step whose losses have not been added to the average, and who draws them.
   std::vector<UnreadLoss> unread_losses;
-  std::vector<double> own_losses;
-  bool has_unread_own_loss = false;
+  std::vector<int> drawers;
+  /// What this rank has drawn of them. The loss of the last one may still be on the device.
+  struct OwnView {
+    std::size_t place = 0;  // in the step
+    std::optional<double> loss;
+    torch::Tensor entries;  // Rasterizer::row_entries()
+  };
+  std::vector<OwnView> own_views;
   std::optional<SplatExchange> splats;
+  DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
+  RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
+  RankTotals own_totals;
+  ExchangeTimer exchange_timer{make_stage_clock(device)};
   bool renders_on_first = false;  // within on_first_rank()
 
   /// What a step changes before it changes the Gaussians, for roll_back().

@@ -1,7 +1,8 @@
 // Training on several ranks (processes, src/dist). Each has some rows of the model (core/row_shards.h), with their
-// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of view v
-// go to rank v % size, which draws it, compares it with the photograph and blends backward; the sums of each splat go
-// back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of ranks.
+// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of a view
+// go to the rank that draws it (DrawPlan), compares it with the photograph and blends backward; the sums of each splat
+// go back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of
+// ranks.
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what StepRecord tells them.
 // Rank 0 writes the files. To evaluate or to time kernels, it renders views of the whole model; the other ranks then
@@ -26,7 +27,7 @@ namespace {
 struct StepRecord {
   std::int64_t n_splats[kMaxBatch]{};  // of each view
   std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
-  double losses[kMaxBatch]{};          // of the views of the step before, if drawn by this rank
+  DrawnRecord drawn{};                 // of the step before
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
 };
@@ -41,6 +42,11 @@ struct RenderRequest {
 };
 
 constexpr std::int64_t kSplatSums = 12, kSplatScores = 6;  // columns of backward_splats() and score_splats()
+
+constexpr std::size_t kPlannedSteps = 4;  // whose views are assigned to ranks at a time
+
+// Exchanges are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
+constexpr int kWarmUp = 20, kMeasured = 40, kTimedInterval = 10;
 
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
@@ -115,13 +121,16 @@ void Trainer::Impl::take_distributed_step() {
   const auto n_views = static_cast<std::size_t>(last - from), size = static_cast<std::size_t>(ranks->size());
   const bool is_filter_due = begin_step_of_views(last);
   const std::size_t n_ahead = images.n_upcoming_wanted();
+  const std::size_t n_upcoming = n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch));
   const std::vector<std::int32_t> next = state.view_order.upcoming(
-      config.seed, images.size(), n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch)));
-  const auto draws = [&](std::size_t place) { return place % size == static_cast<std::size_t>(ranks->rank()); };
+      config.seed, images.size(), std::max(n_upcoming, kPlannedSteps * static_cast<std::size_t>(config.batch)));
+  const std::vector<int> drawers_of_next = plan_drawing(next);
+  const std::vector<int> step_drawers(drawers_of_next.begin(), drawers_of_next.begin() + (last - from));
   std::vector<std::int32_t> own_next;  // the views that this rank draws, in this step and later
   for (std::size_t i = 0; i < next.size(); ++i) {
-    if (draws(i < n_views ? i : (i - n_views) % static_cast<std::size_t>(config.batch))) own_next.push_back(next[i]);
+    if (drawers_of_next[i] == ranks->rank()) own_next.push_back(next[i]);
   }
+  if (times_exchanges(from, last)) exchange_timer.start();
 
   // Every view's projection.
   struct View {
@@ -155,32 +164,32 @@ void Trainer::Impl::take_distributed_step() {
   record.stop = is_stopped();
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
-  read_own_losses();
-  std::copy(own_losses.begin(), own_losses.end(), record.losses);
-  const std::vector<StepRecord> records = ranks->exchange_record("step", record);
+  record.drawn = take_drawn();
+  const std::vector<StepRecord> records = exchange_timer.time([&] { return ranks->exchange_record("step", record); });
   agreed = {false, records[0].write_checkpoint != 0, records[0].check_kernels != 0};
   std::vector<std::vector<std::int64_t>> counts;
-  std::vector<std::vector<double>> losses;
+  std::vector<DrawnRecord> drawn_before;
   for (const StepRecord& other : records) {
     agreed.stop |= other.stop != 0;
     counts.emplace_back(other.n_splats, other.n_splats + n_views);
-    losses.emplace_back(other.losses, other.losses + kMaxBatch);
+    drawn_before.push_back(other.drawn);
     for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_splats[v];
   }
-  add_losses(losses);
+  add_drawn(drawn_before);
   step_start.loss_average = state.loss_average;
   check_valid(records);
+  drawers = step_drawers;
 
   // The views that this rank draws.
   std::vector<ViewSplats> own;
   for (View& view : views) own.push_back(view.own);
-  const std::vector<ViewSplats> drawn = splats->to_drawers(own, counts);
+  const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(own, counts, drawers); });
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
   std::vector<torch::Tensor> drawn_sums, drawn_scores;
   std::size_t place = 0;
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& own_view = views[v];
-    if (draws(v)) {
+    if (drawers[v] == ranks->rank()) {
       state.iteration = own_view.iteration;
       timer.begin(Stage::kUpload);
       const auto begin = own_next.begin() + static_cast<std::ptrdiff_t>(place) + 1;
@@ -197,9 +206,9 @@ void Trainer::Impl::take_distributed_step() {
         throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
       }
       note_view_size();
-      read_own_losses();  // of the view before: the next loss takes its place
+      read_own_loss();  // of the view before: the next loss takes its place
+      own_views.push_back({v, std::nullopt, rasterizer.row_entries()});
       compare_with_photograph(view, compared);
-      has_unread_own_loss = true;
       drawn_sums.push_back(rasterizer.backward_splats(compared.grad).clone());
       if (has_scores) {
         torch::Tensor scores = rasterizer.score_splats(
@@ -212,9 +221,12 @@ void Trainer::Impl::take_distributed_step() {
   }
 
   // The Gaussians of this rank.
-  const std::vector<torch::Tensor> sums = splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32);
+  const std::vector<torch::Tensor> sums =
+      exchange_timer.time([&] { return splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32); });
   std::vector<torch::Tensor> scores;
-  if (has_scores) scores = splats->to_owners(drawn_scores, kSplatScores, torch::kInt32);
+  if (has_scores) {
+    scores = exchange_timer.time([&] { return splats->to_owners(drawn_scores, kSplatScores, torch::kInt32); });
+  }
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
     state.iteration = view.iteration;
@@ -236,29 +248,80 @@ void Trainer::Impl::take_distributed_step() {
   }
   learn_from_kept_views();
   timer.finish(state.step_iterations);
+  exchange_timer.finish();
 }
 
-void Trainer::Impl::read_own_losses() {
-  if (std::exchange(has_unread_own_loss, false)) own_losses.push_back(loss.value().loss);
+std::vector<int> Trainer::Impl::plan_drawing(const std::vector<std::int32_t>& next) {
+  draw_plan.forget_before(state.iteration);
+  std::vector<int> all;
+  int from = state.iteration;
+  for (std::size_t n_steps = 0; all.size() < next.size(); ++n_steps) {
+    const int last = step_end(config.batch, config.iterations, from);
+    const auto begin = next.begin() + static_cast<std::ptrdiff_t>(all.size());
+    const std::vector<std::int32_t> views(begin, begin + std::min<std::ptrdiff_t>(last - from, next.end() - begin));
+    // Beyond that, a guess: how many views are read ahead differs between ranks, but plans must not.
+    const std::vector<int> step =
+        n_steps < kPlannedSteps ? draw_plan.drawers(from, views) : equal_drawers(views.size(), ranks->size());
+    all.insert(all.end(), step.begin(), step.end());
+    from = last;
+  }
+  return all;
+}
+
+bool Trainer::Impl::times_exchanges(int from, int last) const {
+  const int n_done = from - result.first_iteration;  // in this session
+  return n_done >= kWarmUp && (n_done < kWarmUp + kMeasured || from / kTimedInterval != last / kTimedInterval);
+}
+
+void Trainer::Impl::advise_on_ranks() {
+  if (!is_distributed()) return;
+  const int n_steps = kMeasured / std::max(1, config.batch);
+  const auto advice = rank_load.advise(std::max(1, n_steps * 3 / 4), device.is_cuda() ? "GPU" : "process");
+  if (advice && writes_files()) recorder.say(*advice);
+}
+
+void Trainer::Impl::read_own_loss() {
+  if (!own_views.empty() && !own_views.back().loss) own_views.back().loss = loss.value().loss;
+}
+
+DrawnRecord Trainer::Impl::take_drawn() {
+  read_own_loss();
+  DrawnRecord record;
+  for (const OwnView& view : std::exchange(own_views, {})) {
+    record.losses[view.place] = *view.loss;
+    record.entries[view.place] = view.entries.sum().item<std::int64_t>();
+  }
+  for (const ExchangeTimer::Times& step : exchange_timer.take()) {
+    ++own_totals.n_timed;
+    own_totals.exchange_ms += step.exchange_ms;
+    own_totals.step_ms += step.step_ms;
+  }
+  own_totals.sent_bytes = splats->sent_bytes();
+  own_totals.received_bytes = splats->received_bytes();
+  record.totals = own_totals;
+  return record;
 }
 
 void Trainer::Impl::read_losses_of_ranks() {
-  if (unread_losses.empty()) return;
-  read_own_losses();
-  StepRecord record;
-  std::copy(own_losses.begin(), own_losses.end(), record.losses);
-  std::vector<std::vector<double>> losses;
-  for (const StepRecord& other : ranks->exchange_record("losses", record)) {
-    losses.emplace_back(other.losses, other.losses + kMaxBatch);
-  }
-  add_losses(losses);
+  if (!unread_losses.empty()) add_drawn(ranks->exchange_record("drawn", take_drawn()));
 }
 
-void Trainer::Impl::add_losses(const std::vector<std::vector<double>>& of_ranks) {
-  own_losses.clear();
+void Trainer::Impl::add_drawn(const std::vector<DrawnRecord>& of_ranks) {
   const std::vector<UnreadLoss> unread = std::exchange(unread_losses, {});
+  if (unread.empty()) return;
+  std::vector<std::int64_t> entries;
   for (std::size_t v = 0; v < unread.size(); ++v) {
-    const double value = of_ranks[v % of_ranks.size()][v / of_ranks.size()];
+    entries.push_back(of_ranks[static_cast<std::size_t>(drawers[v])].entries[v]);
+    draw_plan.set_work(unread[v].view_index, entries.back());
+  }
+  const int size = ranks->size();
+  rank_load.add_step(work_of_ranks(drawers, entries, size),
+                     work_of_ranks(equal_drawers(unread.size(), size), entries, size));
+  std::vector<RankTotals> totals;
+  for (const DrawnRecord& record : of_ranks) totals.push_back(record.totals);
+  rank_load.set_totals(totals);
+  for (std::size_t v = 0; v < unread.size(); ++v) {
+    const double value = of_ranks[static_cast<std::size_t>(drawers[v])].losses[v];
     if (!std::isfinite(value)) {
       throw LossError(detail::concat("iteration ", unread[v].iteration, ", view ", unread[v].view, ": the loss is ",
                                      value, recorder.last_checkpoint()));
@@ -319,7 +382,7 @@ RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const Rend
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts);
+  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts, {0});
   if (drawn.empty()) return {};
   return rasterizer.forward_splats(drawn.front(), view, settings);
 }

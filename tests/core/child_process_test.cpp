@@ -64,6 +64,18 @@ TEST(ChildProcess, ReadsLargeOutputToItsEnd) {
   EXPECT_EQ(output.lines[200000].size() + output.lines[200001].size(), 100000u);
 }
 
+TEST(ChildProcess, ReadsBytesBesideTheLinesOfStandardError) {
+  std::string bytes;
+  Lines lines;
+  const ChildResult result = run_program_bytes(
+      {"sh", "-c", "echo one >&2; head -c 300000 /dev/zero; echo two >&2; exit 6"},
+      [&](const char* data, std::size_t size) { bytes.append(data, size); },
+      [&](const std::string& line) { lines.push_back(line); });
+  EXPECT_EQ(result.exit_code, 6);
+  EXPECT_EQ(bytes, std::string(300000, '\0'));
+  EXPECT_EQ(lines, (Lines{"one", "two"}));
+}
+
 TEST(ChildProcess, PassesWordsOnWithoutAShell) {
   Lines lines;
   run_program_lines({"printf", "%s\n", "a b", "$HOME", "'\"*"},

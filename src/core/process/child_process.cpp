@@ -91,7 +91,8 @@ ssize_t write_without_sigpipe(int file, const void* data, std::size_t bytes) {
 /// What posix_spawn() shall do in the child before it executes the program.
 class SpawnSettings {
  public:
-  SpawnSettings(int input, int output) {
+  /// `input` -1: none. Both outputs may be the same.
+  SpawnSettings(int input, int output, int errors) {
     posix_spawn_file_actions_init(&actions_);
     if (input >= 0) {
       posix_spawn_file_actions_adddup2(&actions_, input, STDIN_FILENO);
@@ -99,7 +100,7 @@ class SpawnSettings {
       posix_spawn_file_actions_addopen(&actions_, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
     }
     posix_spawn_file_actions_adddup2(&actions_, output, STDOUT_FILENO);
-    posix_spawn_file_actions_adddup2(&actions_, output, STDERR_FILENO);
+    posix_spawn_file_actions_adddup2(&actions_, errors, STDERR_FILENO);
 #if __GLIBC_PREREQ(2, 34)
     // Files that a library opened without O_CLOEXEC.
     posix_spawn_file_actions_addclosefrom_np(&actions_, STDERR_FILENO + 1);
@@ -134,27 +135,36 @@ class SpawnSettings {
   posix_spawnattr_t attributes_{};
 };
 
+using OnBytes = std::function<void(const char* data, std::size_t bytes)>;
+
 }  // namespace
 
 /// A running program.
-class ChildInput::Child {
+class Child {
  public:
-  Child(const std::vector<std::string>& argv, const OnChildLine& on_line, const std::atomic<int>* stop, bool has_input)
-      : lines_(on_line), stop_(stop) {
+  /// Without `on_bytes`, both outputs are passed on as lines.
+  Child(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnBytes& on_bytes,
+        const std::atomic<int>* stop, bool has_input)
+      : lines_(on_line), on_bytes_(on_bytes), stop_(stop) {
     B3DGS_CHECK(!argv.empty(), "no program");
     const std::string program = find_program(argv[0]);
     if (program.empty()) {
       input_error("program not found: ", argv[0], " (expected an executable ",
                   argv[0].find('/') == std::string::npos ? "in a folder of PATH" : "file", "); install it");
     }
-    Pipe output = open_pipe(), input;
+    Pipe text = open_pipe(), input, data;
     if (has_input) input = open_pipe();
-    const int error = SpawnSettings(input.read_end.get(), output.write_end.get()).spawn(program, argv, pid_);
+    if (on_bytes_) data = open_pipe();
+    const Descriptor& output = on_bytes_ ? data.write_end : text.write_end;
+    const int error =
+        SpawnSettings(input.read_end.get(), output.get(), text.write_end.get()).spawn(program, argv, pid_);
     if (error != 0) io_error("cannot start ", program, ": ", std::strerror(error));
-    output_ = std::move(output.read_end);
+    text_ = std::move(text.read_end);
+    data_ = std::move(data.read_end);
     input_ = std::move(input.write_end);
-    never_wait(output_);
-    if (has_input) never_wait(input_);
+    for (const Descriptor* own : {&text_, &data_, &input_}) {
+      if (own->is_open()) never_wait(*own);
+    }
   }
 
   ~Child() {
@@ -218,19 +228,26 @@ class ChildInput::Child {
   }
 
   void wait_for_io(bool wants_to_write) {
-    std::array<pollfd, 2> files{};
-    files[0] = {output_.get(), POLLIN, 0};  // poll() passes over closed ones, which are negative
-    files[1] = {wants_to_write ? input_.get() : -1, POLLOUT, 0};
+    std::array<pollfd, 3> files{};
+    files[0] = {text_.get(), POLLIN, 0};  // poll() passes over closed ones, which are negative
+    files[1] = {data_.get(), POLLIN, 0};
+    files[2] = {wants_to_write ? input_.get() : -1, POLLOUT, 0};
     poll(files.data(), files.size(), kPollMs);
   }
 
-  /// Reads one buffer. False if there is nothing to read at the moment.
+  /// Reads one buffer of each output. False if there is nothing to read at the moment.
   bool read_output() {
-    if (!output_.is_open()) return false;
+    const bool has_text = read_some(text_, [this](const char* text, std::size_t bytes) { lines_.add(text, bytes); });
+    return read_some(data_, on_bytes_) || has_text;
+  }
+
+  template <class Take>
+  static bool read_some(Descriptor& from, const Take& take) {
+    if (!from.is_open()) return false;
     std::array<char, kReadBytes> buffer;
-    const ssize_t bytes = ::read(output_.get(), buffer.data(), buffer.size());
-    if (bytes > 0) lines_.add(buffer.data(), static_cast<std::size_t>(bytes));
-    if (bytes == 0) output_.close();
+    const ssize_t bytes = ::read(from.get(), buffer.data(), buffer.size());
+    if (bytes > 0) take(buffer.data(), static_cast<std::size_t>(bytes));
+    if (bytes == 0) from.close();
     return bytes > 0;
   }
 
@@ -245,8 +262,9 @@ class ChildInput::Child {
 
   EndingSignals signals_;  // first, so that a signal between this and the start of the program is not lost
   LineSplitter lines_;
+  OnBytes on_bytes_;
   const std::atomic<int>* stop_;
-  Descriptor output_, input_;
+  Descriptor text_, data_, input_;
   pid_t pid_ = -1;
   bool is_reaped_ = false;
   bool is_ending_ = false;
@@ -254,7 +272,7 @@ class ChildInput::Child {
 };
 
 ChildInput::ChildInput(const std::vector<std::string>& argv, OnChildLine on_line, const std::atomic<int>* stop)
-    : child_(std::make_unique<Child>(argv, on_line, stop, /*has_input=*/true)) {}
+    : child_(std::make_unique<Child>(argv, on_line, OnBytes(), stop, /*has_input=*/true)) {}
 
 ChildInput::~ChildInput() = default;
 
@@ -272,7 +290,13 @@ ChildResult ChildInput::finish() {
 
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
                               const std::atomic<int>* stop) {
-  return ChildInput::Child(argv, on_line, stop, /*has_input=*/false).finish();
+  return Child(argv, on_line, {}, stop, /*has_input=*/false).finish();
+}
+
+ChildResult run_program_bytes(const std::vector<std::string>& argv, const OnBytes& on_bytes, const OnChildLine& on_line,
+                              const std::atomic<int>* stop) {
+  B3DGS_CHECK(on_bytes != nullptr, "nothing takes the bytes");
+  return Child(argv, on_line, on_bytes, stop, /*has_input=*/false).finish();
 }
 
 std::string find_program(const std::string& name) {

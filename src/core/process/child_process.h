@@ -36,6 +36,14 @@ using OnChildLine = std::function<void(const std::string& line)>;
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
                               const std::atomic<int>* stop = nullptr);
 
+/// The same, for a program that writes bytes to standard output, which `on_bytes` takes; `on_line` gets the lines of
+/// standard error.
+ChildResult run_program_bytes(const std::vector<std::string>& argv,
+                              const std::function<void(const char* data, std::size_t bytes)>& on_bytes,
+                              const OnChildLine& on_line, const std::atomic<int>* stop = nullptr);
+
+class Child;
+
 /// A program whose standard input the caller writes, for example frames for ffmpeg.
 class ChildInput {
  public:
@@ -56,9 +64,6 @@ class ChildInput {
   ChildResult finish();
 
  private:
-  class Child;
-  friend ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
-                                       const std::atomic<int>* stop);
   std::unique_ptr<Child> child_;
 };
 

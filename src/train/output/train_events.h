@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "model/evaluation.h"
+#include "train/ranks/rank_load.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {
@@ -52,6 +54,7 @@ struct TrainResult : TrainOutputs {
   double train_s = 0;                  // uploads, kernel checks, steps, density control; without reading of files
   double output_s = 0;                 // evaluation, statistics, saving, checkpoints
   std::int64_t n_removed = 0;          // invalid Gaussians that were removed, over all sessions
+  std::optional<RankFigures> ranks;    // of this session, with several ranks
 };
 
 }  // namespace b3dgs
