@@ -153,6 +153,14 @@ async function check_training(browser) {
 async function check_model(browser) {
   execFileSync(program, ["train", path.join(folder, "scene"), "-m", path.join(folder, "done"), "--iterations", "100",
     "--device", "cpu", "--quiet"]);
+  // The path that the page saved, shortened, is one that `b3dgs render` takes.
+  const file = path.join(folder, "camera_path.json");
+  const saved = JSON.parse(fs.readFileSync(file));
+  fs.writeFileSync(file, JSON.stringify({...saved, render_width: 96, render_height: 54, camera_path: saved.camera_path.slice(0, 3)}));
+  execFileSync(program, ["render", path.join(folder, "done"), "--cameras", file, "--output", path.join(folder, "path"),
+    "--device", "cpu", "--quiet"]);
+  assert.equal(fs.readdirSync(path.join(folder, "path", "renders")).length, 3);
+
   const view = await start(["view", path.join(folder, "done"), "--port", "0", "--device", "cpu"]);
   const page = await open(browser, view.url, {width: 1280, height: 800});
   assert(spread(await look(page)) > 5, "the picture shows something");

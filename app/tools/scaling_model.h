@@ -42,9 +42,9 @@ struct Prediction {
   int n_gpus = 1, n_hosts = 1;
   double work_ms = 0, exchange_ms = 0, overhead_ms = 0;  // of a step with one view for each GPU
   double step_ms() const { return work_ms + exchange_ms + overhead_ms; }
-  double speedup = 1;        // views per second, as a multiple of one GPU with as many views in a step
-  double exchange_bytes = 0; // that each GPU sends in a step
-  double model_bytes = 0;    // of parameters, moments, gradients and statistics, on each GPU
+  double speedup = 1;         // views per second, as a multiple of one GPU with as many views in a step
+  double exchange_bytes = 0;  // that each GPU sends in a step
+  double model_bytes = 0;     // of parameters, moments, gradients and statistics, on each GPU
 };
 
 /// A step of G views on G GPUs, in hosts of at most gpus_per_host.

@@ -44,8 +44,8 @@ nlohmann::ordered_json to_json(const RankFigures& figures) {
 }
 
 std::string describe(const RankFigures& figures) {
-  std::string text = print_to_string("busiest %.2f x the mean (%.2f x in equal parts)", figures.busiest,
-                                     figures.busiest_equal);
+  std::string text =
+      print_to_string("busiest %.2f x the mean (%.2f x in equal parts)", figures.busiest, figures.busiest_equal);
   if (!figures.exchange_ms.empty()) text += print_to_string(", waits %.0f %%", 100 * figures.wait_share());
   return text + ", exchanged " + format_bytes(static_cast<std::int64_t>(figures.bytes_per_step())) + " per step";
 }

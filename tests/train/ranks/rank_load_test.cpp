@@ -69,8 +69,7 @@ TEST(RankLoad, SaysWhatRanksAreWorthInALine) {
   figures.busiest = 1.07;
   figures.busiest_equal = 1.214;
   figures.sent_bytes = figures.received_bytes = {4.05e6, 4.05e6};
-  EXPECT_EQ(describe(figures),
-            "busiest 1.07 x the mean (1.21 x in equal parts), exchanged 8.10 MB per step");
+  EXPECT_EQ(describe(figures), "busiest 1.07 x the mean (1.21 x in equal parts), exchanged 8.10 MB per step");
   figures.exchange_ms = {1, 1.6};
   figures.wait_ms = {0, 0.6};
   figures.step_ms = 10;
