@@ -57,7 +57,7 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
   if (options.width > 0 && options.height > 0) return {options.width, options.height};
   const double aspect = static_cast<double>(size.width) / size.height;
   const auto side = [](double value) {
-    return static_cast<int>(std::clamp(std::round(value), 1.0, double{kMaxCameraSide}));
+    return static_cast<int>(std::clamp(std::round(value), 1.0, double{kMaxRenderSide}));
   };
   if (options.width > 0) return {options.width, side(options.width / aspect)};
   if (options.height > 0) return {side(options.height * aspect), options.height};
@@ -171,10 +171,15 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
   choice.cameras = cameras_on(orbit, lens, options.frames);
   choice.notes.push_back("around " + vec_text(orbit.focus) + ", up " + vec_text(orbit.up) +
                          print_to_string(", distance %.3g", std::hypot(orbit.first_radius, orbit.height)));
-  if (orbit.gap > 0.5 * kPi) {
+  if (keys.empty()) return choice;
+  const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
+  if (orbit.swing > 0) {
+    choice.notes.push_back(print_to_string("along an arc of %.0f degrees and back: the cameras do not go all around",
+                                           2 * orbit.swing * 180 / kPi));
+  } else if (coverage.gap > kFullCircleGap) {
     choice.notes.push_back(
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
-                        orbit.gap * 180 / kPi));
+                        coverage.gap * 180 / kPi));
   }
   return choice;
 }

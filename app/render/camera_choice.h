@@ -13,6 +13,8 @@
 
 namespace b3dgs {
 
+inline constexpr int kMaxRenderSide = 32768;  // px
+
 struct CameraOptions {
   std::string path = "test";
   std::string cameras;
@@ -31,8 +33,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CameraOptions>> vis
         "test or training views, a path through the training views, or around the scene");
   field(Option{"cameras"}, c.cameras, Any{}, "cameras from this file: cameras.json, camera path or transforms.json");
   field(Option{"frames"}, c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
-  field(Option{"width"}, c.width, InRange{0, kMaxCameraSide}, "image width, px (0 = that of the cameras)");
-  field(Option{"height"}, c.height, InRange{0, kMaxCameraSide}, "image height, px (0 = that of the cameras)");
+  field(Option{"width"}, c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
+  field(Option{"height"}, c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
   field(Option{"fov"}, c.fov, InRange{0, 170},
         "vertical angle of view of orbit and turntable, degrees (0 = that of the cameras)");
   field(Option{"elevation"}, c.elevation, InRange{-89, 89},

@@ -12,8 +12,9 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
 constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
-constexpr double kFullCircle = 0.5 * kPi;  // the largest gap between cameras that go all around
 constexpr double kLongestEllipse = 2.5;    // ratio of the axes
+constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
+constexpr double kLeastSwing = kPi / 18;   // of that orbit to each side, rad
 
 Vec3d to_vec(const std::array<double, 3>& v) {
   return {v[0], v[1], v[2]};
@@ -64,15 +65,6 @@ std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Ca
     positions.emplace_back(dot(offset, axis), dot(offset, cross(up, axis)));
   }
   return positions;
-}
-
-double largest_gap(const std::vector<std::pair<double, double>>& positions) {
-  std::vector<double> angles;
-  for (const auto& [x, y] : positions) angles.push_back(std::atan2(y, x));
-  std::sort(angles.begin(), angles.end());
-  double gap = angles.front() + 2 * kPi - angles.back();
-  for (std::size_t i = 1; i < angles.size(); ++i) gap = std::max(gap, angles[i] - angles[i - 1]);
-  return gap;
 }
 
 struct Ellipse {
@@ -183,6 +175,19 @@ CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& fo
   return {distance > 0 ? distance : 1, median(elevations)};
 }
 
+Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up, const Vec3d& axis) {
+  B3DGS_CHECK(!cameras.empty(), "no cameras");
+  std::vector<double> angles;
+  for (const auto& [x, y] : horizontal_positions(cameras, focus, axis, up)) angles.push_back(std::atan2(y, x));
+  std::sort(angles.begin(), angles.end());
+  Coverage coverage{angles.front() + 2 * kPi - angles.back(), 0.5 * (angles.front() + angles.back())};
+  for (std::size_t i = 1; i < angles.size(); ++i) {
+    const double gap = angles[i] - angles[i - 1];
+    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + kPi};
+  }
+  return coverage;
+}
+
 Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   Orbit orbit;
@@ -190,17 +195,26 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, cons
   orbit.up = up;
   const Vec3d first = to_vec(cameras[0].center()) - focus;
   orbit.first_axis = horizontal(first, up);
-  std::vector<double> distances;
-  double height = 0;
   const auto positions = horizontal_positions(cameras, focus, orbit.first_axis, up);
+  std::vector<double> distances;
   for (const auto& [x, y] : positions) distances.push_back(std::hypot(x, y));
-  for (const Camera& camera : cameras) height += dot(to_vec(camera.center()) - focus, up);
-  orbit.height = height / static_cast<double>(cameras.size());
   const double radius = median(distances);
   orbit.first_radius = orbit.second_radius = radius > 0 ? radius : 1;
-  orbit.gap = largest_gap(positions);
-  if (orbit.gap > kFullCircle) return orbit;
-
+  const auto share = 1 / static_cast<double>(cameras.size());
+  double square = 0;
+  for (const Camera& camera : cameras) {
+    const double height = dot(to_vec(camera.center()) - focus, up);
+    orbit.height += share * height;
+    square += share * height * height;
+  }
+  const Coverage coverage = coverage_of(cameras, focus, up, orbit.first_axis);
+  if (coverage.gap > kFullCircleGap) {
+    orbit.start = coverage.middle;
+    orbit.swing = std::max(kInside * 0.5 * (2 * kPi - coverage.gap), kLeastSwing);
+    const double deviation = std::sqrt(std::max(0.0, square - orbit.height * orbit.height));
+    orbit.height_swing = std::min(deviation, std::tan(kLeastSwing) * orbit.first_radius);
+    return orbit;
+  }
   const Ellipse ellipse = fit_ellipse(positions, orbit.first_radius);
   if (!(ellipse.first_radius > 0) || ellipse.second_radius > kLongestEllipse * ellipse.first_radius) return orbit;
   const double c = std::cos(ellipse.angle), s = std::sin(ellipse.angle);
@@ -227,9 +241,11 @@ std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frame
   std::vector<Camera> cameras;
   const Vec3d second_axis = cross(orbit.up, orbit.first_axis);
   for (int frame = 0; frame < frames; ++frame) {
-    const double angle = orbit.start + 2 * kPi * frame / frames;
+    const double turn = 2 * kPi * frame / frames;
+    const double angle = orbit.start + (orbit.swing > 0 ? orbit.swing * std::sin(turn) : turn);
+    const double height = orbit.height + orbit.height_swing * std::cos(turn);
     const Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +
-                         orbit.second_radius * std::sin(angle) * second_axis + orbit.height * orbit.up;
+                         orbit.second_radius * std::sin(angle) * second_axis + height * orbit.up;
     const Vec3d center = orbit.focus + offset;
     const Vec3d forward = normalized(-1.0 * offset);
     const Vec3d right = normalized(cross(forward, orbit.up)), down = cross(forward, right);

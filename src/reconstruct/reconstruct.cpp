@@ -89,7 +89,7 @@ class Reconstruction {
     const CheckedPhotographs photographs = check(names);
     extract_features(photographs);
     match(photographs.names.size());
-    map();
+    map(photographs.names.size());
     accept(photographs.names.size());
     return std::move(result_);
   }
@@ -252,17 +252,17 @@ class Reconstruction {
     record_->finish();
   }
 
-  void map() {
+  void map(std::size_t n_photographs) {
     const bool are_there = colmap_format(folders_.ordered / "0") || colmap_format(folders_.sparse / "0");
     if (record_->is_done("models", Json::object(), are_there)) return;
     remove_own(folders_.models);
     remove_own(folders_.ordered);
     create_folder(folders_.models);
-    show("registering photographs", 0, 0);
+    show("registering photographs", 0, n_photographs);
     std::string failure;
     try {
       log_->run(colmap_->map_command(), [&](const std::string& line) {
-        if (const auto step = colmap_step(line)) show("registering photographs", step->done, 0);
+        if (const auto step = colmap_step(line)) show("registering photographs", std::min(step->done, n_photographs), n_photographs);
       });
     } catch (const InputError& error) {
       failure = error.what();

@@ -45,7 +45,7 @@ std::vector<Camera> cameras_at(const std::vector<double>& angles, double first_r
                                double height) {
   std::vector<Camera> cameras;
   for (const double angle : angles) {
-    Orbit orbit{kFocus, kUp, kAcross, first_radius, second_radius, height, angle, 0};
+    Orbit orbit{kFocus, kUp, kAcross, first_radius, second_radius, height, angle, 0, 0};
     cameras.push_back(cameras_on(orbit, some_lens(), 1).at(0));
   }
   return cameras;
@@ -95,16 +95,40 @@ TEST(OrbitThrough, FollowsTheEllipseOfTheCameras) {
     EXPECT_NEAR(dot(offset, kUp), 1, 1e-9);
   }
   EXPECT_NEAR(length(center_of(cameras[0]) - center_of(keys[0])), 0, 1e-9) << "begins at the first camera";
-  EXPECT_LT(orbit.gap, kPi / 2);
+  EXPECT_EQ(orbit.swing, 0);
 }
 
-TEST(OrbitThrough, IsACircleWhereCamerasCoverAnArc) {
-  const std::vector<Camera> keys = cameras_at({0.1, 0.3, 0.5, 0.7, 0.9}, 3, 3, -1);
+TEST(OrbitThrough, GoesBackAndForthWhereCamerasCoverAnArc) {
+  std::vector<Camera> keys = cameras_at({3.1, 2.7, 2.9, 3.3, 3.5}, 3, 3, -1.2);
+  for (const Camera& camera : cameras_at({3.1, 2.7, 2.9, 3.3, 3.5}, 3, 3, -0.8)) keys.push_back(camera);
   const Orbit orbit = orbit_through(keys, kFocus, kUp);
-  EXPECT_NEAR(orbit.gap, 2 * kPi - 0.8, 1e-9);
-  for (const Camera& camera : cameras_on(orbit, some_lens(), 8)) {
-    EXPECT_NEAR(length(center_of(camera) - kFocus), std::sqrt(10), 1e-9);
+  const Coverage coverage = coverage_of(keys, kFocus, kUp, kAcross);
+  EXPECT_NEAR(coverage.gap, 2 * kPi - 0.8, 1e-9);
+  EXPECT_NEAR(std::cos(coverage.middle), std::cos(3.1), 1e-9);
+  const std::vector<Camera> cameras = cameras_on(orbit, some_lens(), 40);
+  expect_all_look_at(cameras, kFocus, kUp);
+  double least = 9, most = 0;
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const Vec3d offset = center_of(cameras[i]) - kFocus;
+    const double x = dot(offset, kAcross), y = dot(offset, cross(kUp, kAcross)), z = dot(offset, kUp);
+    EXPECT_NEAR(std::hypot(x, y), 3, 1e-9);
+    EXPECT_NEAR(z, -1, 0.2 + 1e-9);
+    const double angle = std::fmod(std::atan2(y, x) + 2 * kPi, 2 * kPi);
+    least = std::min(least, angle);
+    most = std::max(most, angle);
+    const Camera& next = cameras[(i + 1) % cameras.size()];
+    EXPECT_LT(length(center_of(next) - center_of(cameras[i])), 0.3) << "closed, without jumps";
+    EXPECT_GT(length(center_of(next) - center_of(cameras[i])), 0.005) << "no frame is repeated";
   }
+  EXPECT_NEAR(least, 3.1 - 0.36, 1e-3);
+  EXPECT_NEAR(most, 3.1 + 0.36, 1e-3);
+}
+
+TEST(OrbitThrough, MovesEvenIfAllCamerasStandInOneDirection) {
+  const std::vector<Camera> cameras =
+      cameras_on(orbit_through(cameras_at({1, 1, 1}, 3, 3, 0), kFocus, kUp), some_lens(), 8);
+  expect_all_look_at(cameras, kFocus, kUp);
+  EXPECT_GT(length(center_of(cameras[2]) - center_of(cameras[6])), 0.9);
 }
 
 TEST(OrbitThrough, StaysFiniteForOneCameraAboveTheFocus) {

@@ -1,15 +1,10 @@
-// b3dgs render with cameras of files, paths around the scene, and depth as numbers.
+// b3dgs render with cameras of files and on paths around the scene.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <sstream>
 
-#include "app/model.h"
-#include "app/render/depth_numbers.h"
 #include "model/cameras/cameras_json.h"
-#include "model/raster_input.h"
 #include "scene/cameras/opengl_pose.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
@@ -169,48 +164,6 @@ TEST_F(Render, AModelIsRenderedWithCamerasOfAFile) {
   const Outcome around = render({path("model"), "--path", "turntable", "--elevation", "30", "--frames", "4"});
   EXPECT_EQ(around.exit_code, 0) << around.err;
   EXPECT_EQ(count_images("model/turntable/ours_2/renders"), 4);
-}
-
-TEST_F(Render, DepthAsNumbersIsTheRenderedDepth) {
-  const Words cameras{"--cameras", path("cameras.json")};
-  render_to("exr", {"--cameras", path("cameras.json"), "--depth_format", "exr", "--no_alpha"});
-  render_to("png", {"--cameras", path("cameras.json"), "--depth_format", "png16", "--no_alpha"});
-  ModelOptions options;
-  options.device = "cpu";
-  const LoadedModel model = load_splat_file(truth(), options);
-  ModelRenderer renderer(model, torch::kCPU);
-  const double scale = Json::parse(read_bytes(folder_ / "png/depth.json")).at("scale");
-  ::setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
-  for (const std::size_t i : {0, 5}) {
-    const RenderedView rendered = renderer.render(to_pinhole_view(views_[i].camera));
-    const std::vector<float> expected = mean_depths(rendered.depth, rendered.alpha);
-    ASSERT_GT(*std::max_element(expected.begin(), expected.end()), 1);
-    const std::string name = "0000" + std::to_string(i);
-    const cv::Mat exr = cv::imread(path("exr/depth/" + name + ".exr"), cv::IMREAD_UNCHANGED);
-    ASSERT_EQ(exr.type(), CV_32FC1);
-    ASSERT_EQ(exr.rows, 48);
-    const Depth16 png = read_depth_map(folder_ / "png/depth" / (name + ".png"));  // as train --depths reads it
-    ASSERT_EQ(png.width, 64);
-    for (int at = 0; at < 64 * 48; ++at) {
-      const float depth = expected[static_cast<std::size_t>(at)];
-      EXPECT_NEAR(exr.at<float>(at / 64, at % 64), depth, 1e-5 * depth);
-      const int value = png.values[static_cast<std::size_t>(at)];
-      if (depth == 0) {
-        EXPECT_EQ(value, 0);
-      } else if (value < 65535) {
-        EXPECT_NEAR(scale / depth, value, 0.51) << "rounded to the nearest";
-      } else {
-        EXPECT_LE(depth, scale / 65534.4);
-      }
-    }
-  }
-  EXPECT_FALSE(fs::exists(folder_ / "exr/depth.json"));
-}
-
-TEST(InverseDepth, CountsPixelsThatAreTooNear) {
-  const InverseDepth16 inverse = inverse_depth_16({0, 0.5f, 1, 2, 1e9f, 65535}, {3, 2}, 65535);
-  EXPECT_EQ(inverse.map.values, (std::vector<std::uint16_t>{0, 65535, 65535, 32768, 0, 1}));
-  EXPECT_EQ(inverse.n_too_near, 1);
 }
 
 TEST_F(Render, OptionsThatContradictEachOtherAreErrors) {

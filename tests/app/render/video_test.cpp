@@ -7,6 +7,7 @@
 #include <cstdlib>
 
 #include "app/render/video_writer.h"
+#include "core/check.h"
 #include "core/process/child_process.h"
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
