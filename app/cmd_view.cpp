@@ -10,10 +10,7 @@
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
-#include "model/formats/background_json.h"
-#include "model/formats/splat_formats.h"
 #include "train/device.h"
-#include "train/threads.h"
 
 namespace b3dgs {
 namespace {
@@ -31,27 +28,21 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ViewCommandOptions>
   field(Option{"view_address"}, c.address, Any{}, "address to listen on; the default is for this machine only");
 }
 
-/// A file of Gaussians, with the views of a scene if one is named.
-LoadedModel load_file(const ModelOptions& options, StatusLine& status) {
-  if (!options.source_path.empty()) return load_ply_model(options.model_path, options, status);
-  LoadedModel model;
-  model.splats = read_splats(options.model_path);
-  model.background = read_background_json(background_path(options.model_path));
-  model.config.device = device_name(choose_device(options.device));
-  set_compute_threads(options.threads);
-  return model;
-}
-
-/// A model folder, with photographs if its scene is still there.
-LoadedModel load_folder(const ModelOptions& options, StatusLine& status) {
-  if (!options.source_path.empty()) return load_model(options, status);
-  try {
-    return load_model(options, status);
-  } catch (const InputError& error) {
-    LoadedModel model = load_model_cameras(options, status);
-    status.warn(std::string("no photographs to compare with: ") + error.what());
-    return model;
+/// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
+LoadedModel load(ModelOptions& options, StatusLine& status) {
+  if (names_single_file(options)) {
+    return options.source_path.empty() ? load_splat_file(options.model_path, options)
+                                       : load_file_to_evaluate(options.model_path, options, status);
   }
+  LoadedModel model = load_without_scene(options, status);
+  try {
+    add_scene(model, status);
+  } catch (const InputError& error) {
+    if (!options.source_path.empty()) throw;
+    add_saved_cameras(model);
+    status.warn(std::string("no photographs to compare with: ") + error.what());
+  }
+  return model;
 }
 
 }  // namespace
@@ -69,12 +60,11 @@ int run_view(const std::vector<std::string>& words) {
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  const bool is_file = fs::is_regular_file(model_options.model_path);
-  if (is_file && line.was_given("iteration")) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named; leave out one of them");
+  if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
+    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
   }
-  const LoadedModel model = is_file ? load_file(model_options, status) : load_folder(model_options, status);
   const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
+  const LoadedModel model = load(model_options, status);
   ModelRenderer renderer(model, device);
   WatchedModel watched({renderer.gaussians, renderer.background, renderer.settings, model.iteration}, model.scene,
                        viewed_scene(model.scene, model.splats.means, title));

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Uses the page of the live view in a browser: Chromium without a window, driven by playwright-core from npm. Keeps
-# pictures in BUILD/view_pictures. Installs Chromium and, into BUILD/browser, playwright-core; where these cannot be had,
-# says so and does nothing.
+# pictures in BUILD/view_pictures. Installs Chromium and, into BUILD/browser, playwright-core; where these cannot be
+# had, says so and does nothing.
 # Usage: scripts/check_view.sh [BUILD]    (default build/cpu; the program must have been built there)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -23,7 +23,8 @@ done
 command -v chromium >/dev/null || scripts/install_packages.sh chromium || skip "no chromium"
 if [[ ! -d $build/browser/node_modules/playwright-core ]]; then
   mkdir -p "$build/browser"
-  npm install --silent --no-audit --no-fund --prefix "$build/browser" playwright-core@1 || skip "no playwright-core from npm"
+  npm install --silent --no-audit --no-fund --prefix "$build/browser" playwright-core@1 ||
+    skip "no playwright-core from npm"
 fi
 mkdir -p "$build/view_pictures"
 NODE_PATH=$PWD/$build/browser/node_modules node scripts/check_view.cjs "$program" "$build/view_pictures"

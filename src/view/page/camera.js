@@ -60,8 +60,8 @@ class PageCamera {
 
   pivot() { return sub(this.position, mul(this.axes[2], this.distance)); }
 
-  /// The picture follows a drag by these angles (rad), to the right and down. Orbit turns about the pivot, fly about the
-  /// camera.
+  /// The picture follows a drag by these angles (rad), to the right and down. Orbit turns about the pivot, fly about
+  /// the camera.
   turn(right, down, way) {
     const pivot = this.pivot();
     const sign = way === "orbit" ? -1 : 1;

@@ -15,7 +15,8 @@ function draw_chart(canvas, points, format) {
   }
   const values = points.map((point) => point[1]);
   const sorted = [...values].sort((a, b) => a - b);
-  const low = sorted[0], high = sorted[Math.ceil(0.99 * (sorted.length - 1))];  // a first loss may tower over all others
+  // A first loss may tower over all others.
+  const low = sorted[0], high = sorted[Math.ceil(0.99 * (sorted.length - 1))];
   const first = points[0][0], last = points[points.length - 1][0];
   const right = width - 52;
   const x = (iteration) => 1 + (right - 2) * (iteration - first) / Math.max(1, last - first);

@@ -288,7 +288,9 @@ function listen_to_panel() {
   $("key_add").onclick = () => { path.add(camera); show_keys(); };
   $("key_drop").onclick = () => { path.drop(); show_keys(); };
   $("key_seconds").oninput = show_keys;
-  $("path_play").onclick = () => { playing = {start: performance.now(), between: Number($("key_seconds").value) || 2}; };
+  $("path_play").onclick = () => {
+    playing = {start: performance.now(), between: Number($("key_seconds").value) || 2};
+  };
   $("path_save").onclick = save_path;
 }
 

@@ -127,7 +127,8 @@ TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
     return answer && answer->status == 401;
   };
   options.signal = SIGINT;
-  const fs::path ply = fs::path(model()) / "point_cloud" / "iteration_30" / "point_cloud.ply";
+  const fs::path ply = folder_.path() / "splats.ply";  // not in the model folder, whose cameras would be found
+  fs::copy_file(fs::path(model()) / "point_cloud" / "iteration_30" / "point_cloud.ply", ply);
   const test::Outcome viewed =
       test::run_b3dgs({"view", ply.string(), "--port", std::to_string(port), "--device", "cpu"}, options);
   EXPECT_EQ(viewed.exit_code, 0) << viewed.err;
