@@ -8,12 +8,13 @@
 // project their Gaussians on its request.
 
 #include <algorithm>
-#include <cmath>
+#include <set>
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
 #include "raster/math/project_splat.h"
 #include "raster/torch/splat_owner.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/density/invalid_gaussians.h"
 #include "train/optimizer/lr_schedule.h"
 #include "train/ranks/sharded_row_edit.h"
@@ -29,6 +30,7 @@ struct StepRecord {
   double losses[kMaxBatch]{};          // of the views of the step before, if drawn by this rank
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
+  std::int32_t is_out_of_memory = 0;
 };
 
 /// What rank 0 asks of the others in on_first_rank().
@@ -56,6 +58,16 @@ void visit_rows(TrainState& state, Visit&& visit) {
   for (torch::Tensor* column : state.statistics.all()) visit(*column);
 }
 
+/// Tensors on the device that are whole on every rank, and the same.
+template <class Visit>
+void visit_shared(TrainState& state, Visit&& visit) {
+  visit_appearance(state.appearance, [&](const char*, torch::Tensor& tensor) { visit(tensor); });
+  if (!state.background.is_defined()) return;
+  for (torch::Tensor* tensor : {&state.background.coefficients, &state.background.m, &state.background.v}) {
+    visit(*tensor);
+  }
+}
+
 /// @throws InvalidGaussianError, on all ranks, if one of them has found an invalid Gaussian
 template <class Record>
 void check_valid(const std::vector<Record>& records) {
@@ -68,33 +80,49 @@ void check_valid(const std::vector<Record>& records) {
 
 }  // namespace
 
-void Trainer::Impl::check_options_of_ranks() const {
-  const std::pair<bool, const char*> unsupported[]{
-      {config.pose_opt, "--pose_opt"},
-      {config.exposure, "--exposure"},
-      {config.bilateral_grid, "--bilateral_grid"},
-      {learned_background_degree(config) >= 0, "--background learned or sky"},
-      {config.skip_share > 0, "--skip_share"},
-  };
-  for (const auto& [is_set, option] : unsupported) {
-    if (is_set) input_error(option, ": not supported with several ranks (--ranks, --gpus); leave out one of them");
-  }
-}
-
 void Trainer::Impl::keep_own_rows() {
   state.n_of_all_ranks = state.gaussians.size();
   visit_rows(state, [&](torch::Tensor& tensor) {
     if (tensor.defined()) tensor = own_rows(tensor, shards()).to(device);
   });
+  visit_shared(state, [&](torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
-TrainState Trainer::Impl::gathered_state() {
-  TrainState whole = flushed_state();
-  visit_rows(whole, [&](torch::Tensor& tensor) {
+GaussianTensors Trainer::Impl::gathered_gaussians() {
+  GaussianTensors whole = flushed_state().gaussians;
+  const auto gather = [&](torch::Tensor& tensor) {
     if (tensor.defined()) tensor = gather_rows_on_first(*ranks, tensor, state.n_gaussians());
-  });
-  whole.n_of_all_ranks.reset();
+  };
+  for (torch::Tensor* tensor : whole.all()) gather(*tensor);
+  gather(whole.filters);
   return whole;
+}
+
+void Trainer::Impl::write_checkpoint_of_ranks() {
+  using TakeBytes = std::function<void(const void*, std::size_t)>;
+  const TrainState& own = flushed_state();
+  std::set<const void*> rows;  // tensors of which each rank has a part
+  visit_rows(state, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) rows.insert(tensor.unsafeGetTensorImpl());
+  });
+  const TakeBytes ignore = [](const void*, std::size_t) {};
+  std::vector<OutputWriter::TensorPieces> tensors;
+  std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
+  for (const auto& [name, tensor] : checkpoint_tensors(own)) {
+    const bool has_part = rows.count(tensor.unsafeGetTensorImpl()) > 0;
+    TensorEntry entry{name, tensor.scalar_type(), tensor.sizes().vec()};
+    if (has_part) entry.shape[0] = state.n_gaussians();
+    tensors.push_back({entry, [this, has_part, &n_read, part = tensor](const TakeBytes& take) {
+                         ++n_read;
+                         const auto take_rows = [&](const torch::Tensor& piece) {
+                           take(piece.data_ptr(), piece.nbytes());
+                         };
+                         if (has_part) return stream_rows_to_first(*ranks, part, state.n_gaussians(), take_rows);
+                         take_rows(part.cpu());
+                       }});
+  }
+  if (writes_files()) recorder.write_checkpoint(checkpoint_header(config, own, fingerprint), tensors);
+  while (n_read < tensors.size()) tensors[n_read].read(ignore);
 }
 
 PinholeView Trainer::Impl::camera_of(std::int32_t index, int iteration) {
@@ -111,50 +139,100 @@ TrainView Trainer::Impl::take_own_view(int iteration, std::int32_t index, const 
 }
 
 void Trainer::Impl::take_distributed_step() {
-  const int from = state.iteration, last = step_end(config.batch, config.iterations, from);
-  const auto n_views = static_cast<std::size_t>(last - from), size = static_cast<std::size_t>(ranks->size());
-  const bool is_filter_due = begin_step_of_views(last);
-  const std::size_t n_ahead = images.n_upcoming_wanted();
-  const std::vector<std::int32_t> next = state.view_order.upcoming(
-      config.seed, images.size(), n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch)));
-  const auto draws = [&](std::size_t place) { return place % size == static_cast<std::size_t>(ranks->rank()); };
-  std::vector<std::int32_t> own_next;  // the views that this rank draws, in this step and later
-  for (std::size_t i = 0; i < next.size(); ++i) {
-    if (draws(i < n_views ? i : (i - n_views) % static_cast<std::size_t>(config.batch))) own_next.push_back(next[i]);
+  const int last = step_end(config.batch, config.iterations, state.iteration);
+  bool is_filter_due = begin_step_of_views(last);
+  do {
+    const std::vector<LearnedView> views = next_views_of_step(last);
+    keep_views_of_ranks(views, last, std::exchange(is_filter_due, false));
+  } while (state.iteration < last);
+  if (learned_views.empty()) return timer.cancel();
+  learn_from_kept_views();
+  timer.finish(state.step_iterations);
+}
+
+std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int last) {
+  std::vector<LearnedView> views;
+  while (state.iteration < last) {
+    const int iteration = state.iteration + 1;
+    const std::int32_t index = state.view_order.upcoming(config.seed, images.size(), 1).front();
+    if (may_skip_step(iteration)) {
+      // The same view twice, at the end of an epoch: whether it is skipped depends on its first loss.
+      const auto is_same = [&](std::int32_t other) { return other == index; };
+      if (std::any_of(views.begin(), views.end(), [&](const auto& view) { return is_same(view.index); })) break;
+      if (std::any_of(unread_losses.begin(), unread_losses.end(),
+                      [&](const auto& unread) { return is_same(unread.view_index); })) {
+        read_losses_of_ranks();
+      }
+    }
+    const bool is_skipped = skip_step(iteration);
+    state.iteration = iteration;
+    state.view_order.next(config.seed, images.size());
+    if (!is_skipped) views.push_back({index, iteration});
   }
+  return views;
+}
+
+std::vector<std::int32_t> Trainer::Impl::own_views_ahead() const {
+  const auto size = static_cast<std::size_t>(ranks->size()), batch = static_cast<std::size_t>(config.batch);
+  const std::size_t n_wanted = images.n_upcoming_wanted(), n_skipped = config.skip_share > 0 ? 2 : 1;
+  ViewSkips skips = state.view_skips;
+  std::vector<std::int32_t> views;
+  int iteration = state.iteration, end = state.iteration;
+  std::size_t place = 0;  // in the step
+  for (const std::int32_t view :
+       state.view_order.upcoming(config.seed, images.size(), (n_wanted + 1) * std::max(size, batch) * n_skipped)) {
+    if (++iteration > end) {
+      end = step_end(config.batch, config.iterations, iteration - 1);
+      place = 0;
+    }
+    if (may_skip_step(iteration) && skips.skip(view, iteration - config.skip_from_iter, config.skip_share)) continue;
+    if (place++ % size == static_cast<std::size_t>(ranks->rank())) views.push_back(view);
+    if (views.size() == n_wanted) break;
+  }
+  return views;
+}
+
+void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned, int last, bool is_filter_due) {
+  const std::size_t n_views = learned.size(), size = static_cast<std::size_t>(ranks->size());
+  const auto draws = [&](std::size_t place) { return place % size == static_cast<std::size_t>(ranks->rank()); };
 
   // Every view's projection.
   struct View {
-    int iteration;
     DensityPlan plan;
     PinholeView camera;
     RenderSettings settings;
     ViewSplats own;
     std::int64_t n_splats = 0;  // on all ranks
+    bool refines_pose = false;
   };
+  const int last_of_part = state.iteration;
   std::vector<View> views(n_views);
   StepRecord record;
+  if (n_views > 0) update_filters(is_filter_due);
   try {
     for (std::size_t v = 0; v < n_views; ++v) {
       View& view = views[v];
-      view.iteration = state.iteration = from + 1 + static_cast<int>(v);
-      state.view_order.next(config.seed, images.size());
-      view.plan = density->plan(view.iteration);
-      view.camera = camera_of(next[v], view.iteration);
+      state.iteration = learned[v].iteration;
+      view.plan = density->plan(state.iteration);
+      view.refines_pose = poses.refines(learned[v].index, state.iteration);
+      view.camera = camera_of(learned[v].index, state.iteration);
       view.settings = step_settings();
       view.settings.absolute_gradient = view.plan.absolute_gradients;
       view.own = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-        update_filters(is_filter_due && v == 0);
         return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
       });
       record.n_splats[v] = view.own.size();
     }
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = shards().global_row(error.row());
+  } catch (const OutOfMemoryError&) {
+    record.is_out_of_memory = 1;
   }
+  state.iteration = last_of_part;
   record.stop = is_stopped();
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
+  poses.finish_step();  // of the step before: the device has finished it by now
   read_own_losses();
   std::copy(own_losses.begin(), own_losses.end(), record.losses);
   const std::vector<StepRecord> records = ranks->exchange_record("step", record);
@@ -168,24 +246,38 @@ void Trainer::Impl::take_distributed_step() {
     for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_splats[v];
   }
   add_losses(losses);
-  step_start.loss_average = state.loss_average;
+  if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   check_valid(records);
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
+  }
+  if (n_views == 0) return;
 
   // The views that this rank draws.
   std::vector<ViewSplats> own;
   for (View& view : views) own.push_back(view.own);
   const std::vector<ViewSplats> drawn = splats->to_drawers(own, counts);
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
-  std::vector<torch::Tensor> drawn_sums, drawn_scores;
-  std::size_t place = 0;
+  const bool refines_poses =
+      std::any_of(views.begin(), views.end(), [](const View& view) { return view.refines_pose; });
+  std::vector<std::int32_t> own_next;
+  for (std::size_t v = 0; v < n_views; ++v) {
+    if (draws(v)) own_next.push_back(learned[v].index);
+    if (appearance) appearance->begin_step(learned[v].index, learned[v].iteration, state.appearance);
+  }
+  const std::vector<std::int32_t> ahead = own_views_ahead();
+  own_next.insert(own_next.end(), ahead.begin(), ahead.end());
+  std::vector<torch::Tensor> drawn_sums, drawn_scores, drawn_shared, drawn_orders;
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& own_view = views[v];
     if (draws(v)) {
-      state.iteration = own_view.iteration;
+      const std::size_t place = drawn_sums.size();
+      state.iteration = learned[v].iteration;
       timer.begin(Stage::kUpload);
       const auto begin = own_next.begin() + static_cast<std::ptrdiff_t>(place) + 1;
-      const std::ptrdiff_t n_next = std::min(static_cast<std::ptrdiff_t>(n_ahead), own_next.end() - begin);
-      const TrainView view = take_own_view(state.iteration, next[v], {begin, begin + n_next});
+      const auto n_ahead = static_cast<std::ptrdiff_t>(images.n_upcoming_wanted());
+      const std::ptrdiff_t n_next = std::min(n_ahead, own_next.end() - begin);
+      const TrainView view = take_own_view(state.iteration, learned[v].index, {begin, begin + n_next});
       timer.end();
       ComparedView compared;
       compared.plan = own_view.plan;
@@ -198,17 +290,19 @@ void Trainer::Impl::take_distributed_step() {
       }
       note_view_size();
       read_own_losses();  // of the view before: the next loss takes its place
+      if (appearance) appearance->set_place(static_cast<int>(learned_views.size() + v));
       compare_with_photograph(view, compared);
       has_unread_own_loss = true;
-      drawn_sums.push_back(rasterizer.backward_splats(compared.grad).clone());
+      drawn_sums.push_back(rasterizer.backward_splats(compared.grad));
+      if (refines_poses) drawn_orders.push_back(rasterizer.order_of_splats());
+      if (n_shared_columns() > 0) drawn_shared.push_back(shared_gradients());
       if (has_scores) {
-        torch::Tensor scores = rasterizer.score_splats(
-            compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha));
-        drawn_scores.push_back(scores.clone());
+        drawn_scores.push_back(rasterizer.score_splats(
+            compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha)));
       }
-      ++place;
     }
-    unread_losses.push_back({own_view.iteration, scene.train[static_cast<std::size_t>(next[v])].name, next[v]});
+    unread_losses.push_back(
+        {learned[v].iteration, scene.train[static_cast<std::size_t>(learned[v].index)].name, learned[v].index});
   }
 
   // The Gaussians of this rank.
@@ -217,25 +311,37 @@ void Trainer::Impl::take_distributed_step() {
   if (has_scores) scores = splats->to_owners(drawn_scores, kSplatScores, torch::kInt32);
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
-    state.iteration = view.iteration;
+    state.iteration = learned[v].iteration;
     const ViewStatistics statistics =
         stepper.keep_splats(view.own, sums[v], view.camera, view.settings, state.gaussians, view.n_splats,
-                            regularization_weights(config, view.iteration));
+                            regularization_weights(config, state.iteration));
     if (view.plan.statistics) {
       timer.begin(Stage::kDensify);
       make_room_for_statistics();
       save_statistics();
-      DensityStep step{view.iteration, statistics, view.camera.width, view.camera.height};
+      DensityStep step{state.iteration, statistics, view.camera.width, view.camera.height};
       if (view.plan.score) {
         step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
       }
       density->after_view(step, state.statistics);
       timer.end();
     }
-    learned_views.push_back({next[v], view.iteration});
   }
-  learn_from_kept_views();
-  timer.finish(state.step_iterations);
+  if (refines_poses) {
+    // What each splat adds to the gradient of the camera, added up where the view was drawn, in its order.
+    std::vector<torch::Tensor> parts;
+    for (std::size_t v = 0; v < n_views; ++v) {
+      parts.push_back(camera_parts(state.gaussians, views[v].own, sums[v], views[v].camera, views[v].settings));
+    }
+    parts = splats->columns_to_drawers(parts, kCameraGradients, torch::kFloat32);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      torch::Tensor ordered = torch::empty_like(parts[i]).index_copy_(0, drawn_orders[i], parts[i]);
+      drawn_shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(ordered).view(torch::kFloat32));
+    }
+  }
+  if (n_shared_columns() > 0) keep_shared_gradients(learned, drawn_shared);
+  learned_views.insert(learned_views.end(), learned.begin(), learned.end());
+  state.iteration = last_of_part;
 }
 
 void Trainer::Impl::read_own_losses() {
@@ -258,18 +364,14 @@ void Trainer::Impl::add_losses(const std::vector<std::vector<double>>& of_ranks)
   own_losses.clear();
   const std::vector<UnreadLoss> unread = std::exchange(unread_losses, {});
   for (std::size_t v = 0; v < unread.size(); ++v) {
-    const double value = of_ranks[v % of_ranks.size()][v / of_ranks.size()];
-    if (!std::isfinite(value)) {
-      throw LossError(detail::concat("iteration ", unread[v].iteration, ", view ", unread[v].view, ": the loss is ",
-                                     value, recorder.last_checkpoint()));
-    }
-    state.loss_average = unread[v].iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+    add_loss(unread[v], of_ranks[v % of_ranks.size()][v / of_ranks.size()]);
   }
 }
 
 void Trainer::Impl::on_first_rank(const std::function<void()>& work) {
   if (!is_distributed()) return work();
   read_losses_of_ranks();
+  update_filters(/*is_due=*/false);  // all ranks together
   if (!ranks->is_first()) return serve_renders();
   renders_on_first = true;
   work();
@@ -350,13 +452,20 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
   GaussianTensors gaussians;
   const GaussianTensors& own = state.gaussians;
   const std::int64_t n = state.n_gaussians();
+  allocate_together([&] {
+    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
+    const auto n_columns = static_cast<std::int64_t>(state.statistics.all().size());
+    const torch::Tensor room = memory->allocate({(kFloats + n_columns) * n}, own.means.options());
+  });
   gaussians.means = gather_rows(*ranks, own.means, n);
   gaussians.log_scales = gather_rows(*ranks, own.log_scales, n);
   gaussians.quats = gather_rows(*ranks, own.quats, n);
   gaussians.logit_opacities = gather_rows(*ranks, own.logit_opacities, n);
   DensityStatistics statistics = state.statistics;
   for (torch::Tensor* column : statistics.all()) *column = gather_rows(*ranks, *column, n);
-  return density->plan_round(gaussians, statistics, iteration, limit);
+  DensityRound round;
+  allocate_together([&] { round = density->plan_round(gaussians, statistics, iteration, limit); });
+  return round;
 }
 
 std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {

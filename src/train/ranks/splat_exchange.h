@@ -15,8 +15,8 @@ namespace b3dgs {
 
 /// The exchange of one step. View v of the step is drawn by rank v % size.
 ///
-/// Every rank calls to_drawers() once, then to_owners() as often as needed. With one rank, the tensors are passed
-/// through as they are. On a GPU, the host does not wait.
+/// Every rank calls to_drawers() once, then to_owners() and columns_to_drawers() as often as needed. With one rank, the
+/// tensors are passed through as they are. On a GPU, the host does not wait.
 class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
@@ -33,6 +33,12 @@ class SplatExchange {
   /// `type` are the same on all ranks. @throws LogicError naming a tensor that does not fit
   std::vector<torch::Tensor> to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
                                        torch::ScalarType type);
+
+  /// The way back: own[v] is [size of own[v] in to_drawers(), n_columns] of `type`. Returns for each view that this
+  /// rank draws a new tensor with a row for each splat, in the order of to_drawers()'s result.
+  /// @throws LogicError naming a tensor that does not fit
+  std::vector<torch::Tensor> columns_to_drawers(const std::vector<torch::Tensor>& own, std::int64_t n_columns,
+                                                torch::ScalarType type);
 
  private:
   /// A view that this rank draws.

@@ -2,6 +2,7 @@
 // have the bytes of what each of them computes alone on whole tensors, which are the same on all ranks.
 #include <torch/torch.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <memory>
 #include <string>
@@ -259,11 +260,24 @@ void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
       for (std::size_t v = 0; v < views.size(); ++v) {
         expect_same(received[v], sums[v].index_select(0, places_of(views[v], shards)), "sums at the owner");
       }
+      const std::vector<torch::Tensor> returned = exchange.columns_to_drawers(received, n_columns, type);
+      expect(returned.size() == from_here.size(), "views at the drawer");
+      for (std::size_t v = 0; v < returned.size(); ++v) expect_same(returned[v], from_here[v], "sums at the drawer");
     }
   }
 }
 
+void check_view_rows(Communicator& ranks) {
+  for (std::int64_t n_views = 0; n_views <= 9; ++n_views) {
+    const torch::Tensor all = random_words({n_views, 5}).view(torch::kFloat32);
+    const torch::Tensor own = all.slice(0, std::min<std::int64_t>(ranks.rank(), n_views), n_views, ranks.size());
+    expect_same(gather_view_rows(ranks, own.contiguous(), n_views).contiguous(), all, "rows of views");
+  }
+  expect_failure("rows of", [&] { gather_view_rows(ranks, torch::empty({2, 5}), ranks.rank() + 1); });
+}
+
 void check_splats(Communicator& ranks) {
+  check_view_rows(ranks);
   for (const std::int64_t n_global : {0, 700, 9000}) {
     for (int n_views = 0; n_views <= 5; ++n_views) check_step(ranks, n_global, n_views);
   }

@@ -45,7 +45,8 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
                                           testing::Values("default", "mcmc", "balanced", "options", "few", "resume",
-                                                          "invalid", "stop", "unsupported")),
+                                                          "invalid", "stop", "appearance", "background", "poses",
+                                                          "skips", "memory", "exhausted", "failure", "scenes")),
                          name_of);
 
 }  // namespace
