@@ -112,15 +112,14 @@ std::string describe(const ColorEvaluation& colors) {
 
 class SplitEvaluator {
  public:
-  /// Images are saved to MODEL/SPLIT/`key`/.
   /// `lpips` may be null.
-  SplitEvaluator(const LoadedModel& model, const std::string& key, const torch::Device& device, bool save_images,
-                 const LpipsNetwork* lpips, StatusLine& status)
-      : model_(model), key_(key), renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
+  SplitEvaluator(const LoadedModel& model, const torch::Device& device, bool save_images, const LpipsNetwork* lpips,
+                 StatusLine& status)
+      : renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
 
-  /// `colors`: how to treat exposure.
-  Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors) {
-    const std::filesystem::path folder = model_.folder.root() / split / key_;
+  /// Images are saved to `folder`. `colors`: how to treat exposure.
+  Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors,
+                 const std::filesystem::path& folder) {
     const ProgressFn progress = show_loading(status_);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const ImageQuality&) {
@@ -146,19 +145,37 @@ class SplitEvaluator {
   }
 
  private:
-  const LoadedModel& model_;
-  std::string key_;
   ModelRenderer renderer_;
   bool save_images_;
   const LpipsNetwork* lpips_;
   StatusLine& status_;
 };
 
+/// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
+void evaluate_file(const ModelOptions& model_options, const EvalOptions& options, const torch::Device& device,
+                   const LpipsNetwork* lpips, StatusLine& status) {
+  const std::filesystem::path file = model_options.model_path;
+  const LoadedModel model = load_file_to_evaluate(file, model_options, status);
+  const std::string split = options.split == "auto" ? "all" : options.split;
+  std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
+  if (split == "all") {
+    views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
+    std::sort(views.begin(), views.end(), [](const View& a, const View& b) { return a.name < b.name; });
+  }
+  std::cout << file.string() << ": " << format_count(model.splats.size()) << " Gaussians\n";
+  if (options.split == "auto") {
+    std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
+  }
+  SplitEvaluator evaluator(model, device, options.save_images, lpips, status);
+  evaluator.run(views, split, {}, file.parent_path() / (file.stem().string() + "_" + split));
+}
+
 }  // namespace
 
 int run_eval(const std::vector<std::string>& words) {
   CommandLine line("eval",
-                   "Compute PSNR, SSIM and, with a network, LPIPS of a trained model, for each view and on average.",
+                   "Compute PSNR, SSIM and, with a network, LPIPS of a trained model, or of a file of Gaussians with "
+                   "the views of a scene (FILE.ply -s SCENE), for each view and on average.",
                    "b3dgs eval output/garden --save_images");
   ModelOptions model_options;
   EvalOptions options;
@@ -172,6 +189,14 @@ int run_eval(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);
+  const bool was_file = std::filesystem::is_regular_file(model_options.model_path);
+  if (was_file && line.was_given("iteration")) {
+    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
+  }
+  if (names_single_file(model_options)) {
+    evaluate_file(model_options, options, device, lpips ? &*lpips : nullptr, status);
+    return 0;
+  }
   const LoadedModel model = load_model(model_options, status);
   const std::string default_split = model.scene.test.empty() ? "train" : "test";
   const std::string split = options.split == "auto" ? default_split : options.split;
@@ -190,13 +215,13 @@ int run_eval(const std::vector<std::string>& words) {
   const std::string variant = results_variant(model, model_options);
   const std::string key = model.folder.results_key(model.iteration, variant, source);
   const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
-  SplitEvaluator evaluator(model, key, device, options.save_images, lpips ? &*lpips : nullptr, status);
+  SplitEvaluator evaluator(model, device, options.save_images, lpips ? &*lpips : nullptr, status);
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;
     if (!is_other_scene) check_photographs(model, views, status);
-    const Evaluation evaluation =
-        evaluator.run(views, name, split_colors(model, name == "test", is_other_scene, status));
+    const Evaluation evaluation = evaluator.run(
+        views, name, split_colors(model, name == "test", is_other_scene, status), model.folder.root() / name / key);
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;
     model.folder.write_results(key, evaluation, source);

@@ -13,6 +13,8 @@
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
+#include "app/view/view_options.h"
+#include "app/view/watched_training.h"
 #include "config/option_layers.h"
 #include "config/preset_help.h"
 #include "core/check.h"
@@ -44,6 +46,8 @@ struct TrainCommandOptions {
   bool overwrite = false;
   bool quiet = false;
   bool disable_viewer = false;
+  bool view = false;
+  ViewOptions page;
   RankOptions rank;
 };
 
@@ -58,6 +62,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
         "GPUs of this machine to train on, a process for each: a number, or auto for all");
   field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
         "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
+  field(Option{"view"}, c.view, Any{}, "show the training in a browser; --view PORT is short for --view_port, too");
+  field(Option{"view_port"}, c.page.port, InRange{-1, 65535},
+        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
+  field(Option{"view_address"}, c.page.address, Any{},
+        "address the page listens on; the default is for this machine only");
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
   field(Option{"disable_viewer"}, c.disable_viewer, Any{},
         "no effect; accepted for command lines of the original 3DGS");
@@ -263,6 +272,7 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
                 format_bytes(result.peak_memory_bytes).c_str());
   }
+  if (result.ranks) std::printf("%-12s%s\n", "ranks", describe(*result.ranks).c_str());
   report_quality(result);
   if (result.n_removed > 0) {
     std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());
@@ -338,6 +348,14 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   }
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder, hooks.ranks); };
+  std::optional<WatchedTraining> watched;
+  std::unique_ptr<ViewServer> server;
+  if (options.view) {
+    watched.emplace(config, scene, request_stop);
+    watched->attach(hooks);
+    watched->set_save([&] { return owned->write_checkpoint(); });
+    server = start_view_server(*watched, options.page, status);
+  }
   owned = std::make_unique<Trainer>(config, scene, folder, hooks);
   Trainer& trainer = *owned;
   const double reading_s = steady_seconds() - reading_start_s;
@@ -360,6 +378,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
 
   catch_stop_signals();
   const TrainResult result = trainer.run();
+  if (watched) watched->close();
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
   record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
@@ -374,6 +393,16 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));
 }
 
+void check_view_options(const CommandLine& line, const TrainCommandOptions& options, const RankPlan& plan) {
+  if (!options.view && (line.was_given("view_port") || line.was_given("view_address"))) {
+    input_error("--view_port and --view_address are for the page that --view shows; add --view");
+  }
+  if (options.view && (plan.n_to_start > 1 || plan.place.size > 1)) {
+    input_error(
+        "--view: a training on several ranks cannot be shown yet; train on one (--ranks 1), or leave out --view");
+  }
+}
+
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
@@ -382,11 +411,12 @@ int run_train(const std::vector<std::string>& words) {
   line.add(options, "Run");
   line.add(TrainConfig{}, "Training", {"source_path"});
   line.set_notes(presets_help());
-  if (!line.parse(words)) return 0;
+  if (!line.parse(split_view_port(words))) return 0;
   line.apply(options);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;
   const RankPlan plan = plan_ranks(options.rank, device);
+  check_view_options(line, options, plan);
   if (plan.n_to_start > 0) {
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());

@@ -26,7 +26,7 @@ std::string general_help() {
                      ": 3D Gaussian Splatting from COLMAP scenes\n\n"
                      "Usage: b3dgs COMMAND [OPTIONS]\n\nCommands:\n";
   for (const CommandName& command : kCommandNames) {
-    text += "  " + std::string(command.name) + std::string(9 - std::strlen(command.name), ' ') + command.help + "\n";
+    text += "  " + std::string(command.name) + std::string(13 - std::strlen(command.name), ' ') + command.help + "\n";
   }
   return text + "\nb3dgs COMMAND --help shows how to use a command; b3dgs --version prints the version.\n";
 }
@@ -47,7 +47,8 @@ void let_waiting_threads_sleep() {
 }
 
 /// The program that has the command. b3dgs-tools also rejects unknown commands.
-const char* program_of(const std::string& command) {
+const char* program_of(const std::string& command, const std::string& next) {
+  if (command == "bench" && next == "scaling") return "b3dgs-tools";
   if (command == "help-markdown") return "b3dgs-engine";  // of scripts/update_options.sh: options of all commands
   for (const CommandName& row : kCommandNames) {
     if (command == row.name) return row.needs_torch ? "b3dgs-engine" : "b3dgs-tools";
@@ -58,7 +59,8 @@ const char* program_of(const std::string& command) {
 ExitCode run_command(char* const* argv) {
   std::error_code error;
   let_waiting_threads_sleep();
-  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1]);
+  const fs::path program =
+      fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1], argv[2] != nullptr ? argv[2] : "");
   execv(program.c_str(), argv);
   return fail(
       "cannot start " + program.string() + " (" + std::strerror(errno) + "); build or copy it together with b3dgs",

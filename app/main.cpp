@@ -15,8 +15,8 @@ namespace b3dgs {
 namespace {
 
 /// In the order of kCommandNames.
-constexpr RunCommand kCommands[] = {run_train, run_eval,    run_render, run_info,
-                                    run_synth, run_compare, run_report, run_bench};
+constexpr RunCommand kCommands[] = {run_reconstruct, run_train, run_eval,    run_render, run_export, run_view,
+                                    run_info,        run_synth, run_compare, run_report, run_bench};
 static_assert(std::size(kCommands) == std::size(kCommandNames));
 
 /// What the commands print for --help-markdown.
@@ -30,6 +30,7 @@ std::string option_tables() {
   run_bench_step(words);
   run_bench_sweep(words);
   run_bench_exchange(words);
+  run_bench_scaling(words);
   return text.str();
 }
 

@@ -76,14 +76,25 @@ Scene open_cameras(const TrainConfig& config, StatusLine& status) {
   return open_scene(options, status);
 }
 
+void require_scene(const fs::path& file, const ModelOptions& options) {
+  if (!options.source_path.empty()) return;
+  input_error(
+      "no cameras for ", file.string(),
+      "; name a scene with -s, a model folder in place of the file, or, for render, --cameras or --path turntable");
+}
+
 /// The views used for training, from cameras.json.
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
+  // Older models do not say which views were held out.
+  const bool has_split =
+      std::any_of(cameras.begin(), cameras.end(), [](const NamedCamera& camera) { return camera.held_out; });
   Scene scene;
   scene.source_path = model.config.source_path;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    std::vector<View>& part = model.config.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    const bool is_held_out = has_split ? cameras[i].held_out : i % kTestEvery == 0;
+    std::vector<View>& part = model.config.eval && is_held_out ? scene.test : scene.train;
     part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
   }
   return scene;
@@ -91,7 +102,8 @@ Scene scene_of_cameras(const LoadedModel& model) {
 
 /// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
 void refine_poses(LoadedModel& model) {
-  if (fs::exists(model.folder.poses())) apply_refined_poses(model.folder.poses(), model.scene.train);
+  if (!model.folder.root().empty() && fs::exists(model.folder.poses()))
+    apply_refined_poses(model.folder.poses(), model.scene.train);
 }
 
 /// How the views of a scene differ from those in cameras.json.
@@ -127,12 +139,37 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 
 }  // namespace
 
-LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
+LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
+  LoadedModel model;
+  model.splats = read_splats(file);
+  model.background = read_background_json(background_path(file));
+  apply_options(model, options);
+  return model;
+}
+
+LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) {
+  if (fs::is_regular_file(options.model_path)) return load_splat_file(options.model_path, options);
   LoadedModel model = load_gaussians(options);
   warn_of_missing_background(model, status);
   apply_options(model, options);
+  return model;
+}
+
+void add_scene(LoadedModel& model, StatusLine& status) {
   model.scene = open_scene(scene_options(model.config), status);
   refine_poses(model);
+}
+
+bool add_saved_cameras(LoadedModel& model) {
+  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return false;
+  model.scene = scene_of_cameras(model);
+  refine_poses(model);
+  return true;
+}
+
+LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_without_scene(options, status);
+  add_scene(model, status);
   return model;
 }
 
@@ -148,15 +185,35 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
 }
 
 LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
-  if (options.source_path.empty()) {
-    input_error("no cameras for the PLY: ", ply.string(), "; name a scene with -s, or render a model folder");
-  }
-  LoadedModel model;
-  model.splats = read_splats(ply);
-  model.background = read_background_json(background_path(ply));
-  apply_options(model, options);
+  require_scene(ply, options);
+  LoadedModel model = load_splat_file(ply, options);
   model.scene = open_cameras(model.config, status);
   return model;
+}
+
+LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& options, StatusLine& status) {
+  require_scene(file, options);
+  LoadedModel model = load_splat_file(file, options);
+  model.config.eval = true;
+  model.scene = open_scene(scene_options(model.config), status);
+  return model;
+}
+
+bool names_single_file(ModelOptions& options) {
+  const fs::path file = options.model_path;
+  if (!fs::is_regular_file(file)) return false;
+  if (!options.source_path.empty()) return true;
+  const fs::path root = fs::absolute(file).parent_path().parent_path().parent_path();
+  const ModelFolder folder(root);
+  if (!folder.has_config()) return true;
+  for (const int iteration : folder.ply_iterations()) {
+    std::error_code error;
+    if (!fs::equivalent(folder.ply(iteration), file, error)) continue;
+    options.model_path = root.string();
+    options.iteration = iteration;
+    return false;
+  }
+  return true;
 }
 
 RenderSettings image_settings(const LoadedModel& model) {
@@ -210,6 +267,9 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.eval = config.eval;
   options.white_background = has_white_background(config);
   options.tracks = !config.depths.empty();
+  options.masks = config.masks;
+  options.invert_masks = config.invert_masks;
+  options.empty_background = config.mask_mode == "segment";
   options.host_memory_gb = config.host_memory_gb;
   return options;
 }

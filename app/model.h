@@ -57,8 +57,29 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status);
 /// scene if the options name a scene or a resolution.
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
-/// Loads a PLY, and the views of the scene `options.source_path` without photographs. @throws InputError
+/// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
+LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
+
+/// The same with the views of the scene `options.source_path`, without photographs. @throws InputError
 LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
+
+/// The same with photographs. Every 8th view is a test view, as in a training with --eval.
+LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
+
+/// If `options.model_path` is the PLY of a model folder and no scene is named, names the folder and the iteration
+/// instead. Returns whether model_path is still a file.
+bool names_single_file(ModelOptions& options);
+
+/// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
+/// @throws InputError
+LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status);
+
+/// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
+/// @throws InputError
+void add_scene(LoadedModel& model, StatusLine& status);
+
+/// Adds the cameras of the model folder's cameras.json. Returns whether there is one.
+bool add_saved_cameras(LoadedModel& model);
 
 SceneOptions scene_options(const TrainConfig& config);
 

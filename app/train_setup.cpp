@@ -45,6 +45,11 @@ void catch_stop_signals() {
   std::signal(SIGTERM, ask_to_stop);
 }
 
+void request_stop() {
+  int none = 0;  // asked twice, this does not mean: immediately
+  if (asked_to_stop.compare_exchange_strong(none, SIGINT)) asked_at_ms = now_ms();
+}
+
 void make_absolute(std::string& path) {
   if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }

@@ -16,6 +16,9 @@ const std::atomic<int>& stop_signal();
 /// second later, ends the program immediately.
 void catch_stop_signals();
 
+/// Like the first Ctrl-C, however often it is called.
+void request_stop();
+
 /// Makes a path independent of the working folder. An empty path stays empty.
 void make_absolute(std::string& path);
 

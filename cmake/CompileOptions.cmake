@@ -2,15 +2,16 @@
 # (CMAKE_COMPILE_WARNING_AS_ERROR), not for users whose compiler knows more of them.
 
 add_library(b3dgs_options INTERFACE)
-target_include_directories(b3dgs_options INTERFACE ${PROJECT_SOURCE_DIR}/src)
+target_include_directories(b3dgs_options INTERFACE
+  $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src> $<INSTALL_INTERFACE:include/balanced3dgs>)
 target_compile_features(b3dgs_options INTERFACE cxx_std_17)
 # No contraction on the host: results do not depend on which instructions the compiler finds. The CPU kernels ask for
 # fused multiply-add by name where they want it.
 target_compile_options(b3dgs_options INTERFACE
-  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -ffp-contract=off>)
+  $<BUILD_INTERFACE:$<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -ffp-contract=off>>)
 
 target_compile_options(b3dgs_options INTERFACE
-  $<$<COMPILE_LANGUAGE:CUDA>:--extended-lambda -lineinfo -Xcompiler=-Wall,-Wextra,-ffp-contract=off>)
+  $<BUILD_INTERFACE:$<$<COMPILE_LANGUAGE:CUDA>:--extended-lambda -lineinfo -Xcompiler=-Wall,-Wextra,-ffp-contract=off>>)
 
 if(B3DGS_PTXAS_REPORTS)
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CUDA>:-Xptxas=-v>)

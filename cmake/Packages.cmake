@@ -9,9 +9,11 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGE_DIRECTORY ${CMAKE_BINARY_DIR}/packages)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
-set(CPACK_DEBIAN_PACKAGE_SUGGESTS colmap)
+set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, ffmpeg")
 # A LibTorch from elsewhere belongs to no package, so its libraries can't be looked up.
 if(TORCH_INSTALL_PREFIX STREQUAL "/usr")
   set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 endif()
+# The program, without the component "development" (cmake/Library.cmake).
+set(CPACK_INSTALL_CMAKE_PROJECTS "${CMAKE_BINARY_DIR};${PROJECT_NAME};Unspecified;/")
 include(CPack)

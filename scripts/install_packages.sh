@@ -10,6 +10,7 @@ packages=(
   g++ cmake ninja-build
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
+  libcpp-httplib-dev  # the live view's server
 )
 libtorch=(
   libtorch-dev
@@ -22,7 +23,8 @@ for argument in "$@"; do
         libgtest-dev
         libexpat1-dev  # parses the reports
         chromium       # shows a report as a reader sees it (120 MB to fetch, 410 MB installed)
-        colmap         # its model_analyzer reads the scenes that we write
+        ffmpeg         # decodes the videos that we write; frames of videos for a reconstruction
+        colmap         # its model_analyzer reads the scenes that we write; reconstructs a small one
       )
       ;;
     --without-libtorch) libtorch=() ;;

@@ -16,19 +16,19 @@ inline constexpr int kMaxStartedRanks = 1024;
 /// Number of this machine's GPUs that this build can use.
 int count_gpus();
 
-/// GPU `place.local_rank`, or the CPU. `name` is the value of --device: "auto" is a GPU if this machine has that many.
+/// GPU `place.local_rank`, or the CPU. `name` is the value of --device: "auto" is that GPU if this machine has it.
 /// @throws InputError if "cuda" is given and this machine has fewer GPUs
 torch::Device choose_rank_device(const std::string& name, const RankPlace& place);
 
-/// choose_rank_device(), joins the other ranks, and makes the GPU the current device of this thread.
-/// @throws InputError as both do
 struct JoinedRank {
   torch::Device device;
   std::unique_ptr<Communicator> ranks;
 };
+/// Chooses the device as choose_rank_device() does, makes a GPU the current device of this thread, and joins the other
+/// ranks. @throws InputError as choose_rank_device() and Communicator::connect() do
 JoinedRank join_ranks(const std::string& device_name, const RankPlace& place);
 
-/// What of this machine is for one rank.
+/// This rank's share of its machine.
 struct MachineShare {
   int n_ranks = 1;  // on this machine
   int n_cores = 1;  // cores that this process may use, divided by the ranks that run on the same ones; at least 1
@@ -36,23 +36,23 @@ struct MachineShare {
 /// All ranks call this together.
 MachineShare share_machine(Communicator& ranks);
 
-/// The options --ranks and --gpus of a command that also runs alone.
+/// --ranks and --gpus, of commands that can also run as one process.
 struct RankOptions {
   int ranks = 0;     // 0 = those that a launcher started, or this process alone; 1 = this process alone
   std::string gpus;  // one rank for each: a number, or "auto" for all of this machine; empty: not given
 
-  /// For a command line that repeats this one: " --ranks 2"; empty if neither was given.
+  /// To put into a suggested command line: " --ranks 2"; empty if neither was given.
   std::string as_words() const;
 };
 
 /// What this process is to do.
 struct RankPlan {
   RankPlace place;          // size 1: this process alone
-  int n_to_start = 0;       // not 0: it starts so many ranks (start_ranks()), which come here again
+  int n_to_start = 0;       // not 0: start this many ranks (start_ranks()), each of which calls plan_ranks()
   std::string device_name;  // --device, with "cuda" instead of "auto" where --gpus demands GPUs
 };
 
-/// Checks before ranks are started what all of them would fail at, so that the error is one line.
+/// Reports what every rank would fail at before any is started, so that the error appears once.
 /// @param device_name  value of --device
 /// @throws InputError if the options contradict each other or a launcher, or this build or machine cannot do it
 RankPlan plan_ranks(const RankOptions& options, const std::string& device_name);

@@ -1,15 +1,21 @@
-// b3dgs render: colour, depth and alpha images of a model, from its views or along a path through them.
+// b3dgs render: colour, depth and alpha images or a video of a model, from its views, from cameras of a file, or along
+// a path.
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
+#include <optional>
 #include <utility>
 
 #include "app/model.h"
-#include "app/render/camera_path.h"
+#include "app/render/camera_choice.h"
 #include "app/render/depth_colors.h"
+#include "app/render/depth_numbers.h"
+#include "app/render/video_writer.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/print.h"
 #include "core/text.h"
 #include "scene/images/image_io.h"
 #include "train/device.h"
@@ -21,122 +27,213 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderOptions {
-  std::string path = "test";
-  int frames = 120;
   std::string ply;
   std::string output;
   bool depth = true;
+  std::string depth_format = "color";
   bool alpha = true;
+  std::string video;
+  std::string video_of = "color";
+  double fps = 30;
+  int crf = -1;
+  bool overwrite = false;
+
+  bool writes_images() const { return video.empty() || !output.empty(); }
+  bool colors_depth() const {
+    return (writes_images() && depth && depth_format == "color") || (!video.empty() && video_of == "depth");
+  }
 };
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated"}},
-        "cameras: test views, training views, or a path through the training views");
-  field(Option{"frames"}, c.frames, AtLeast{1}, "number of images on the interpolated path");
-  field(Option{"ply"}, c.ply, Any{}, "render this PLY from the views of a scene (-s) instead of a model folder");
-  field(Option{"output"}, c.output, Any{}, "output folder (default MODEL/PATH/ours_N, or PLY_PATH next to the PLY)");
+  field(Option{"ply"}, c.ply, Any{}, "render this file of Gaussians instead of a model folder");
+  field(Option{"output"}, c.output, Any{}, "output folder (default MODEL/PATH/ours_N, or FILE_PATH next to the file)");
   field(Option{"depth"}, c.depth, Any{},
         "write depth/: inverse depth in turbo colours, red is near, one range for all");
+  field(Option{"depth_format"}, c.depth_format, OneOf{{"color", "png16", "exr"}},
+        "depth/ as colours, as 16-bit inverse depth, or as OpenEXR in world units");
   field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: accumulated opacity as grey");
+  field(Option{"video"}.group("Video (needs ffmpeg)"), c.video, Any{},
+        "write this .mp4, .webm or .gif instead of images; with --output, both");
+  field(Option{"video_of"}, c.video_of, OneOf{{"color", "depth", "alpha"}}, "what the video shows");
+  field(Option{"fps"}, c.fps, InRange{0.01, 1000}, "frames per second; a camera path may have its own default");
+  field(Option{"crf"}, c.crf, InRange{-1, 63}, "quality, lower is better (-1 = 18 for .mp4, 30 for .webm)");
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing video; images are always replaced");
 }
 
-/// Interprets a file in place of the model folder as a PLY. A PLY in a model folder selects that model's iteration.
+/// Interprets a file in place of the model folder like that of --ply. The PLY of a model folder selects that model's
+/// iteration.
 void take_file(ModelOptions& model, RenderOptions& options) {
-  if (fs::is_regular_file(model.model_path)) options.ply = std::exchange(model.model_path, "");
-  if (options.ply.empty() || !model.source_path.empty()) return;
-  const fs::path root = fs::absolute(options.ply).parent_path().parent_path().parent_path();
-  const ModelFolder folder(root);
-  if (!folder.has_config()) return;
-  for (const int iteration : folder.ply_iterations()) {
-    std::error_code error;
-    if (!fs::equivalent(folder.ply(iteration), options.ply, error)) continue;
-    model.model_path = root.string();
-    model.iteration = iteration;
-    options.ply.clear();
-    return;
+  if (!options.ply.empty() && !fs::is_regular_file(options.ply)) return;  // reading it reports the error
+  if (!options.ply.empty()) model.model_path = options.ply;
+  options.ply = names_single_file(model) ? std::exchange(model.model_path, "") : "";
+}
+
+/// @throws InputError if options contradict each other or cannot be done, before anything is loaded
+void check_options(const CommandLine& line, const ModelOptions& model, const RenderOptions& options) {
+  if (!options.ply.empty() && !model.model_path.empty()) {
+    input_error("-m and --ply both name a model; use one of them");
+  }
+  const bool names_file = !options.ply.empty() || fs::is_regular_file(model.model_path);
+  if (line.was_given("iteration") && names_file) {
+    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
+  }
+  if (!options.video.empty()) check_video_file(options.video, options.overwrite);
+  for (const char* name : {"video_of", "fps", "crf"}) {
+    if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
   }
 }
 
-const std::vector<View>& views_of(const Scene& scene, const RenderOptions& options) {
-  return options.path == "test" ? scene.test : scene.train;
+LoadedModel load(const ModelOptions& model, const RenderOptions& options, const CameraOptions& cameras,
+                 StatusLine& status) {
+  if (options.ply.empty()) return load_model_cameras(model, status);
+  if (model.source_path.empty() && !needs_views(cameras)) return load_splat_file(options.ply, model);
+  return load_ply_model(options.ply, model, status);
 }
 
-std::vector<Camera> choose_cameras(const Scene& scene, const RenderOptions& options) {
-  const std::vector<View>& views = views_of(scene, options);
-  if (views.empty()) {
-    input_error("no views for --path ", options.path,
-                " (the model was trained without --eval); use --path train or interpolated");
-  }
-  std::vector<Camera> cameras;
-  for (const View& view : views) cameras.push_back(view.camera);
-  return options.path == "interpolated" ? interpolate_cameras(cameras, options.frames) : cameras;
-}
-
-fs::path output_folder(const LoadedModel& model, const RenderOptions& options) {
+fs::path output_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
   if (!options.output.empty()) return options.output;
-  if (options.ply.empty()) return image_folder(model, options.path);
-  const fs::path ply = options.ply;
-  return ply.parent_path() / (ply.stem().string() + "_" + options.path);
+  if (options.ply.empty()) return image_folder(model, set);
+  const fs::path file = options.ply;
+  return file.parent_path() / (file.stem().string() + "_" + set);
 }
+
+/// The size of all frames. @throws InputError if they differ
+ImageSize frame_size(const std::vector<Camera>& cameras) {
+  const ImageSize size{cameras.at(0).width, cameras.at(0).height};
+  for (const Camera& camera : cameras) {
+    if (ImageSize{camera.width, camera.height} == size) continue;
+    input_error("--video needs images of one size, found ", size.width, " x ", size.height, " and ", camera.width,
+                " x ", camera.height, "; name a size with --width and --height");
+  }
+  return size;
+}
+
+/// Writes what the options ask for, view by view.
+class Output {
+ public:
+  Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
+      : options_(options), folder_(output_folder(model, options, choice.set)) {
+    if (options.colors_depth() || options.depth_format == "png16") {
+      range_ = visible_depth_range(model.splats, choice.cameras, model.config.near_plane);
+    }
+    if (!options.video.empty()) {
+      video_.emplace(options.video, frame_size(choice.cameras), options.video_of == "alpha" ? 1 : 3,
+                     VideoSettings{options.fps, options.crf});
+    }
+    if (options.writes_images() && options.depth && options.depth_format == "png16") {
+      // Half the near end of the range: only what is much nearer than the scene, such as floaters, is out of range.
+      inverse_depth_scale_ = 65535 * std::max(0.5 * range_.near, model.config.near_plane);
+    }
+  }
+
+  void write(std::size_t index, const RenderedView& rendered) {
+    const bool needs_color = options_.writes_images() || options_.video_of == "color";
+    const bool needs_alpha = (options_.writes_images() && options_.alpha) || options_.video_of == "alpha";
+    const Image8 color = needs_color ? to_image8(rendered.color) : Image8();
+    const Image8 depth = options_.colors_depth() ? color_depth(rendered.depth, rendered.alpha, range_) : Image8();
+    const Image8 alpha = needs_alpha ? to_image8(rendered.alpha) : Image8();
+    if (video_) video_->write(options_.video_of == "color" ? color : options_.video_of == "depth" ? depth : alpha);
+    if (!options_.writes_images()) return;
+    write_image(folder_ / "renders" / image_name(index), color);
+    if (options_.alpha) write_image(folder_ / "alpha" / image_name(index), alpha);
+    if (!options_.depth) return;
+    const fs::path file = folder_ / "depth" / image_name(index);
+    if (options_.depth_format == "color") {
+      write_image(file, depth);
+    } else {
+      write_depth_numbers(file, rendered);
+    }
+  }
+
+  /// Finishes the files that concern all views, and prints where everything is.
+  void finish(const CameraChoice& choice, const std::string& rendered) {
+    const std::size_t n = choice.cameras.size();
+    if (video_) {
+      video_->finish();
+      std::cout << n << (n == 1 ? " frame" : " frames") << rendered << ": " << options_.video
+                << print_to_string(" (%.4g s, ", static_cast<double>(n) / options_.fps)
+                << format_bytes(static_cast<std::int64_t>(fs::file_size(options_.video))) << ")\n";
+    }
+    if (options_.writes_images()) {
+      if (!choice.views.empty()) write_view_names(folder_, choice.views);
+      if (inverse_depth_scale_ > 0) write_depth_scale(folder_, inverse_depth_scale_);
+      std::cout << n << (n == 1 ? " image" : " images") << rendered << ": " << folder_.string() << "/renders"
+                << (options_.depth ? ", depth" : "") << (options_.alpha ? ", alpha" : "") << "\n";
+    }
+    for (const std::string& note : choice.notes) std::cout << note << "\n";
+    if (options_.colors_depth()) {
+      std::cout << "depth colours: red " << range_.near << " to blue " << range_.far
+                << " world units, linear in 1/depth\n";
+    }
+    if (inverse_depth_scale_ > 0) {
+      std::cout << "depth in world units: " << inverse_depth_scale_ << " / value (depth.json)\n";
+      if (n_too_near_ > 0) {
+        std::cout << format_count(n_too_near_) << " pixels nearer than " << inverse_depth_scale_ / 65535
+                  << " world units have the value of that depth; --depth_format exr has no such limit\n";
+      }
+    }
+  }
+
+ private:
+  void write_depth_numbers(fs::path file, const RenderedView& rendered) {
+    const ImageSize size{static_cast<int>(rendered.depth.size(1)), static_cast<int>(rendered.depth.size(0))};
+    const std::vector<float> depths = mean_depths(rendered.depth, rendered.alpha);
+    if (options_.depth_format == "exr") {
+      write_exr(file.replace_extension(".exr"), size, depths.data());
+      return;
+    }
+    const InverseDepth16 inverse = inverse_depth_16(depths, size, inverse_depth_scale_);
+    n_too_near_ += inverse.n_too_near;
+    write_depth_map(file, inverse.map);
+  }
+
+  const RenderOptions& options_;
+  fs::path folder_;
+  DepthRange range_;
+  double inverse_depth_scale_ = 0;  // 0: no such maps
+  std::int64_t n_too_near_ = 0;     // pixels
+  std::optional<VideoWriter> video_;
+};
 
 }  // namespace
 
 int run_render(const std::vector<std::string>& words) {
   CommandLine line("render",
-                   "Render a model folder, or a PLY of Gaussians with the cameras of a scene (FILE.ply -s SCENE). "
-                   "Photographs are not needed.",
-                   "b3dgs render output/garden --path interpolated");
+                   "Render images or a video of a model folder or of a file of Gaussians: from the views of the scene, "
+                   "from cameras of a file, or along a path. Photographs are not needed.",
+                   "b3dgs render output/garden --path turntable --video garden.mp4");
   ModelOptions model_options;
+  CameraOptions camera_options;
   RenderOptions options;
   line.add(model_options, "Model", {"model_path"});
+  line.add(camera_options, "Cameras");
   line.add(options, "Images");
   if (!line.parse(words)) return 0;
   line.apply(model_options);
+  line.apply(camera_options);
   line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  if (!options.ply.empty() && !model_options.model_path.empty()) {
-    input_error("-m and --ply both name a model; use one of them");
-  }
-  if (line.was_given("frames") && options.path != "interpolated") {
-    input_error("--frames is for --path interpolated; the other paths have one image for each view");
-  }
-  const bool names_ply = !options.ply.empty() || fs::is_regular_file(model_options.model_path);
-  if (line.was_given("iteration") && names_ply) {
-    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
-  }
+  check_options(line, model_options, options);
+  check_camera_options(line, camera_options);
   take_file(model_options, options);
-  const LoadedModel model = options.ply.empty() ? load_model_cameras(model_options, status)
-                                                : load_ply_model(options.ply, model_options, status);
-  // Without test views, as for a single PLY, the default is the training views.
-  if (!line.was_given("path") && model.scene.test.empty()) options.path = "train";
-  const std::vector<Camera> cameras = choose_cameras(model.scene, options);
-  const fs::path folder = output_folder(model, options);
+  const LoadedModel model = load(model_options, options, camera_options, status);
+  const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
+  if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 
+  Output output(options, choice, model);
   ModelRenderer renderer(model, device);
-  const DepthRange range = visible_depth_range(model.splats, cameras, model.config.near_plane);
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const RenderedView rendered = renderer.render(to_pinhole_view(cameras[i]));
-    write_image(folder / "renders" / image_name(i), to_image8(rendered.color));
-    if (options.depth) {
-      write_image(folder / "depth" / image_name(i), color_depth(rendered.depth, rendered.alpha, range));
-    }
-    if (options.alpha) write_image(folder / "alpha" / image_name(i), to_image8(rendered.alpha));
-    progress("rendering", i + 1, cameras.size());
+  for (std::size_t i = 0; i < choice.cameras.size(); ++i) {
+    output.write(i, renderer.render(to_pinhole_view(choice.cameras[i])));
+    progress("rendering", i + 1, choice.cameras.size());
   }
   status.clear();
-  if (options.path != "interpolated") write_view_names(folder, views_of(model.scene, options));
-  std::cout << cameras.size() << (cameras.size() == 1 ? " image" : " images") << " of "
-            << format_count(model.splats.size()) << " Gaussians in " << format_duration(steady_seconds() - start_s)
-            << ": " << folder.string() << "/renders" << (options.depth ? ", depth" : "")
-            << (options.alpha ? ", alpha" : "") << "\n";
-  if (options.depth) {
-    std::cout << "depth colours: red " << range.near << " to blue " << range.far << " world units, linear in 1/depth\n";
-  }
+  output.finish(choice, " of " + format_count(model.splats.size()) + " Gaussians in " +
+                            format_duration(steady_seconds() - start_s));
   return 0;
 }
 

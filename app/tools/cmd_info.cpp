@@ -34,7 +34,7 @@ struct InfoOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, InfoOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"input"}, c.input, Any{},
-        "COLMAP scene folder, model folder, PLY of Gaussians or points, or checkpoint");
+        "scene folder, model folder, file of Gaussians (.ply, .spz), points or checkpoint");
 }
 
 template <class... Args>
@@ -121,7 +121,7 @@ void describe_model(const std::string& path) {
   print_line("iterations", "%d", config.iterations);
   print_line("saved", "%s", list(saved).c_str());
   print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
-  print_line("test views", "%s", config.eval ? "every 8th view" : "none");
+  print_line("test views", "%s", config.eval ? "held out (--eval)" : "none");
   print_options(config);
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
@@ -174,7 +174,8 @@ std::string read_start(const std::string& path) {
 }  // namespace
 
 int run_info(const std::vector<std::string>& words) {
-  CommandLine line("info", "Describe a scene folder, model folder, PLY or checkpoint.", "b3dgs info output/garden");
+  CommandLine line("info", "Describe a scene folder, model folder, file of Gaussians or checkpoint.",
+                   "b3dgs info output/garden");
   InfoOptions options;
   line.add(options, "Input", {"input"});
   if (!line.parse(words)) return 0;
@@ -194,7 +195,7 @@ int run_info(const std::vector<std::string>& words) {
     return 0;
   }
   if (start.compare(0, 8, "B3DGSCKP") != 0)
-    input_error("unknown file format: ", path, " (expected a PLY or a b3dgs checkpoint)");
+    input_error("unknown file format: ", path, " (expected a PLY, an SPZ or a b3dgs checkpoint)");
   describe_checkpoint(path);
   return 0;
 }

@@ -14,9 +14,12 @@ struct CommandName {
 };
 
 inline constexpr CommandName kCommandNames[] = {
+    {"reconstruct", "make a scene from photographs or a video, by COLMAP", false},
     {"train", "train a COLMAP scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
+    {"export", "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss"},
+    {"view", "show a model in a browser"},
     {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
     {"synth", "write a synthetic COLMAP scene", false},
     {"compare", "train a scene with several configurations; compare time and quality"},
@@ -25,9 +28,12 @@ inline constexpr CommandName kCommandNames[] = {
 };
 
 /// Each returns its exit code: 0, or 128 + signal for a training or comparison that a signal stopped.
+int run_reconstruct(const std::vector<std::string>& words);
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
 int run_render(const std::vector<std::string>& words);
+int run_export(const std::vector<std::string>& words);
+int run_view(const std::vector<std::string>& words);
 int run_info(const std::vector<std::string>& words);
 int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
@@ -36,5 +42,6 @@ int run_bench(const std::vector<std::string>& words);
 int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
 int run_bench_exchange(const std::vector<std::string>& words);  // b3dgs bench exchange
+int run_bench_scaling(const std::vector<std::string>& words);   // b3dgs bench scaling; needs no LibTorch
 
 }  // namespace b3dgs

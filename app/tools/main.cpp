@@ -7,9 +7,12 @@ int main(int argc, char** argv) {
   return run_program(argc, argv, [](const std::vector<std::string>& words) {
     const std::string name = words.empty() ? "" : words[0];
     const std::vector<std::string> rest(words.begin() + (words.empty() ? 0 : 1), words.end());
+    if (name == "reconstruct") return run_reconstruct(rest);
     if (name == "info") return run_info(rest);
     if (name == "synth") return run_synth(rest);
     if (name == "report") return run_report(rest);
+    if (name == "bench" && !rest.empty() && rest[0] == "scaling")
+      return run_bench_scaling({rest.begin() + 1, rest.end()});
     reject_command(name);
   });
 }

@@ -33,6 +33,10 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string depths;
+  std::string masks;
+  bool invert_masks = false;
+  std::string mask_mode = "ignore";
+  double mask_alpha_weight = 1;
   std::string device = "auto";
   // -1: up to half of the free GPU memory, which leaves the other half to the Gaussians. A few hundred photographs at
   // the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside it are uploaded ahead of use.
@@ -169,10 +173,18 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"images", 'i'}.common(), c.images, Any{}, "image folder inside the scene folder");
   field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
         "1, 2, 4, 8: divide size; >= 32: width, px; -1: width at most 1600 px");
-  field(Option{"eval"}.common(), c.eval, Any{}, "hold out every 8th view, by sorted name, for testing");
+  field(Option{"eval"}.common(), c.eval, Any{},
+        "hold out views for testing: those that transforms files list, or every 8th by name");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY of Gaussians or points instead of the scene's points");
   field(Option{"depths", 'd'}, c.depths, Any{}, "folder of inverse depth maps, 16-bit PNGs named like the photographs");
+  field(Option{"masks"}, c.masks, Any{},
+        "folder of masks, black is left out (default masks/ if it exists; none: no masks)");
+  field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");
+  field(Option{"mask_mode"}, c.mask_mode, OneOf{{"ignore", "segment"}},
+        "ignore what masks leave out, or segment: nothing may be there");
+  field(Option{"mask_alpha_weight"}, c.mask_alpha_weight, AtLeast{0},
+        "--mask_mode segment: weight of the alpha that is left where nothing may be");
   field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
         OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},

@@ -33,7 +33,8 @@ enum class RandomStream : std::uint32_t {
   kRelocation,
   kMeanNoise,
   kParents,
-  kExposureJitter
+  kExposureJitter,
+  kScenePoints
 };
 
 struct RandomKey {

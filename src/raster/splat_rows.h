@@ -1,5 +1,5 @@
 // Splats of one view as rows of an array, so that Gaussians can be projected by one rasterizer and drawn by another:
-// what projection leaves for the other passes, and what these give back.
+// what the projection stage leaves for binning and blending, and what blending backward returns.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-/// M splats. Their order decides between equal depths.
+/// M splats. Of two at the same depth, the earlier one is in front.
 struct SplatRows {
   std::int64_t n_splats = 0;            // M
   const Splat* splats = nullptr;        // [M]

@@ -9,11 +9,12 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
-#include "scene/colmap/model_search.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
+#include "scene/images/mask_folder.h"
 #include "scene/images/resolution.h"
 #include "scene/scene_images.h"
+#include "scene/scene_model.h"
 #include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
@@ -22,10 +23,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::map<std::string, fs::path> find_photographs(const ColmapModel& model, const ImageFolder& folder) {
+std::map<std::string, fs::path> find_photographs(const SceneModel& model, const ImageFolder& folder) {
   std::vector<std::string> names;
-  for (const ColmapImage& image : model.images) names.push_back(image.name);
-  return folder.find_all(names);
+  for (const ColmapImage& image : model.model.images) {
+    if (model.files.count(image.name) == 0) names.push_back(image.name);
+  }
+  std::map<std::string, fs::path> files = folder.find_all(names);
+  files.insert(model.files.begin(), model.files.end());
+  return files;
 }
 
 // The order of the views, and so of the split.
@@ -37,14 +42,15 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
 }
 
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
-ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, const fs::path& model_folder,
-                       const fs::path& file, int divisor, int resolution) {
+ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
+                       int resolution) {
+  const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
   ViewSource source;
   source.name = image.name;
   source.image_id = image.id;
   source.file = file;
   source.camera_id = camera.id;
-  source.camera_place = detail::concat(model_folder.string(), ": camera ", camera.id);
+  source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
   source.size = training_size(divided_size(source.file_size, divisor), resolution);
   source.lens = lens_of(camera, source.camera_place)
@@ -55,6 +61,21 @@ ViewSource view_source(const ColmapImage& image, const ColmapCamera& camera, con
   return source;
 }
 
+// A mask that the scene names comes before one of the mask folder.
+void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<ViewSource>& sources) {
+  if (folder.is_refused()) return;
+  for (ViewSource& source : sources) {
+    const auto named = model.masks.find(source.name);
+    source.mask = named != model.masks.end() && !folder.is_asked_for() ? named->second : folder.find(source.name);
+  }
+  const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
+  if (folder.is_asked_for() && !is_any) {
+    input_error(folder.folder().string(), ": no mask for any of the ", sources.size(),
+                " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose ",
+                "another folder with --masks");
+  }
+}
+
 View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& images) {
   View view;
   view.name = source.name;
@@ -62,31 +83,8 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
   view.camera = source.camera;
   if (images) view.image = std::make_shared<ViewImage>(source, images);
   view.valid = source.valid;
+  view.empty = source.empty;
   return view;
-}
-
-PointCloud points_of(const ColmapModel& model) {
-  PointCloud points;
-  points.positions.reserve(3 * model.points.size());
-  points.colors.reserve(3 * model.points.size());
-  for (const ColmapPoint& point : model.points) {
-    for (const double value : point.position) points.positions.push_back(static_cast<float>(value));
-    points.colors.insert(points.colors.end(), point.color.begin(), point.color.end());
-  }
-  return points;
-}
-
-/// Rows of the points in each image's tracks, by its ID, ascending.
-std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapModel& model) {
-  std::map<std::uint32_t, std::vector<std::int32_t>> points;
-  for (std::size_t row = 0; row < model.points.size(); ++row) {
-    for (const std::uint32_t image : model.points[row].image_ids) {
-      std::vector<std::int32_t>& own = points[image];
-      // Two keypoints of an image may belong to one point.
-      if (own.empty() || own.back() != static_cast<std::int32_t>(row)) own.push_back(static_cast<std::int32_t>(row));
-    }
-  }
-  return points;
 }
 
 }  // namespace
@@ -108,21 +106,20 @@ double scene_extent(const std::vector<View>& views) {
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  const SparseModelFolder model_folder = find_model_folder(source_path);
-  const ColmapModel model = read_colmap_model(model_folder.folder, options.tracks);
+  check_scene_folder(source_path);
   const ImageFolder folder(source_path, options.images);
+  SceneModel model = read_scene_model(options, folder);
 
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
-  for (const ColmapImage* image : sorted_by_name(model)) {
+  for (const ColmapImage* image : sorted_by_name(model.model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
       missing.push_back(image->name);
       continue;
     }
-    sources.push_back(view_source(*image, model.cameras.at(image->camera_id), model_folder.folder, file->second,
-                                  folder.divisor(), options.resolution));
+    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {
@@ -131,30 +128,47 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
+  find_masks(model, MaskFolder(source_path, options.masks, options.images), sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;
   scene.source_path = options.source_path;
-  scene.points = points_of(model);
-  std::map<std::uint32_t, std::vector<std::int32_t>> points_of_image = visible_points(model);
+  scene.points = std::move(model.points);
+  std::vector<std::string> masked_out;
   for (std::size_t i = 0; i < sources.size(); ++i) {
-    std::vector<View>& part = options.eval && i % kTestEvery == 0 ? scene.test : scene.train;
+    if (sources[i].is_masked_out) {
+      masked_out.push_back(sources[i].name);
+      continue;
+    }
+    const bool is_held_out = model.has_split ? model.held_out.count(sources[i].name) > 0 : i % kTestEvery == 0;
+    std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
     part.push_back(view_of(sources[i], images));
-    if (options.tracks) part.back().points = std::move(points_of_image[sources[i].image_id]);
+    if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
+  }
+  if (scene.train.empty() && masked_out.size() + scene.test.size() == sources.size() && !masked_out.empty()) {
+    input_error(sources.front().mask.string(), ": masks leave no pixel of any training photograph; black is left out, ",
+                "and --invert_masks leaves out white instead");
   }
   if (scene.train.empty()) {
-    input_error(options.source_path, ": --eval holds out every ", kTestEvery, "th image, which leaves none of ",
-                scene.test.size(), " to train on; remove --eval");
+    input_error(
+        options.source_path, ": --eval holds out ",
+        model.has_split ? "the views of " + model.split_description : detail::concat("every ", kTestEvery, "th image"),
+        ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
-  if (!missing.empty()) {
-    scene.warnings.push_back(detail::concat(folder.folder().string(), ": ", missing.size(), " of ", model.images.size(),
-                                            " registered images not found (first: ", missing.front(),
+  if (!masked_out.empty()) {
+    scene.warnings.push_back(detail::concat("masks leave no pixel of ", masked_out.size(), " of ", sources.size(),
+                                            " photographs (first: ", masked_out.front(),
                                             "); training and evaluation leave them out"));
+  }
+  if (!missing.empty()) {
+    scene.warnings.push_back(detail::concat(
+        folder.folder().string(), ": ", missing.size(), " of ", model.model.images.size(),
+        " registered images not found (first: ", missing.front(), "); training and evaluation leave them out"));
   }
   std::set<fs::path> used;
   for (const ViewSource& source : sources) used.insert(source.file);
-  scene.summary = summarize(scene, {options, model_folder, model, folder, sources, missing, folder.count_others(used)});
+  scene.summary = summarize(scene, {options, model, folder, sources, missing, folder.count_others(used)});
   return scene;
 }
 

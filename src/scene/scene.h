@@ -22,7 +22,10 @@ struct View {
   Camera camera;
   std::shared_ptr<ViewImage> image;     // null if SceneOptions::load_images is false
   std::shared_ptr<const Image8> valid;  // mask of one channel: 255 where valid, 0 elsewhere; null: all valid
-  std::vector<std::int32_t> points{};   // with SceneOptions::tracks: rows of Scene::points that COLMAP saw in it
+  // With SceneOptions::empty_background: 255 where the mask of the photograph leaves out what it shows, so that nothing
+  // may be there; null: nowhere.
+  std::shared_ptr<const Image8> empty{};
+  std::vector<std::int32_t> points{};  // with SceneOptions::tracks: rows of Scene::points that COLMAP saw in it
 };
 
 inline constexpr int kTestEvery = 8;  // as in the published results of the field
@@ -31,9 +34,12 @@ struct SceneOptions {
   std::string source_path;
   std::string images = "images";  // folder of the images inside source_path
   int resolution = -1;            // 1, 2, 4, 8 divide; -1 limits the width to 1600 px; 32 or more: target width in px
-  bool eval = false;              // hold out every 8th view by sorted name
+  bool eval = false;              // hold out the views that the scene names, or every 8th by sorted name
   bool white_background = false;  // what RGBA images are composited on
   bool tracks = false;            // read which view sees which points
+  std::string masks;              // MaskFolder; "": masks/ inside source_path, if there is one
+  bool invert_masks = false;      // white is left out instead of black
+  bool empty_background = false;  // see View::empty
   bool load_images = true;        // false: cameras and points only
   double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;              // trainings and evaluations that prefetch images at the same time
@@ -52,9 +58,9 @@ struct Scene {
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a COLMAP scene. Only the headers of the photographs are read; ViewImage decodes them. `summary` mentions
-/// choices made for the user (one of several models, images reduced because images_N is missing) and missing
-/// photographs.
+/// Reads a scene of COLMAP or in transforms.json files. Only the headers of the photographs are read; ViewImage decodes
+/// them. `summary` mentions choices made for the user (one of several models, images reduced because images_N is
+/// missing) and missing photographs.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 

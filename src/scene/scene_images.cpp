@@ -3,9 +3,13 @@
 #include <algorithm>
 #include <map>
 #include <set>
+#include <string_view>
 #include <tuple>
+#include <unordered_map>
 
 #include "core/host_memory.h"
+#include "core/parallel.h"
+#include "scene/images/mask_folder.h"
 #include "scene/scene.h"
 
 namespace b3dgs {
@@ -36,6 +40,68 @@ void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cach
   }
 }
 
+bool has_only(const Image8& mask, std::uint8_t value) {
+  return std::all_of(mask.pixels.begin(), mask.pixels.end(), [&](std::uint8_t pixel) { return pixel == value; });
+}
+
+// Pixels of the view that are all of the mask's light (or dark) pixels and that the photograph shows.
+std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource& source) {
+  auto within = std::make_shared<Image8>(shrink_mask(mask, source.size.width, source.size.height));
+  for (std::size_t i = 0; i < within->pixels.size(); ++i) {
+    const bool is_valid = !source.valid || source.valid->pixels[i] != 0;
+    within->pixels[i] = is_valid && within->pixels[i] == 255 ? 255 : 0;
+  }
+  return within;
+}
+
+// Reads the mask of a photograph, which is undistorted and reduced like it. Pixels where light and dark meet are
+// neither valid nor empty.
+void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCache& cache) {
+  Image8 mask = read_mask(source.mask, source.file_size, options.invert_masks);
+  if (source.lens_group >= 0) mask = cache.get(source.lens_group)->apply_to_mask(mask);
+  std::shared_ptr<const Image8> valid = pixels_within(mask, source), empty;
+  if (options.empty_background) {
+    for (std::uint8_t& pixel : mask.pixels) pixel = static_cast<std::uint8_t>(255 - pixel);
+    empty = pixels_within(mask, source);
+  }
+  source.is_masked_out = has_only(*valid, 0);
+  if (source.valid || !has_only(*valid, 255)) source.valid = std::move(valid);
+  if (empty && !has_only(*empty, 0)) source.empty = std::move(empty);
+}
+
+// Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
+class SharedMasks {
+ public:
+  void share(std::shared_ptr<const Image8>& mask) {
+    if (!mask) return;
+    const std::string_view bytes(reinterpret_cast<const char*>(mask->pixels.data()), mask->pixels.size());
+    auto& same_hash = known_[std::hash<std::string_view>()(bytes)];
+    for (const std::shared_ptr<const Image8>& other : same_hash) {
+      if (other->width != mask->width || other->pixels != mask->pixels) continue;
+      mask = other;
+      return;
+    }
+    same_hash.push_back(mask);
+  }
+
+ private:
+  std::unordered_map<std::size_t, std::vector<std::shared_ptr<const Image8>>> known_;
+};
+
+void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, UndistorterCache& cache) {
+  std::vector<ViewSource*> masked;
+  for (ViewSource& source : sources) {
+    if (!source.mask.empty()) masked.push_back(&source);
+  }
+  parallel_pool(static_cast<std::int64_t>(masked.size()),
+                [&](std::int64_t i, int) { read_mask_of(*masked[static_cast<std::size_t>(i)], options, cache); });
+  SharedMasks shared;
+  for (ViewSource* source : masked) {
+    shared.share(source->valid);
+    shared.share(source->empty);
+  }
+}
+
 }  // namespace
 
 std::shared_ptr<SceneImages> prepare_images(std::vector<ViewSource>& sources, const SceneOptions& options) {
@@ -44,14 +110,15 @@ std::shared_ptr<SceneImages> prepare_images(std::vector<ViewSource>& sources, co
   plan.n_readers = options.n_readers;
   auto undistorters = std::make_unique<UndistorterCache>(plan.limit / kMapShare);
   assign_lens_groups(sources, *undistorters);
+  read_masks(sources, options, *undistorters);
   plan.fixed = undistorters->most_kept_bytes();
   std::set<const Image8*> masks;
   for (const ViewSource& source : sources) {
     const std::int64_t bytes = std::int64_t{3} * source.size.width * source.size.height;
     plan.photographs += bytes;
     plan.largest = std::max(plan.largest, bytes);
-    if (source.valid && masks.insert(source.valid.get()).second) {
-      plan.fixed += static_cast<std::int64_t>(source.valid->pixels.size());
+    for (const Image8* mask : {source.valid.get(), source.empty.get()}) {
+      if (mask != nullptr && masks.insert(mask).second) plan.fixed += static_cast<std::int64_t>(mask->pixels.size());
     }
   }
   return std::make_shared<SceneImages>(plan, std::move(undistorters), options.white_background);

@@ -22,6 +22,7 @@ struct SceneOptions;
 struct ViewSource {
   std::string name;  // in the model
   std::filesystem::path file;
+  std::filesystem::path mask;  // empty: none
   std::uint32_t image_id = 0, camera_id = 0;
   std::string camera_place;             // "FILE: camera ID", for errors
   Lens lens;                            // in pixels of the file
@@ -29,6 +30,8 @@ struct ViewSource {
   Camera camera;                        // pinhole of `size`, with its pose
   int lens_group = -1;                  // of SceneImages::undistorters; -1: the lens is a pinhole
   std::shared_ptr<const Image8> valid;  // mask of `size`; null: all pixels are valid
+  std::shared_ptr<const Image8> empty;  // View::empty
+  bool is_masked_out = false;           // no pixel is valid
 
   bool is_reduced() const { return size != file_size; }
 };
@@ -43,8 +46,9 @@ struct SceneImages {
   const bool white_background;  // what RGBA images are composited on
 };
 
-/// Assigns the sources their lens groups and masks, and divides the host memory between cached photographs, prefetch
-/// buffers and undistortion maps. Decodes nothing. @throws InputError if the undistortion of a lens leaves no pixel
+/// Assigns the sources their lens groups and masks, which it reads with all threads, and divides the host memory
+/// between cached photographs, prefetch buffers and undistortion maps. Decodes no photograph. @throws InputError if the
+/// undistortion of a lens leaves no pixel, or a mask cannot be used
 std::shared_ptr<SceneImages> prepare_images(std::vector<ViewSource>& sources, const SceneOptions& options);
 
 }  // namespace b3dgs

@@ -46,7 +46,7 @@ class Lines {
 };
 
 std::string describe_images(const SceneOrigin& origin) {
-  std::string text = concat(origin.model.images.size(), " registered, ", origin.sources.size(), " found in ",
+  std::string text = concat(origin.model.model.images.size(), " registered, ", origin.sources.size(), " found in ",
                             origin.image_folder.folder().string());
   if (!origin.missing.empty()) text += concat(", ", origin.missing.size(), " missing (", join(origin.missing), ")");
   if (origin.n_unregistered > 0) text += concat(", ", origin.n_unregistered, " more not in the model");
@@ -75,6 +75,8 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
                                          [](const ViewSource& source) { return !source.lens.is_pinhole(); });
   if (n_distorted == 0) return "none";
   if (!origin.options.load_images) return concat("in ", n_distorted, " images");
+  const auto n_masked = std::count_if(origin.sources.begin(), origin.sources.end(),
+                                      [](const ViewSource& source) { return !source.mask.empty(); });
   double share = 0;
   for_each_view(scene, [&](const View& view) {
     if (!view.valid) {
@@ -85,7 +87,8 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
     share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
   });
   const double percent = 100 * share / static_cast<double>(origin.sources.size());
-  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid");
+  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid",
+                n_masked > 0 ? " and not masked" : "");
 }
 
 std::string describe_sizes(const SceneOrigin& origin) {
@@ -96,6 +99,14 @@ std::string describe_sizes(const SceneOrigin& origin) {
                                      : size);
   }
   return join({sizes.begin(), sizes.end()}) + " px";
+}
+
+std::string describe_masks(const SceneOrigin& origin) {
+  const auto n = std::count_if(origin.sources.begin(), origin.sources.end(),
+                               [](const ViewSource& source) { return !source.mask.empty(); });
+  if (n == 0) return "none";
+  return concat(n, " of ", origin.sources.size(), " photographs",
+                origin.options.invert_masks ? ", white is left out" : ", black is left out");
 }
 
 std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
@@ -109,8 +120,8 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
 }
 
 // Choices made for the user, and signs that something is wrong with the scene.
-void add_notes(const SceneOrigin& origin, Lines& lines) {
-  for (const std::string& note : origin.model_folder.notes) lines.add("note", note);
+void add_notes(const Scene& scene, const SceneOrigin& origin, Lines& lines) {
+  for (const std::string& note : origin.model.notes) lines.add("note", note);
   if (!origin.image_folder.note().empty()) lines.add("note", origin.image_folder.note());
   const int resolution = origin.options.resolution;
   bool is_capped = false, is_kept = false;
@@ -119,7 +130,7 @@ void add_notes(const SceneOrigin& origin, Lines& lines) {
     const ImageSize size = divided_size(source.file_size, origin.image_folder.divisor());
     is_capped = is_capped || (resolution == -1 && size.width > kMaxDefaultWidth);
     is_kept = is_kept || (resolution > 8 && resolution > size.width);
-    const ColmapCamera& camera = origin.model.cameras.at(source.camera_id);
+    const ColmapCamera& camera = origin.model.model.cameras.at(source.camera_id);
     const double aspect = static_cast<double>(source.file_size.width) / source.file_size.height;
     const double expected = static_cast<double>(camera.width) / static_cast<double>(camera.height);
     const double step = 1.0 / std::min(source.file_size.width, source.file_size.height);
@@ -138,7 +149,7 @@ void add_notes(const SceneOrigin& origin, Lines& lines) {
     lines.add("note",
               concat("aspect ratio differs from the camera's (cropped or rotated images?): ", join(other_aspect)));
   }
-  if (origin.model.points.empty())
+  if (scene.points.size() == 0)
     lines.add("note", "the model has no points, which training needs; give some with --init_ply");
 }
 
@@ -146,23 +157,24 @@ void add_notes(const SceneOrigin& origin, Lines& lines) {
 
 std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin) {
   Lines lines;
-  const std::string folder = origin.model_folder.folder.lexically_relative(scene.source_path).string();
   lines.add("scene", scene.source_path);
-  lines.add("model", concat(folder.empty() ? origin.model_folder.folder.string() : folder,
-                            origin.model_folder.format == ColmapFormat::kBinary ? ", binary" : ", text"));
+  lines.add("model", origin.model.description);
   lines.add("images", describe_images(origin));
-  lines.add("cameras", describe_cameras(origin.model));
+  lines.add("cameras", describe_cameras(origin.model.model));
   lines.add("distortion", describe_distortion(scene, origin));
+  lines.add("masks", describe_masks(origin));
   lines.add("size", describe_sizes(origin));
   lines.add("memory", describe_memory(scene, origin));
-  lines.add("points", std::to_string(scene.points.size()));
+  const std::string& points = origin.model.points_description;
+  lines.add("points", points.empty() ? std::to_string(scene.points.size()) : concat(scene.points.size(), ": ", points));
   lines.add("extent", rounded(scene.extent, "%.4g"));
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
   lines.add("training", count_views(scene.train.size()));
-  lines.add("held out", origin.options.eval
-                            ? concat(count_views(scene.test.size()), ", every ", kTestEvery, "th by name")
-                            : concat("none; --eval holds out every ", kTestEvery, "th by name"));
-  add_notes(origin, lines);
+  const std::string rule = origin.model.has_split ? "the views of " + origin.model.split_description
+                                                  : concat("every ", kTestEvery, "th by name");
+  lines.add("held out", origin.options.eval ? concat(count_views(scene.test.size()), ", ", rule)
+                                            : concat("none; --eval holds out ", rule));
+  add_notes(scene, origin, lines);
   return lines.take();
 }
 

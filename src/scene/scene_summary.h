@@ -4,19 +4,17 @@
 #include <string>
 #include <vector>
 
-#include "scene/colmap/colmap.h"
-#include "scene/colmap/model_search.h"
 #include "scene/images/image_folder.h"
 #include "scene/scene.h"
 #include "scene/scene_images.h"
+#include "scene/scene_model.h"
 
 namespace b3dgs {
 
 /// Intermediate results of load_scene() that are not part of the scene.
 struct SceneOrigin {
   const SceneOptions& options;
-  const SparseModelFolder& model_folder;
-  const ColmapModel& model;
+  const SceneModel& model;
   const ImageFolder& image_folder;
   const std::vector<ViewSource>& sources;  // photographs that are on disk, sorted by name
   std::vector<std::string> missing;        // registered names without a file

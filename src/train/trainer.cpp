@@ -188,6 +188,7 @@ TrainResult Trainer::run_until(int iteration) {
   result.n_gaussians = impl.state.n_gaussians();
   result.peak_memory_bytes = impl.memory->use().peak_reserved;
   result.n_removed = impl.state.n_removed;
+  if (impl.is_distributed()) result.ranks = impl.rank_load.whole();
   return result;
 }
 
@@ -217,6 +218,7 @@ void Trainer::Impl::iterate() {
     }
     // If the last PLY could not be written, density control is left to the resumed training: it writes that PLY first.
     if (state.iteration < config.iterations || has_written_files()) time.train([&] { control_density(); });
+    if (hooks.wants_model && !is_distributed() && hooks.wants_model()) show_model();
     result.interrupted = state.iteration < config.iterations && (is_distributed() ? ends : is_stopped());
     recorder.set_ending(result.interrupted);
     const bool is_due = is_distributed() ? agreed.write_checkpoint : recorder.is_checkpoint_due();
@@ -228,6 +230,18 @@ void Trainer::Impl::iterate() {
   } catch (...) {
     end_with_checkpoint();
   }
+}
+
+void Trainer::Impl::show_model() {
+  time.train([&] {
+    read_loss();
+    flush();
+  });
+  time.output([&] {
+    const TrainState& whole = flushed_state();
+    hooks.on_model({whole.iteration, whole.gaussians, whole.background.coefficients, whole.poses, whole.sh_degree,
+                    kernels.forward_name()});
+  });
 }
 
 int Trainer::iteration() const {

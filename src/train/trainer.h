@@ -15,6 +15,7 @@
 #include "train/evaluate.h"
 #include "train/memory/memory_source.h"
 #include "train/output/train_events.h"
+#include "train/poses/pose_state.h"
 
 namespace b3dgs {
 
@@ -29,12 +30,28 @@ struct MemoryForecast {
   std::int64_t largest_count = 0;  // Gaussians that fit
 };
 
+/// The model between two steps. Valid until TrainHooks::on_model returns.
+struct ModelInTraining {
+  int iteration = 0;
+  const GaussianTensors& gaussians;
+  const torch::Tensor& background;  // coefficients for add_background(); undefined without a learned background
+  const PoseState& poses;           // with_refined_poses()
+  int sh_degree = 0;                // optimised so far
+  std::string kernel;               // forward kernel in use
+};
+
 struct TrainHooks : TrainListeners {
   ProgressFn on_loading;                          // while photographs are read before the first step
   const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
   // After the files of the last iteration and before its density control: the model is the one that was saved. Of
   // several ranks, on rank 0.
   std::function<void()> on_result;
+  // For callers that show the model while it is trained: after each step with its density control, wants_model() is
+  // asked, and on_model() called if it returns true. It may read the model, call Trainer::write_checkpoint(), and take
+  // its time, which counts as output; whatever it does, the training stays the same. Of one process only, not of
+  // several ranks.
+  std::function<bool()> wants_model;
+  std::function<void(const ModelInTraining&)> on_model;
   Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
 
   // For tests and benchmarks.

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "config/batch_steps.h"
 #include "config/output_plan.h"
 #include "core/check.h"
 #include "raster/math/invalid_gaussian.h"
@@ -36,6 +37,9 @@
 #include "train/optimizer/gaussian_step.h"
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
+#include "train/ranks/draw_plan.h"
+#include "train/ranks/exchange_timer.h"
+#include "train/ranks/rank_load.h"
 #include "train/ranks/sharded_rows.h"
 #include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
@@ -51,6 +55,13 @@ class LossError : public NumericError {
   using NumericError::NumericError;
 };
 
+/// What each rank tells the others of the views that it has drawn in the last step.
+struct DrawnRecord {
+  double losses[kMaxBatch]{};
+  std::int64_t entries[kMaxBatch]{};
+  RankTotals totals{};
+};
+
 struct Trainer::Impl {
   /// `config.device` is "cpu" or "cuda".
   Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
@@ -58,6 +69,7 @@ struct Trainer::Impl {
   // trainer.cpp
   /// One iteration and everything it writes. @throws what failed, with the path of the checkpoint written appended
   void iterate();
+  void show_model();
   bool is_stopped() const { return hooks.stop_signal && hooks.stop_signal->load() != 0; }
   /// Whether training is to end after this step; the same on all ranks.
   bool must_stop() const { return is_distributed() ? agreed.stop : is_stopped(); }
@@ -151,9 +163,10 @@ struct Trainer::Impl {
   /// The next views of a step up to iteration `last` that are not skipped, as far as that is known.
   std::vector<LearnedView> next_views_of_step(int last);
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
-  void keep_views_of_ranks(const std::vector<LearnedView>& learned, int last, bool is_filter_due);
-  /// Views that this rank will probably draw after this part of the step.
-  std::vector<std::int32_t> own_views_ahead() const;
+  /// `from`, `last`: the iteration before this part of the step, and the step's last one.
+  void keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last, bool is_filter_due);
+  /// Views that this rank will probably draw after this part of the step. Plans the next steps, on all ranks alike.
+  std::vector<std::int32_t> own_views_ahead();
   /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of
   /// n_shared_columns() floats; and those of all views of a part of the step, from which every rank learns the same.
   std::int64_t n_shared_columns() const;
@@ -166,10 +179,16 @@ struct Trainer::Impl {
   struct UnreadLoss;
   /// Adds the loss of a view to the average. @throws LossError if it is not finite
   void add_loss(const UnreadLoss& of, double value);
-  /// Losses of the last step's views, in their order.
+  /// Whether the exchanges of the step after iteration `from` are timed; the same on all ranks.
+  bool times_exchanges(int from, int last) const;
+  /// Says once if one process would be about as fast.
+  void advise_on_ranks();
+  /// Losses and counted work of the last step's views, in their order.
   void read_losses_of_ranks();
-  void read_own_losses();
-  void add_losses(const std::vector<std::vector<double>>& of_ranks);
+  void read_own_loss();
+  /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
+  DrawnRecord take_drawn();
+  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
   /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
   void on_first_rank(const std::function<void()>& work);
   void serve_renders();
@@ -298,12 +317,21 @@ struct Trainer::Impl {
     bool check_kernels = false;     // before the next step
   };
   Agreed agreed;
-  /// Views of the last step whose losses have not been added to the average, and the losses of those drawn here. That
-  /// of the last one may still be on the device.
+  /// Views of the last step whose losses have not been added to the average, and who draws them.
   std::vector<UnreadLoss> unread_losses;
-  std::vector<double> own_losses;
-  bool has_unread_own_loss = false;
+  std::vector<int> drawers;
+  /// What this rank has drawn of them. The loss of the last one may still be on the device.
+  struct OwnView {
+    std::size_t place = 0;  // in the step
+    std::optional<double> loss;
+    torch::Tensor entries;  // Rasterizer::row_entries()
+  };
+  std::vector<OwnView> own_views;
   std::optional<SplatExchange> splats;
+  DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
+  RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
+  RankTotals own_totals;
+  ExchangeTimer exchange_timer{make_stage_clock(device)};
   bool renders_on_first = false;     // within on_first_rank()
   bool has_failed_together = false;  // the exception that is under way was thrown by all ranks
 

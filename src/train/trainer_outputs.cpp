@@ -123,7 +123,11 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
       if (plan.evaluate) test_quality = evaluate_test_views();
     });
   }
-  if (plan.log && writes_files()) recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name());
+  if (plan.log && writes_files()) {
+    recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name(),
+                           is_distributed() ? rank_load.take() : std::nullopt);
+    advise_on_ranks();
+  }
   if (plan.save) write_ply();
 }
 

@@ -1,7 +1,8 @@
 // Training on several ranks (processes, src/dist). Each has some rows of the model (core/row_shards.h), with their
-// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of view v
-// go to rank v % size, which draws it, compares it with the photograph and blends backward; the sums of each splat go
-// back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of ranks.
+// moments and statistics. In a step every rank projects its Gaussians for all views of the step; the splats of a view
+// go to the rank that draws it (DrawPlan), compares it with the photograph and blends backward; the sums of each splat
+// go back to the rank of its Gaussian, which takes the Adam step. What is learned does not depend on the number of
+// ranks.
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what StepRecord tells them.
 // Rank 0 writes the files. To evaluate or to time kernels, it renders views of the whole model; the other ranks then
@@ -27,7 +28,7 @@ namespace {
 struct StepRecord {
   std::int64_t n_splats[kMaxBatch]{};  // of each view
   std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
-  double losses[kMaxBatch]{};          // of the views of the step before, if drawn by this rank
+  DrawnRecord drawn{};                 // of the step before
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
   std::int32_t is_out_of_memory = 0;
@@ -43,6 +44,11 @@ struct RenderRequest {
 };
 
 constexpr std::int64_t kSplatSums = 12, kSplatScores = 6;  // columns of backward_splats() and score_splats()
+
+constexpr std::size_t kPlannedSteps = 4;  // whose views are assigned to ranks at a time
+
+// Exchanges are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
+constexpr int kWarmUp = 20, kMeasured = 40, kTimedInterval = 10;
 
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
@@ -141,13 +147,19 @@ TrainView Trainer::Impl::take_own_view(int iteration, std::int32_t index, const 
 void Trainer::Impl::take_distributed_step() {
   const int last = step_end(config.batch, config.iterations, state.iteration);
   bool is_filter_due = begin_step_of_views(last);
+  if (times_exchanges(state.iteration, last)) exchange_timer.start();
   do {
+    const int from = state.iteration;
     const std::vector<LearnedView> views = next_views_of_step(last);
-    keep_views_of_ranks(views, last, std::exchange(is_filter_due, false));
+    keep_views_of_ranks(from, views, last, std::exchange(is_filter_due, false));
   } while (state.iteration < last);
-  if (learned_views.empty()) return timer.cancel();
+  if (learned_views.empty()) {
+    exchange_timer.cancel();
+    return timer.cancel();
+  }
   learn_from_kept_views();
   timer.finish(state.step_iterations);
+  exchange_timer.finish();
 }
 
 std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int last) {
@@ -172,29 +184,42 @@ std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int la
   return views;
 }
 
-std::vector<std::int32_t> Trainer::Impl::own_views_ahead() const {
-  const auto size = static_cast<std::size_t>(ranks->size()), batch = static_cast<std::size_t>(config.batch);
-  const std::size_t n_wanted = images.n_upcoming_wanted(), n_skipped = config.skip_share > 0 ? 2 : 1;
+std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
+  // How many views are read ahead differs between ranks, but plans must not: a few steps are planned, others guessed.
+  const std::size_t batch = static_cast<std::size_t>(config.batch), n_wanted = images.n_upcoming_wanted();
+  const std::size_t n_views =
+      std::max((n_wanted + 1) * std::max(static_cast<std::size_t>(ranks->size()), batch), kPlannedSteps * batch);
+  const std::vector<std::int32_t> upcoming =
+      state.view_order.upcoming(config.seed, images.size(), n_views * (config.skip_share > 0 ? 2 : 1));
   ViewSkips skips = state.view_skips;
-  std::vector<std::int32_t> views;
-  int iteration = state.iteration, end = state.iteration;
-  std::size_t place = 0;  // in the step
-  for (const std::int32_t view :
-       state.view_order.upcoming(config.seed, images.size(), (n_wanted + 1) * std::max(size, batch) * n_skipped)) {
-    if (++iteration > end) {
-      end = step_end(config.batch, config.iterations, iteration - 1);
-      place = 0;
+  std::vector<std::int32_t> own;
+  int iteration = state.iteration;
+  auto view = upcoming.begin();
+  for (std::size_t n_steps = 0; view != upcoming.end() && iteration < config.iterations; ++n_steps) {
+    const int from = iteration, last = step_end(config.batch, config.iterations, from);
+    std::vector<std::int32_t> step;
+    for (; view != upcoming.end() && iteration < last; ++view) {
+      ++iteration;
+      if (may_skip_step(iteration) && skips.skip(*view, iteration - config.skip_from_iter, config.skip_share)) continue;
+      step.push_back(*view);
     }
-    if (may_skip_step(iteration) && skips.skip(view, iteration - config.skip_from_iter, config.skip_share)) continue;
-    if (place++ % size == static_cast<std::size_t>(ranks->rank())) views.push_back(view);
-    if (views.size() == n_wanted) break;
+    const std::vector<int> planned = n_steps + 1 < kPlannedSteps && !step.empty()
+                                         ? draw_plan.drawers(from, step)
+                                         : equal_drawers(step.size(), ranks->size());
+    for (std::size_t v = 0; v < step.size(); ++v) {
+      if (planned[v] == ranks->rank()) own.push_back(step[v]);
+    }
   }
-  return views;
+  return own;
 }
 
-void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned, int last, bool is_filter_due) {
-  const std::size_t n_views = learned.size(), size = static_cast<std::size_t>(ranks->size());
-  const auto draws = [&](std::size_t place) { return place % size == static_cast<std::size_t>(ranks->rank()); };
+void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last,
+                                        bool is_filter_due) {
+  const std::size_t n_views = learned.size();
+  std::vector<std::int32_t> indices;
+  for (const LearnedView& view : learned) indices.push_back(view.index);
+  draw_plan.forget_before(from);
+  const std::vector<int> part_drawers = draw_plan.drawers(from, indices);
 
   // Every view's projection.
   struct View {
@@ -233,36 +258,36 @@ void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned,
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
   poses.finish_step();  // of the step before: the device has finished it by now
-  read_own_losses();
-  std::copy(own_losses.begin(), own_losses.end(), record.losses);
-  const std::vector<StepRecord> records = ranks->exchange_record("step", record);
+  record.drawn = take_drawn();
+  const std::vector<StepRecord> records = exchange_timer.time([&] { return ranks->exchange_record("step", record); });
   agreed = {false, records[0].write_checkpoint != 0, records[0].check_kernels != 0};
   std::vector<std::vector<std::int64_t>> counts;
-  std::vector<std::vector<double>> losses;
+  std::vector<DrawnRecord> drawn_before;
   for (const StepRecord& other : records) {
     agreed.stop |= other.stop != 0;
     counts.emplace_back(other.n_splats, other.n_splats + n_views);
-    losses.emplace_back(other.losses, other.losses + kMaxBatch);
+    drawn_before.push_back(other.drawn);
     for (std::size_t v = 0; v < n_views; ++v) views[v].n_splats += other.n_splats[v];
   }
-  add_losses(losses);
+  add_drawn(drawn_before);
   if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   check_valid(records);
   for (std::size_t r = 0; r < records.size(); ++r) {
     if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
   }
   if (n_views == 0) return;
+  drawers = part_drawers;
 
   // The views that this rank draws.
   std::vector<ViewSplats> own;
   for (View& view : views) own.push_back(view.own);
-  const std::vector<ViewSplats> drawn = splats->to_drawers(own, counts);
+  const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(own, counts, drawers); });
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
   const bool refines_poses =
       std::any_of(views.begin(), views.end(), [](const View& view) { return view.refines_pose; });
   std::vector<std::int32_t> own_next;
   for (std::size_t v = 0; v < n_views; ++v) {
-    if (draws(v)) own_next.push_back(learned[v].index);
+    if (drawers[v] == ranks->rank()) own_next.push_back(learned[v].index);
     if (appearance) appearance->begin_step(learned[v].index, learned[v].iteration, state.appearance);
   }
   const std::vector<std::int32_t> ahead = own_views_ahead();
@@ -270,7 +295,7 @@ void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned,
   std::vector<torch::Tensor> drawn_sums, drawn_scores, drawn_shared, drawn_orders;
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& own_view = views[v];
-    if (draws(v)) {
+    if (drawers[v] == ranks->rank()) {
       const std::size_t place = drawn_sums.size();
       state.iteration = learned[v].iteration;
       timer.begin(Stage::kUpload);
@@ -289,10 +314,10 @@ void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned,
         throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
       }
       note_view_size();
-      read_own_losses();  // of the view before: the next loss takes its place
+      read_own_loss();  // of the view before: the next loss takes its place
+      own_views.push_back({v, std::nullopt, rasterizer.row_entries()});
       if (appearance) appearance->set_place(static_cast<int>(learned_views.size() + v));
       compare_with_photograph(view, compared);
-      has_unread_own_loss = true;
       drawn_sums.push_back(rasterizer.backward_splats(compared.grad));
       if (refines_poses) drawn_orders.push_back(rasterizer.order_of_splats());
       if (n_shared_columns() > 0) drawn_shared.push_back(shared_gradients());
@@ -306,9 +331,12 @@ void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned,
   }
 
   // The Gaussians of this rank.
-  const std::vector<torch::Tensor> sums = splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32);
+  const std::vector<torch::Tensor> sums =
+      exchange_timer.time([&] { return splats->to_owners(drawn_sums, kSplatSums, torch::kFloat32); });
   std::vector<torch::Tensor> scores;
-  if (has_scores) scores = splats->to_owners(drawn_scores, kSplatScores, torch::kInt32);
+  if (has_scores) {
+    scores = exchange_timer.time([&] { return splats->to_owners(drawn_scores, kSplatScores, torch::kInt32); });
+  }
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
     state.iteration = learned[v].iteration;
@@ -344,27 +372,60 @@ void Trainer::Impl::keep_views_of_ranks(const std::vector<LearnedView>& learned,
   state.iteration = last_of_part;
 }
 
-void Trainer::Impl::read_own_losses() {
-  if (std::exchange(has_unread_own_loss, false)) own_losses.push_back(loss.value().loss);
+bool Trainer::Impl::times_exchanges(int from, int last) const {
+  const int n_done = from - result.first_iteration;  // in this session
+  return n_done >= kWarmUp && (n_done < kWarmUp + kMeasured || from / kTimedInterval != last / kTimedInterval);
+}
+
+void Trainer::Impl::advise_on_ranks() {
+  if (!is_distributed()) return;
+  const int n_steps = kMeasured / std::max(1, config.batch);
+  const auto advice = rank_load.advise(std::max(1, n_steps * 3 / 4), device.is_cuda() ? "GPU" : "process");
+  if (advice && writes_files()) recorder.say(*advice);
+}
+
+void Trainer::Impl::read_own_loss() {
+  if (!own_views.empty() && !own_views.back().loss) own_views.back().loss = loss.value().loss;
+}
+
+DrawnRecord Trainer::Impl::take_drawn() {
+  read_own_loss();
+  DrawnRecord record;
+  for (const OwnView& view : std::exchange(own_views, {})) {
+    record.losses[view.place] = *view.loss;
+    record.entries[view.place] = view.entries.sum().item<std::int64_t>();
+  }
+  for (const ExchangeTimer::Times& step : exchange_timer.take()) {
+    ++own_totals.n_timed;
+    own_totals.exchange_ms += step.exchange_ms;
+    own_totals.step_ms += step.step_ms;
+  }
+  own_totals.sent_bytes = splats->sent_bytes();
+  own_totals.received_bytes = splats->received_bytes();
+  record.totals = own_totals;
+  return record;
 }
 
 void Trainer::Impl::read_losses_of_ranks() {
-  if (unread_losses.empty()) return;
-  read_own_losses();
-  StepRecord record;
-  std::copy(own_losses.begin(), own_losses.end(), record.losses);
-  std::vector<std::vector<double>> losses;
-  for (const StepRecord& other : ranks->exchange_record("losses", record)) {
-    losses.emplace_back(other.losses, other.losses + kMaxBatch);
-  }
-  add_losses(losses);
+  if (!unread_losses.empty()) add_drawn(ranks->exchange_record("drawn", take_drawn()));
 }
 
-void Trainer::Impl::add_losses(const std::vector<std::vector<double>>& of_ranks) {
-  own_losses.clear();
+void Trainer::Impl::add_drawn(const std::vector<DrawnRecord>& of_ranks) {
   const std::vector<UnreadLoss> unread = std::exchange(unread_losses, {});
+  if (unread.empty()) return;
+  std::vector<std::int64_t> entries;
   for (std::size_t v = 0; v < unread.size(); ++v) {
-    add_loss(unread[v], of_ranks[v % of_ranks.size()][v / of_ranks.size()]);
+    entries.push_back(of_ranks[static_cast<std::size_t>(drawers[v])].entries[v]);
+    draw_plan.set_work(unread[v].view_index, entries.back());
+  }
+  const int size = ranks->size();
+  rank_load.add_step(work_of_ranks(drawers, entries, size),
+                     work_of_ranks(equal_drawers(unread.size(), size), entries, size));
+  std::vector<RankTotals> totals;
+  for (const DrawnRecord& record : of_ranks) totals.push_back(record.totals);
+  rank_load.set_totals(totals);
+  for (std::size_t v = 0; v < unread.size(); ++v) {
+    add_loss(unread[v], of_ranks[static_cast<std::size_t>(drawers[v])].losses[v]);
   }
 }
 
@@ -421,7 +482,7 @@ RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const Rend
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts);
+  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts, {0});
   if (drawn.empty()) return {};
   return rasterizer.forward_splats(drawn.front(), view, settings);
 }

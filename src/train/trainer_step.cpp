@@ -134,13 +134,16 @@ void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView&
   add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
   compared.color = appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
-  loss.compute(compared.color, view.truth, view.valid, view.n_valid, loss_weights(config, state.iteration));
+  const LossWeights weights = loss_weights(config, state.iteration);
+  loss.compute(compared.color, view.truth, view.valid, view.n_valid, weights);
+  if (view.empty.defined() && weights.alpha > 0) loss.add_alpha(rendered.alpha, view.empty, weights.alpha);
   if (compared.plan.score) error_image.compute(compared.color, view.truth, view.valid, config.score_power);
   RenderedViewGrad& grad = compared.grad;
   grad = loss.grad();
   if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
   if (state.background.is_defined()) {
-    grad.alpha = background_gradient.compute(state.background, view.camera, rendered, grad.color);
+    const torch::Tensor through = background_gradient.compute(state.background, view.camera, rendered, grad.color);
+    grad.alpha = grad.alpha.defined() ? grad.alpha.add_(through) : through;
   }
   if (depth_priors) grad.depth = depth_gradient(view, rendered);
   timer.end();

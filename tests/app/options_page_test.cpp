@@ -38,8 +38,8 @@ TEST(OptionsPage, IsUpToDate) {
 
 TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
   const std::string page = run_b3dgs({"help-markdown"}).out;
-  for (const std::string command :
-       {"train", "eval", "render", "info", "synth", "compare", "report", "bench", "bench step", "bench sweep"}) {
+  for (const std::string command : {"reconstruct", "train", "eval", "render", "info", "synth", "compare", "report",
+                                    "bench", "bench step", "bench sweep"}) {
     EXPECT_NE(page.find("\n## b3dgs " + command + "\n"), std::string::npos) << command;
   }
   const std::string row = "\n| `--rotation_lr` |";
@@ -49,8 +49,9 @@ TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
 }
 
 TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
-  const std::vector<Words> commands{{"train"},   {"eval"},   {"render"}, {"info"},          {"synth"},
-                                    {"compare"}, {"report"}, {"bench"},  {"bench", "step"}, {"bench", "sweep"}};
+  const std::vector<Words> commands{{"reconstruct"}, {"train"},         {"eval"},          {"render"},
+                                    {"info"},        {"synth"},         {"compare"},       {"report"},
+                                    {"bench"},       {"bench", "step"}, {"bench", "sweep"}};
   for (Words words : commands) {
     const std::string name = words.size() == 1 ? words[0] : words[0] + " " + words[1];
     words.emplace_back("--help");

@@ -7,12 +7,16 @@
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"
+#include "model/cameras/cameras_json.h"
 #include "model/formats/ply.h"
+#include "model/formats/spz.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
 #include "support/sample_model.h"
+#include "support/spz_content.h"
 #include "support/train/tiny_scene.h"
+#include "support/write_transforms.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/output/train_log.h"
@@ -59,6 +63,29 @@ void write_colmap_seeds(const fs::path& folder) {
   remove_tree(work);
 }
 
+void write_transforms_seeds(const fs::path& folder) {
+  ColmapModel model = test::sample_model();
+  model.cameras[9] = {9, CameraModel::kOpenCvFisheye, 64, 48, {30, 31, 32, 24, 0.01, 0.02, -0.003, 0.004}};
+  model.images.push_back({21, {1, 0.1, 0.2, 0.3}, {0, 1, 2}, 9, "c.png"});
+  test::Json json = test::transforms_of(model);
+  json["frames"][0]["mask_path"] = "masks/a.png";
+  json["ply_file_path"] = "sparse_pc.ply";
+  json["applied_transform"] = {{1, 0, 0, 0}, {0, 0, 1, 0}, {0, -1, 0, 0}};
+  json["test_filenames"] = {"images/a.png"};
+  write_file(folder / "nerfstudio", json.dump(2));
+  // As of NeRF's synthetic scenes and of instant-ngp.
+  const std::string matrix = R"("transform_matrix": [[1, 0, 0, 0.5], [0, 1, 0, -2], [0, 0, 1, 4], [0, 0, 0, 1]])";
+  write_file(folder / "synthetic",
+             R"({"camera_angle_x": 0.69, "frames": [{"file_path": "./train/r_0", "rotation": 0.01, )" + matrix +
+                 R"(}, {"file_path": "./train/r_11", )" + matrix + "}]}");
+  write_file(
+      folder / "instant_ngp",
+      R"({"camera_angle_x": 0.7, "camera_angle_y": 0.5, "fl_x": 50, "k1": 0.02, "k2": -0.01, "p1": 0.001, "p2": 0,)"
+      R"( "is_fisheye": false, "cx": 32.5, "cy": 23, "w": 64.0, "h": 48.0, "aabb_scale": 4, "frames": [)"
+      R"({"file_path": "./images/0001.jpg", "sharpness": 90.5, )" +
+          matrix + "}]}");
+}
+
 SplatCloud small_cloud(int sh_degree) {
   PointCloud points;
   for (int i = 0; i < 5; ++i) {
@@ -79,6 +106,14 @@ void write_ply_seeds(const fs::path& folder) {
              "2\nproperty float x\nproperty double y\nproperty int z\nproperty uchar red\nproperty uchar "
              "green\nproperty uchar blue\nproperty list uchar short more\nend_header\n3 0 1 0\n0.5 -1e3 7 0 128 255 "
              "1 4\n1 2 3 4 5 6 0\n");
+}
+
+void write_spz_seeds(const fs::path& folder) {
+  for (const int degree : {0, 3}) write_spz(folder / ("file" + std::to_string(degree)), small_cloud(degree));
+  // Not compressed, so that a fuzzer can change values; the target compresses them.
+  for (const std::uint8_t version : {1, 2, 3}) {
+    write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
+  }
 }
 
 nlohmann::ordered_json kernel_selection() {
@@ -127,6 +162,18 @@ void write_config_seeds(const fs::path& folder) {
   write_file(folder / "some", R"({"iterations": 300, "kernel": "dynamic", "eval": true, "opacity_lr": 0.05})");
 }
 
+void write_camera_seeds(const fs::path& folder) {
+  View view;
+  view.name = "a.png";
+  view.camera = test::look_at_origin(1, -2, 3, 40, 30);
+  write_file(folder / "list", cameras_to_json({}, {view, view}).dump());
+  write_file(folder / "path", R"({"render_width": 40, "render_height": 30, "seconds": 1, "camera_path": [
+      {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1], "fov": 50, "aspect": 1.33}]})");
+  write_file(folder / "transforms", R"({"camera_angle_x": 0.7, "w": 40, "frames": [
+      {"file_path": "a", "h": 30, "cy": 14.5,
+       "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]}]})");
+}
+
 void write_image_seeds(const fs::path& folder) {
   const fs::path png = folder / "a.png", jpeg = folder / "a.jpg";
   for (const int channels : {1, 3}) {
@@ -170,9 +217,12 @@ int main(int argc, char** argv) {
   const std::filesystem::path folder = argv[1];
   b3dgs::remove_tree(folder);
   b3dgs::write_colmap_seeds(folder);
+  b3dgs::write_transforms_seeds(folder / "transforms");
   b3dgs::write_ply_seeds(folder / "ply");
+  b3dgs::write_spz_seeds(folder / "spz");
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");
   b3dgs::write_config_seeds(folder / "json_config");
+  b3dgs::write_camera_seeds(folder / "camera_file");
   b3dgs::write_image_seeds(folder / "image_header");
   b3dgs::write_log_seeds(folder / "train_log");
 }

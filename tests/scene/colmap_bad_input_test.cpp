@@ -103,9 +103,9 @@ TEST_F(DamagedModel, RejectsAnUnknownCameraModelByNumber) {
 TEST_F(DamagedModel, NamesAnUnsupportedCameraModelAndTheRemedy) {
   write(sample_model());
   std::string bytes = content("cameras.bin");
-  bytes.replace(8 + 4, 4, bytes_of<std::int32_t>(16));
+  bytes.replace(8 + 4, 4, bytes_of<std::int32_t>(11));
   replace("cameras.bin", bytes);
-  EXPECT_TRUE(refuses({file("cameras.bin"), "camera 3", "EUCM", "image_undistorter"}));
+  EXPECT_TRUE(refuses({file("cameras.bin"), "camera 3", "RAD_TAN_THIN_PRISM_FISHEYE", "image_undistorter"}));
 }
 
 TEST_F(DamagedModel, RejectsParametersThatAreNotFinite) {
@@ -232,8 +232,8 @@ TEST_F(DamagedModel, RejectsAnUnknownCameraModelByName) {
   write(sample_model(), ColmapFormat::kText);
   replace("cameras.txt", "7 SPHERE 64 48 50 50 32\n");
   EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "unknown camera model \"SPHERE\""}));
-  replace("cameras.txt", "7 DIVISION 64 48 50 50 32 24 0.1\n");
-  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "DIVISION", "image_undistorter"}));
+  replace("cameras.txt", "7 EQUIRECTANGULAR 64 48\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "EQUIRECTANGULAR", "image_undistorter"}));
 }
 
 TEST_F(DamagedModel, RejectsTextImagesWithoutTheirLineOf2dPoints) {

@@ -156,6 +156,7 @@ TEST(ColmapReader, ReadsTextWhereBinaryIsIncomplete) {
 }
 
 TEST(CameraModels, HaveColmapsNamesAndParameterCounts) {
+  // Models that cannot be read have 0 parameters here.
   const std::vector<std::pair<const char*, int>> expected{{"SIMPLE_PINHOLE", 3},
                                                           {"PINHOLE", 4},
                                                           {"SIMPLE_RADIAL", 4},
@@ -166,8 +167,20 @@ TEST(CameraModels, HaveColmapsNamesAndParameterCounts) {
                                                           {"FOV", 5},
                                                           {"SIMPLE_RADIAL_FISHEYE", 4},
                                                           {"RADIAL_FISHEYE", 5},
-                                                          {"THIN_PRISM_FISHEYE", 12}};
+                                                          {"THIN_PRISM_FISHEYE", 12},
+                                                          {"RAD_TAN_THIN_PRISM_FISHEYE", 0},
+                                                          {"SIMPLE_DIVISION", 4},
+                                                          {"DIVISION", 5},
+                                                          {"SIMPLE_FISHEYE", 3},
+                                                          {"FISHEYE", 4},
+                                                          {"EUCM", 6},
+                                                          {"EQUIRECTANGULAR", 0}};
   for (std::size_t id = 0; id < expected.size(); ++id) {
+    if (expected[id].second == 0) {
+      EXPECT_TRUE(test::fails_with<InputError>({"cameras.txt", expected[id].first, "image_undistorter"},
+                                               [&] { camera_model_from_name(expected[id].first, "cameras.txt"); }));
+      continue;
+    }
     const auto model = static_cast<CameraModel>(id);
     EXPECT_STREQ(camera_model_name(model), expected[id].first);
     EXPECT_EQ(camera_model_param_count(model), expected[id].second);

@@ -236,5 +236,38 @@ TEST(Loss, IsTheSameOnTensors) {
   EXPECT_TRUE(torch::equal(loss.grad().color, tensor(expected.grad, {17, 23, 3}, torch::kFloat32)));
 }
 
+// The value against its formula, and the gradient against finite differences of it.
+TEST(Loss, AlphaOfEmptyPixelsIsATermOfItsOwn) {
+  constexpr std::int64_t kHeight = 5, kWidth = 7;
+  const torch::Tensor rendered = torch::full({kHeight, kWidth, 3}, 0.5f);
+  const torch::Tensor truth = torch::full({kHeight, kWidth, 3}, 128, torch::kUInt8);
+  torch::Tensor alpha = torch::arange(kHeight * kWidth, torch::kFloat32).reshape({kHeight, kWidth}) / 64;
+  const torch::Tensor empty =
+      (torch::arange(kHeight * kWidth) % 3 == 0).to(torch::kUInt8).reshape({kHeight, kWidth}) * 255;
+  ImageLoss loss(torch::kCPU);
+  const auto value = [&] {
+    loss.compute(rendered, truth, {}, kHeight * kWidth, LossWeights{0.2});
+    loss.add_alpha(alpha, empty, 0.75);
+    return loss.value().loss;
+  };
+  loss.compute(rendered, truth, {}, kHeight * kWidth, LossWeights{0.2});
+  const double without = loss.value().loss;
+  EXPECT_FALSE(loss.grad().alpha.defined());
+  double sum = 0;
+  for (std::int64_t i = 0; i < kHeight * kWidth; i += 3) sum += alpha.flatten()[i].item<double>();
+  EXPECT_NEAR(value() - without, 0.75 * sum / (kHeight * kWidth), 1e-7);
+  const torch::Tensor grad = loss.grad().alpha.clone();
+  for (const std::int64_t i : {0, 1, 3, 17, 33, 34}) {
+    float& entry = alpha.data_ptr<float>()[i];
+    const float at = entry, step = 0.25f;
+    entry = at + step;
+    const double above = value();
+    entry = at - step;
+    const double below = value();
+    entry = at;
+    EXPECT_NEAR(grad.flatten()[i].item<double>(), (above - below) / (2 * step), 1e-7) << i;
+  }
+}
+
 }  // namespace
 }  // namespace b3dgs

@@ -26,6 +26,9 @@ class AtomicFile {
   /// Overwrites bytes that were written before, starting at `offset`. @throws IoError
   void rewrite(std::uint64_t offset, const void* data, std::size_t bytes);
 
+  /// The temporary file, for another program that writes it in place.
+  const std::filesystem::path& temporary() const { return temporary_; }
+
   /// Fsyncs the file, renames it over the target, and fsyncs the folder. @throws IoError
   void commit();
 

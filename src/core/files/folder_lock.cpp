@@ -35,13 +35,13 @@ std::string command_of(const std::string& process) {
   return words.size() > kMost ? words.substr(0, kMost) + "..." : words;
 }
 
-[[noreturn]] void refuse(const fs::path& folder, const fs::path& path) {
+[[noreturn]] void refuse(const fs::path& folder, const fs::path& path, const char* kind) {
   std::string process = read_all(path);
   process.erase(std::find_if(process.begin(), process.end(), [](char c) { return c < '0' || c > '9'; }), process.end());
   const std::string command = process.empty() ? "" : command_of(process);
-  input_error("model folder in use: ", folder.string(), " (by ",
-              process.empty() ? "another process" : "process " + process, command.empty() ? "" : ": " + command,
-              "); wait until it ends, or choose another folder with -m");
+  input_error(kind, " in use: ", folder.string(), " (by ", process.empty() ? "another process" : "process " + process,
+              command.empty() ? "" : ": " + command, "); wait until it ends, or choose another folder",
+              std::strcmp(kind, "model folder") == 0 ? " with -m" : "");
 }
 
 /// Whether the open file is still the one at `path`: the previous holder removes it before releasing the lock.
@@ -54,7 +54,7 @@ bool is_at(int file, const fs::path& path) {
 
 }  // namespace
 
-FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".b3dgs-lock") {
+FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder / ".b3dgs-lock") {
   create_folder(folder);
   for (;;) {
     file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
@@ -65,7 +65,7 @@ FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".b3dgs-lock") {
     if (failed == EWOULDBLOCK) {
       ::close(file_);
       file_ = -1;
-      refuse(folder, path_);
+      refuse(folder, path_, kind);
     }
     if (is_at(file_, path_)) break;
     ::close(file_);

@@ -1,5 +1,5 @@
-// Ensures that only one process trains into a model folder. The system releases the lock when the process ends, even if
-// it crashes.
+// Ensures that only one process writes into a folder, such as a training into its model folder. The system releases the
+// lock when the process ends, even if it crashes.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,8 @@ class FolderLock {
   /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. Does
   /// nothing else on a file system without locks.
   /// @throws InputError naming the process that holds the lock; IoError if the folder cannot be written to
-  explicit FolderLock(const std::filesystem::path& folder);
+  /// `kind` of folder, for the error.
+  explicit FolderLock(const std::filesystem::path& folder, const char* kind = "model folder");
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
   FolderLock& operator=(const FolderLock&) = delete;

@@ -11,7 +11,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kMaxSide = 1 << 20;    // px
 constexpr double kMaxNumber = 1e12;  // px or world units; squares are finite in single precision
 
 Json camera_to_json(std::size_t id, const View& view) {
@@ -34,12 +33,13 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   NamedCamera named;
   named.name = entry.at("img_name").get<std::string>();
   Camera& camera = named.camera;
-  camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxSide);
-  camera.height = json_integer<int>(entry.at("height"), "height", place, 1, kMaxSide);
+  camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxCameraSide);
+  camera.height = json_integer<int>(entry.at("height"), "height", place, 1, kMaxCameraSide);
   entry.at("fx").get_to(camera.fx);
   entry.at("fy").get_to(camera.fy);
   camera.cx = entry.value("cx", 0.5 * camera.width);
   camera.cy = entry.value("cy", 0.5 * camera.height);
+  named.held_out = entry.value("held_out", false);
   const auto position = entry.at("position").get<std::array<double, 3>>();
   const auto world_from_cam = entry.at("rotation").get<std::array<std::array<double, 3>, 3>>();
   Pose& pose = camera.cam_from_world;
@@ -52,8 +52,9 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   return named;
 }
 
-/// What is wrong with a camera; "" if nothing is.
-std::string fault_of(const Camera& camera) {
+}  // namespace
+
+std::string camera_fault(const Camera& camera) {
   if (!(camera.fx > 0) || !(camera.fy > 0)) return "expected focal lengths above 0";
   for (const double value : {camera.fx, camera.fy, 1 / camera.fx, 1 / camera.fy, camera.cx, camera.cy}) {
     if (!(std::abs(value) <= kMaxNumber)) return "impossible focal length or principal point";
@@ -69,12 +70,32 @@ std::string fault_of(const Camera& camera) {
   return "";
 }
 
-}  // namespace
-
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train) {
   Json cameras = Json::array();
   for (const std::vector<View>* views : {&test, &train}) {
-    for (const View& view : *views) cameras.push_back(camera_to_json(cameras.size(), view));
+    for (const View& view : *views) {
+      cameras.push_back(camera_to_json(cameras.size(), view));
+      if (views == &test) cameras.back()["held_out"] = true;
+    }
+  }
+  return cameras;
+}
+
+std::vector<NamedCamera> cameras_from_json(const Json& json, const std::string& file) {
+  if (!json.is_array() || json.empty()) {
+    input_error(file, ": expected a JSON list of cameras, as b3dgs train writes it");
+  }
+  std::vector<NamedCamera> cameras;
+  for (const Json& entry : json) {
+    const std::string place = file + ": camera " + std::to_string(cameras.size());
+    try {
+      cameras.push_back(camera_from_json(entry, place));
+    } catch (const Json::exception&) {
+      input_error(place, ": expected img_name, width, height, position[3], rotation[3][3], fx and fy");
+    }
+    if (const std::string fault = camera_fault(cameras.back().camera); !fault.empty()) {
+      input_error(place, " (", cameras.back().name, "): ", fault);
+    }
   }
   return cameras;
 }
@@ -82,23 +103,7 @@ nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std:
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened (expected the cameras.json of a model folder)");
-  const Json json = parse_json(file);
-  if (!json.is_array() || json.empty()) {
-    input_error(path.string(), ": expected a JSON list of cameras, as b3dgs train writes it");
-  }
-  std::vector<NamedCamera> cameras;
-  for (const Json& entry : json) {
-    const std::string place = path.string() + ": camera " + std::to_string(cameras.size());
-    try {
-      cameras.push_back(camera_from_json(entry, place));
-    } catch (const Json::exception&) {
-      input_error(place, ": expected img_name, width, height, position[3], rotation[3][3], fx and fy");
-    }
-    if (const std::string fault = fault_of(cameras.back().camera); !fault.empty()) {
-      input_error(place, " (", cameras.back().name, "): ", fault);
-    }
-  }
-  return cameras;
+  return cameras_from_json(parse_json(file), path.string());
 }
 
 }  // namespace b3dgs

@@ -13,11 +13,20 @@ namespace b3dgs {
 struct NamedCamera {
   std::string name;  // of the image
   Camera camera;
+  bool held_out = false;
 };
 
 /// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
-/// the image. Test views come first.
+/// the image. Test views come first, with "held_out": true.
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train);
+
+inline constexpr int kMaxCameraSide = 1 << 20;  // px
+
+/// What is wrong with the intrinsics or the pose of a camera from a file; "" if nothing is.
+std::string camera_fault(const Camera& camera);
+
+/// The content of a cameras.json; `file` is named in errors. @throws InputError as read_cameras_json()
+std::vector<NamedCamera> cameras_from_json(const nlohmann::ordered_json& json, const std::string& file);
 
 /// Cameras in the order of the file, with or without a principal point. @throws InputError if the file is missing or
 /// damaged

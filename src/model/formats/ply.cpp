@@ -1,4 +1,4 @@
-// The properties of Gaussians and of points in PLY files. Files hold the SH coefficients of f_rest channel by channel,
+// The properties of Gaussians in PLY files. Files hold the SH coefficients of f_rest channel by channel,
 // the transpose of SplatCloud::shN; only this file deals with that.
 #include "model/formats/ply.h"
 
@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "model/formats/ply_reader.h"
+#include "core/files/ply_reader.h"
 
 namespace b3dgs {
 namespace {
@@ -64,10 +64,8 @@ std::string header(std::int64_t count, const std::vector<std::pair<std::string, 
 
 /// @throws InputError for formats of other programs that resemble a PLY of Gaussians
 void refuse_other_formats(const PlyReader& reader) {
+  refuse_compressed_ply(reader);
   const PlyElement& vertices = reader.vertices();
-  if (vertices.find("packed_position")) {
-    input_error(reader.name(), ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY");
-  }
   if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
     input_error(
         reader.name(),
@@ -201,68 +199,6 @@ SplatCloud read_splat_ply(FileReader& file) {
     });
   });
   return cloud;
-}
-
-void write_point_ply(const std::filesystem::path& path, const PointCloud& points) {
-  const std::int64_t n = points.size();
-  B3DGS_CHECK(points.positions.size() == points.colors.size(), points.positions.size(), " coordinates, ",
-              points.colors.size(), " colour values");
-  constexpr std::size_t kPositionBytes = 3 * sizeof(float), kRowBytes = kPositionBytes + 3;
-  AtomicFile file(path);
-  file.write(header(
-      n, {{"x", "float"}, {"y", "float"}, {"z", "float"}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
-  std::vector<char> block;
-  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
-    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
-    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
-    char* to = block.data();
-    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
-      std::memcpy(to, points.positions.data() + 3 * row, kPositionBytes);
-      std::memcpy(to + kPositionBytes, points.colors.data() + 3 * row, 3);
-    }
-    file.write(block.data(), block.size());
-  }
-  file.commit();
-}
-
-PointCloud read_point_ply(const std::filesystem::path& path) {
-  FileReader file(path);
-  return read_point_ply(file);
-}
-
-PointCloud read_point_ply(FileReader& file) {
-  PlyReader reader(file);
-  refuse_other_formats(reader);
-  const PlyElement& vertices = reader.vertices();
-  std::vector<std::string> columns{"x", "y", "z"};
-  const PlyProperty* red = vertices.find("red");
-  double to_8_bits = 0;
-  if (red) {
-    for (const char* name : {"red", "green", "blue"}) columns.emplace_back(name);
-    to_8_bits = red->type >= PlyType::kFloat32 ? 255.0 : red->type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
-  }
-  PointCloud points;
-  points.positions.resize(vertices.count * 3);
-  points.colors.assign(vertices.count * 3, 128);
-  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
-    for (std::uint64_t i = 0; i < n_rows; ++i) {
-      const double* row = rows + i * columns.size();
-      for (std::size_t k = 0; k < columns.size(); ++k) {
-        if (!std::isfinite(static_cast<float>(row[k]))) {
-          input_error(reader.name(), ": row ", first + i, " (counted from 0): expected a finite ", columns[k],
-                      ", found ", row[k], "; remove this point or export the file again");
-        }
-        const std::uint64_t at = (first + i) * 3;
-        if (k < 3) {
-          points.positions[at + k] = static_cast<float>(row[k]);
-        } else {
-          points.colors[at + k - 3] =
-              static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));
-        }
-      }
-    }
-  });
-  return points;
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// PLY files of Gaussians, with the properties that 3DGS viewers read, and of plain points.
+// PLY files of Gaussians, with the properties that 3DGS viewers read.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "model/formats/splat_cloud.h"
-#include "scene/point_cloud.h"
+#include "scene/point_ply.h"
 
 namespace b3dgs {
 
@@ -42,13 +42,5 @@ SplatCloud read_splat_ply(FileReader& file);
 
 /// Whether the header is one of Gaussians rather than plain points. @throws InputError if the file is not a PLY
 bool is_splat_ply(const std::filesystem::path& path);
-
-/// Writes x y z as float, red green blue as uchar. @throws IoError
-void write_point_ply(const std::filesystem::path& path, const PointCloud& points);
-
-/// Reads points as read_splat_ply() reads Gaussians. Colours of type float and double range from 0 to 1, 16-bit colours
-/// are reduced to 8 bits, and points without colours become mid-grey. @throws InputError
-PointCloud read_point_ply(const std::filesystem::path& path);
-PointCloud read_point_ply(FileReader& file);
 
 }  // namespace b3dgs

@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "model/formats/ply.h"
+#include "model/formats/spz.h"
 
 namespace b3dgs {
 namespace {
@@ -23,6 +24,8 @@ const SplatFormat& format_to_read(const fs::path& path) {
 const std::vector<SplatFormat>& splat_formats() {
   static const std::vector<SplatFormat> formats{
       {"PLY", ".ply", [](const fs::path& path) { return read_splat_ply(path); }, write_splat_ply, is_splat_ply},
+      {"SPZ", ".spz", [](const fs::path& path) { return read_spz(path); },
+       [](const fs::path& path, const SplatCloud& cloud) { write_spz(path, cloud); }, nullptr},
   };
   return formats;
 }

@@ -199,6 +199,13 @@ struct Rasterizer::Impl {
     return cpu.radii();
   }
 
+  const std::int32_t* last_ids() const {
+#if B3DGS_TORCH_CUDA
+    if (cuda != nullptr) return cuda->last_ids();
+#endif
+    return cpu.last_ids();
+  }
+
   const double* camera_gradients() const {
 #if B3DGS_TORCH_CUDA
     if (cuda != nullptr) return cuda->camera_gradient();
@@ -412,6 +419,14 @@ void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores)
   TensorCheck check(impl_->device);
   check.bind("N", impl_->n_gaussians);
   impl_->score(error.data_ptr<float>(), arrays_of(scores, check));
+}
+
+torch::Tensor Rasterizer::row_entries() const {
+  B3DGS_CHECK(impl_->rendered.alpha.defined(), "row_entries() before any forward()");
+  const torch::TensorOptions options = impl_->rendered.alpha.options().dtype(torch::kInt32);
+  const torch::Tensor last =
+      torch::from_blob(const_cast<std::int32_t*>(impl_->last_ids()), impl_->rendered.alpha.sizes(), options);
+  return last.sum(/*dim=*/1, /*keepdim=*/false, torch::kInt64).add_(last.size(1));
 }
 
 ViewLoad Rasterizer::count_load() const {

@@ -130,6 +130,11 @@ class Rasterizer {
   /// Frees these buffers and the images. The next call must be forward().
   void release_memory();
 
+  /// Work of the last forward() or forward_splats(): for each pixel row, the list entries up to the last one that each
+  /// pixel blends, summed over its pixels. A new tensor [H] int64 on the device; asynchronous on a GPU. Cheaper than
+  /// count_load(), and without the entries behind the last one.
+  torch::Tensor row_entries() const;
+
   /// Counts the load of the last forward().
   ViewLoad count_load() const;
 

@@ -1,5 +1,5 @@
-// For the rank that owns Gaussians whose splats are drawn elsewhere: what comes back for its splats, put where
-// Rasterizer::backward_to_splats() and Rasterizer::score() would have put it.
+// For a rank whose splats another rank draws: stores the sums that come back where Rasterizer::backward_to_splats() and
+// Rasterizer::score() would have stored them.
 #pragma once
 
 #include "raster/torch/rasterizer.h"
@@ -8,10 +8,10 @@ namespace b3dgs {
 
 class SplatOwner {
  public:
-  /// Writes exactly what backward_to_splats() writes, with record m that of row m: to `out`, which must have room for
-  /// all splats, and to the statistics, whose tensors the next call overwrites. `splats` is from Rasterizer::project()
-  /// of `n_gaussians` Gaussians, `sums` [M, 12] from Rasterizer::backward_splats(), rows in the same order. Nothing
-  /// waits for a GPU. @throws LogicError naming a tensor that does not fit
+  /// Writes to `out` what backward_to_splats() would write, except that record m is that of row m; `out` must have room
+  /// for all splats. Returns the statistics, whose tensors the next call overwrites. `splats` is from
+  /// Rasterizer::project() of `n_gaussians` Gaussians, `sums` [M, 12] from Rasterizer::backward_splats(), rows in the
+  /// same order. Nothing waits for a GPU. @throws LogicError naming a tensor that does not fit
   ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
                       bool absolute_gradient, const KeptSplats& out);
 

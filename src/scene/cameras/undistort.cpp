@@ -81,6 +81,20 @@ Depth16 Undistorter::apply(const Depth16& map) const {
   return result;
 }
 
+Image8 Undistorter::apply_to_mask(const Image8& mask) const {
+  B3DGS_CHECK(mask.width == width_ && mask.height == height_ && mask.channels == 1, "a mask of ", mask.width, " x ",
+              mask.height, " x ", mask.channels, " for a map of ", width_, " x ", height_);
+  Image8 result(width_, height_, 1);
+  const cv::Mat from(height_, width_, CV_8UC1, const_cast<std::uint8_t*>(mask.pixels.data()));
+  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
+  cv::Mat to(height_, width_, CV_8UC1, result.pixels.data());
+  cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  for (std::size_t i = 0; valid_ && i < result.pixels.size(); ++i) {
+    if (valid_->pixels[i] == 0) result.pixels[i] = 0;
+  }
+  return result;
+}
+
 Image8 shrink_mask(const Image8& mask, int width, int height) {
   B3DGS_CHECK(mask.channels == 1 && width <= mask.width && height <= mask.height && width > 0 && height > 0,
               "a mask of ", mask.width, " x ", mask.height, " x ", mask.channels, " for ", width, " x ", height);

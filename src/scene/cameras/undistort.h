@@ -26,6 +26,9 @@ class Undistorter {
   /// The same for a depth map. Values at invalid pixels have no meaning.
   Depth16 apply(const Depth16& map) const;
 
+  /// The same for a mask of one channel, 0 or 255: values between where both meet, 0 at invalid pixels.
+  Image8 apply_to_mask(const Image8& mask) const;
+
   /// Mask of one channel: 255 where an output pixel comes from inside the photograph; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }
   double valid_share() const { return valid_share_; }  // in (0, 1]

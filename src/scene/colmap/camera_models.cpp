@@ -4,9 +4,11 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "scene/cameras/models/closed_form.h"
 #include "scene/cameras/models/fisheye.h"
 #include "scene/cameras/models/opencv.h"
 #include "scene/cameras/models/radial.h"
+#include "scene/cameras/models/thin_prism.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {
@@ -18,8 +20,8 @@ struct CameraModelRow {
   const LensModel* lens;  // null: photographs of this model cannot be used
 };
 
-// In the order of COLMAP's ids (src/colmap/sensor/models.h there). The number of parameters of the newer models has
-// changed between versions of COLMAP, so these have a name only.
+// In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE and EQUIRECTANGULAR have
+// a name only: their number of parameters has changed between versions of COLMAP.
 constexpr std::array<CameraModelRow, 18> kCameraModels{{
     {"SIMPLE_PINHOLE", "f, cx, cy", &kPinholeLens},
     {"PINHOLE", "fx, fy, cx, cy", &kPinholeLens},
@@ -28,16 +30,16 @@ constexpr std::array<CameraModelRow, 18> kCameraModels{{
     {"OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2", &kOpenCvLens},
     {"OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4", &kFisheyeLens<4>},
     {"FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6", &kFullOpenCvLens},
-    {"FOV", "fx, fy, cx, cy, omega", nullptr},
+    {"FOV", "fx, fy, cx, cy, omega", &kFovLens},
     {"SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k", &kFisheyeLens<1>},
     {"RADIAL_FISHEYE", "f, cx, cy, k1, k2", &kFisheyeLens<2>},
-    {"THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1", nullptr},
+    {"THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1", &kThinPrismFisheyeLens},
     {"RAD_TAN_THIN_PRISM_FISHEYE", nullptr, nullptr},
-    {"SIMPLE_DIVISION", nullptr, nullptr},
-    {"DIVISION", nullptr, nullptr},
-    {"SIMPLE_FISHEYE", nullptr, nullptr},
-    {"FISHEYE", nullptr, nullptr},
-    {"EUCM", nullptr, nullptr},
+    {"SIMPLE_DIVISION", "f, cx, cy, k", &kDivisionLens},
+    {"DIVISION", "fx, fy, cx, cy, k", &kDivisionLens},
+    {"SIMPLE_FISHEYE", "f, cx, cy", &kFisheyeLens<0>},
+    {"FISHEYE", "fx, fy, cx, cy", &kFisheyeLens<0>},
+    {"EUCM", "fx, fy, cx, cy, alpha, beta", &kEucmLens},
     {"EQUIRECTANGULAR", nullptr, nullptr},
 }};
 static_assert(static_cast<int>(CameraModel::kThinPrismFisheye) == 10, "the table is in the order of the ids");

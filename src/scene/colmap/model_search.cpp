@@ -39,6 +39,11 @@ std::vector<fs::path> folders_to_search(const fs::path& source) {
 
 }  // namespace
 
+bool has_model_folder(const fs::path& source) {
+  const std::vector<fs::path> folders = folders_to_search(source);
+  return std::any_of(folders.begin(), folders.end(), [](const fs::path& folder) { return colmap_format(folder); });
+}
+
 SparseModelFolder find_model_folder(const fs::path& source) {
   if (!fs::is_directory(source)) {
     const char* fault = fs::exists(source) ? "scene is not a folder: " : "scene folder not found: ";
@@ -49,11 +54,10 @@ SparseModelFolder find_model_folder(const fs::path& source) {
     if (colmap_format(folder)) candidates.push_back({folder, 0});
   }
   if (candidates.empty()) {
-    const bool is_blender = fs::exists(source / "transforms_train.json") || fs::exists(source / "transforms.json");
-    input_error(source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ ",
-                "(expected cameras, images and points3D, as .bin or .txt files); ",
-                is_blender ? "transforms.json is not supported: convert the scene to COLMAP"
-                           : "reconstruct the scene with COLMAP, or choose another folder with -s");
+    input_error(
+        source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ (expected cameras, images and ",
+        "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
+        "PHOTOS SCENE` makes a scene of photographs, or choose another folder with -s");
   }
   SparseModelFolder found;
   if (candidates.size() == 1) {

@@ -15,6 +15,9 @@ struct SparseModelFolder {
   std::vector<std::string> notes;  // which model was chosen, and errors of others
 };
 
+/// Whether the scene folder holds a COLMAP model, complete or not.
+bool has_model_folder(const std::filesystem::path& source);
+
 /// Searches sparse/N, sparse/ and the scene folder itself; of several models, chooses the one with the most images.
 /// @throws InputError if there is none
 SparseModelFolder find_model_folder(const std::filesystem::path& source);

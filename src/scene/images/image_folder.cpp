@@ -20,11 +20,6 @@ std::string lower_case(std::string text) {
   return text;
 }
 
-bool is_image_file(const fs::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
-}
-
 std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());
 }
@@ -60,6 +55,11 @@ std::string list_subfolders(const fs::path& source) {
 
 }  // namespace
 
+bool has_image_extension(const fs::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
+
 ImageFolder::ImageFolder(const fs::path& source, const std::string& images)
     : source_(source), folder_(source / images), images_(images) {
   if (fs::is_directory(folder_)) {
@@ -87,7 +87,7 @@ void ImageFolder::list_files() {
   const auto options = fs::directory_options::skip_permission_denied;
   for (fs::recursive_directory_iterator entry(folder_, options, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (is_file(entry->path()) && is_image_file(entry->path())) files_.push_back(entry->path());
+    if (is_file(entry->path()) && has_image_extension(entry->path())) files_.push_back(entry->path());
   }
   std::sort(files_.begin(), files_.end());
   const auto add = [](Index& index, const std::string& key, const fs::path& file) {

@@ -10,6 +10,9 @@
 
 namespace b3dgs {
 
+/// Whether the name ends like that of an image file, in upper or lower case.
+bool has_image_extension(const std::filesystem::path& path);
+
 class ImageFolder {
  public:
   /// `images` is the folder inside `source`. If "images_4" does not exist but "images" does, that is used instead, with

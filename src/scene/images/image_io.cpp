@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -86,6 +87,20 @@ void convert(const fs::path& path, const cv::Mat& decoded, bool white_background
   cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
 
+void encode_to_file(const fs::path& path, const std::string& extension, const cv::Mat& image) {
+  Bytes bytes;
+  bool is_encoded = false;
+  try {
+    is_encoded = cv::imencode(extension, image, bytes, {cv::IMWRITE_JPEG_QUALITY, 95});
+  } catch (const cv::Exception& error) {
+    io_error(path.string(), ": cannot be encoded (", error.err, ")");
+  }
+  if (!is_encoded) io_error(path.string(), ": cannot be encoded as ", extension);
+  AtomicFile file(path);
+  file.write(bytes.data(), bytes.size());
+  file.commit();
+}
+
 }  // namespace
 
 Image8 read_image(const fs::path& path, bool white_background) {
@@ -165,6 +180,21 @@ Depth16 resize_depth_map(const Depth16& map, ImageSize size) {
   return result;
 }
 
+void write_depth_map(const fs::path& path, const Depth16& map) {
+  B3DGS_CHECK(map.width > 0 && map.height > 0, "an empty map");
+  encode_to_file(path, ".png", {map.height, map.width, CV_16UC1, const_cast<std::uint16_t*>(map.values.data())});
+}
+
+void write_exr(const fs::path& path, ImageSize size, const float* values) {
+  B3DGS_CHECK(size.width > 0 && size.height > 0, "an empty image");
+  // Newer versions of OpenCV write OpenEXR only if this is set before they are first asked to.
+  ::setenv("OPENCV_IO_ENABLE_OPENEXR", "1", /*overwrite=*/0);
+  if (!cv::haveImageWriter("image.exr")) {
+    input_error(path.string(), ": the installed OpenCV cannot write OpenEXR; use 16-bit PNG");
+  }
+  encode_to_file(path, ".exr", {size.height, size.width, CV_32FC1, const_cast<float*>(values)});
+}
+
 void write_image(const fs::path& path, const Image8& image) {
   B3DGS_CHECK(image.channels == 1 || image.channels == 3, "an image of ", image.channels, " channels");
   B3DGS_CHECK(image.width > 0 && image.height > 0, "an empty image");
@@ -181,17 +211,7 @@ void write_image(const fs::path& path, const Image8& image) {
   } else {
     bgr = from;
   }
-  Bytes bytes;
-  bool is_encoded = false;
-  try {
-    is_encoded = cv::imencode(extension, bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, 95});
-  } catch (const cv::Exception& error) {
-    io_error(path.string(), ": cannot be encoded (", error.err, ")");
-  }
-  if (!is_encoded) io_error(path.string(), ": cannot be encoded as ", extension);
-  AtomicFile file(path);
-  file.write(bytes.data(), bytes.size());
-  file.commit();
+  encode_to_file(path, extension, bgr);
 }
 
 }  // namespace b3dgs

@@ -30,6 +30,13 @@ Depth16 read_depth_map(const std::filesystem::path& path);
 /// Averages areas when shrinking, interpolates bilinearly when enlarging.
 Depth16 resize_depth_map(const Depth16& map, ImageSize size);
 
+/// Writes a grey PNG of 16 bits. The file appears complete or not at all. @throws IoError
+void write_depth_map(const std::filesystem::path& path, const Depth16& map);
+
+/// Writes an OpenEXR file with one channel of 32-bit floats, "Y". `values` [height, width]. The file appears complete
+/// or not at all. @throws InputError if the installed OpenCV cannot write OpenEXR; IoError
+void write_exr(const std::filesystem::path& path, ImageSize size, const float* values);
+
 /// Writes PNG or JPEG by extension, with one or three channels. The file appears complete or not at all.
 /// @throws InputError for other extensions; IoError
 void write_image(const std::filesystem::path& path, const Image8& image);

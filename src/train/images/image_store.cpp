@@ -114,14 +114,17 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
     TrainView& train_view = views_.emplace_back(make_train_view(view));
     train_view.index = size() - 1;
     images_.push_back(view.image);
-    if (!view.valid) continue;
-    torch::Tensor& mask = masks[view.valid.get()];
-    if (!mask.defined()) {
-      mask = bytes_at(view.valid->pixels.data(), {train_view.camera.height, train_view.camera.width}, torch::kCPU)
-                 .to(device);
-      used += mask.numel();
-    }
-    train_view.valid = mask;
+    const auto on_device = [&](const std::shared_ptr<const Image8>& mask) {
+      if (!mask) return torch::Tensor();
+      torch::Tensor& tensor = masks[mask.get()];
+      if (!tensor.defined()) {
+        tensor = bytes_at(mask->pixels.data(), {mask->height, mask->width}, torch::kCPU).to(device);
+        used += tensor.numel();
+      }
+      return tensor;
+    };
+    train_view.valid = on_device(view.valid);
+    train_view.empty = on_device(view.empty);
   }
   if (device.is_cpu()) {
     hold_images(views, progress);

@@ -25,6 +25,7 @@ struct TrainView {
   PinholeView camera{};
   torch::Tensor truth;       // [H, W, 3] uint8
   torch::Tensor valid;       // [H, W] uint8, 0 = pixel is ignored; undefined = all pixels count
+  torch::Tensor empty;       // [H, W] uint8, 255 = nothing may be there (View::empty); undefined = no such pixel
   std::int64_t n_valid = 0;  // px
 };
 

@@ -70,6 +70,13 @@ TrainView ViewReducer::reduce(const TrainView& view, const Image8* mask, int sca
     args.valid = view.valid.data_ptr<std::uint8_t>();
     args.reduced_valid = valid_.data_ptr<std::uint8_t>();
   }
+  if (view.empty.defined()) {
+    // Only pixels all of whose parts are empty.
+    reduced.empty = view.empty.slice(0, 0, height * scale)
+                        .slice(1, 0, width * scale)
+                        .reshape({height, scale, width, scale})
+                        .amin({1, 3});
+  }
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) {
     cuda::reduce_image(args, torch_launch_context().stream);

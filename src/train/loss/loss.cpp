@@ -39,10 +39,29 @@ ImageLoss::ImageLoss(torch::Device device) : device_(device) {
 ImageLoss::~ImageLoss() = default;
 
 LossValue ImageLoss::value() const {
+  LossValue value = value_;
 #if B3DGS_TORCH_CUDA
-  if (cuda_ != nullptr) return cuda_->reader.wait();
+  if (cuda_ != nullptr) value = cuda_->reader.wait();
 #endif
-  return value_;
+  if (alpha_value_.defined()) value.loss += alpha_value_.item<double>();
+  return value;
+}
+
+void ImageLoss::add_alpha(const torch::Tensor& alpha, const torch::Tensor& empty, double weight) {
+  TensorCheck(device_).dims("alpha", alpha, {"H", "W"});
+  B3DGS_CHECK(empty.scalar_type() == torch::kUInt8 && empty.sizes() == alpha.sizes() && empty.device() == device_,
+              "empty is not uint8 of the size of the rendered view, ", alpha.sizes(), ", on ", device_.str());
+  place_tensor(alpha_grad_, alpha_grad_room_, alpha.sizes(), alpha.options());
+  alpha_grad_.copy_(empty).mul_(weight / (255.0 * static_cast<double>(alpha.numel())));
+  if (device_.is_cpu()) {
+    // In one order, so that the value does not depend on the number of threads.
+    const float *alphas = alpha.data_ptr<float>(), *weights = alpha_grad_.data_ptr<float>();
+    double sum = 0;
+    for (std::int64_t i = 0; i < alpha.numel(); ++i) sum += double{alphas[i]} * weights[i];
+    alpha_value_ = torch::full({}, sum, torch::kFloat64);
+  } else {
+    alpha_value_ = torch::dot(alpha.reshape({-1}), alpha_grad_.reshape({-1}));
+  }
 }
 
 void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
@@ -57,6 +76,7 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   check_bytes("truth", truth, rendered.sizes());
   if (valid.defined()) check_bytes("valid", valid, rendered.sizes().slice(0, 2));
 
+  alpha_grad_ = alpha_value_ = torch::Tensor();
   LossArgs args;
   args.height = static_cast<std::int32_t>(rendered.size(0));
   args.width = static_cast<std::int32_t>(rendered.size(1));

@@ -44,18 +44,23 @@ class ImageLoss {
   void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
                std::int64_t n_valid, const LossWeights& weights);
 
+  /// Adds weight * (sum of alpha over the empty pixels) / (pixels of the image) to the loss of the last compute(), so
+  /// that nothing remains there: `alpha` is [H, W] float, `empty` [H, W] uint8, 255 or 0. Asynchronous on a GPU.
+  void add_alpha(const torch::Tensor& alpha, const torch::Tensor& empty, double weight);
+
   /// Of the last compute(), for which this waits on a GPU: a training step reads it one step later.
   LossValue value() const;
 
-  /// Gradient of the last loss with respect to the rendered view, valid until the next compute(). Only color [H, W, 3]
-  /// is set: no term depends on depth or alpha.
-  RenderedViewGrad grad() const { return {grad_, {}, {}}; }
+  /// Gradient of the last loss with respect to the rendered view, valid until the next compute(). color [H, W, 3] is
+  /// set, and alpha [H, W] after add_alpha(): no term depends on depth.
+  RenderedViewGrad grad() const { return {grad_, {}, alpha_grad_}; }
 
  private:
   struct OnCuda;
   torch::Device device_;
   torch::Tensor grad_, grad_room_, workspace_;
   LossValue value_;
+  torch::Tensor alpha_grad_, alpha_grad_room_, alpha_value_;  // undefined without add_alpha()
   std::unique_ptr<OnCuda> cuda_;
 };
 

@@ -12,6 +12,7 @@ namespace b3dgs {
 struct LossWeights {
   double dssim = 0;  // in [0, 1]
   double huber = 0;  // instead of L1: a Huber loss, of slope 1, that is quadratic below this difference; 0 = L1
+  double alpha = 0;  // of the mean alpha over pixels of the image where nothing may be, see ImageLoss::add_alpha()
 };
 
 /// All arrays are on one device and contiguous.

@@ -10,6 +10,7 @@ inline LossWeights loss_weights(const TrainConfig& config, int iteration) {
   LossWeights weights;
   weights.dssim = config.lambda_dssim;
   weights.huber = iteration > config.huber_from_iter ? config.huber : 0;
+  weights.alpha = config.mask_mode == "segment" ? config.mask_alpha_weight : 0;
   return weights;
 }
 

@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "model/evaluation.h"
+#include "train/ranks/rank_load.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {
@@ -29,6 +31,7 @@ struct TrainListeners {
   std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
   std::function<void(const std::string&)> on_message;     // one line for the user
   std::function<void(const std::string&)> on_warning;     // one line: something is wrong, but training continues
+  std::function<void(int iteration, const Evaluation&)> on_evaluation;  // of the test views
   // If set, every step is timed stage by stage, and reported some time after the device has finished it.
   std::function<void(const StageTimes&)> on_stage_times;
   std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume
@@ -51,6 +54,7 @@ struct TrainResult : TrainOutputs {
   double train_s = 0;                  // uploads, kernel checks, steps, density control; without reading of files
   double output_s = 0;                 // evaluation, statistics, saving, checkpoints
   std::int64_t n_removed = 0;          // invalid Gaussians that were removed, over all sessions
+  std::optional<RankFigures> ranks;    // of this session, with several ranks
 };
 
 }  // namespace b3dgs

@@ -55,6 +55,7 @@ void TrainLog::write(const TrainLogLine& line) {
     json["test_ssim"] = line.test_quality->ssim;
     if (line.test_quality->corrected_psnr) json["test_cc_psnr"] = *line.test_quality->corrected_psnr;
   }
+  if (line.ranks) json["ranks"] = to_json(*line.ranks);
   if (!line.kernel.empty()) json["kernel"] = line.kernel;
   if (!line.backward_kernel.empty()) json["backward_kernel"] = line.backward_kernel;
   append(json);

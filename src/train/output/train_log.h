@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "train/quality/metrics.h"
+#include "train/ranks/rank_load.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {
@@ -24,6 +25,7 @@ struct TrainLogLine {
   std::optional<StageTimes> stages;          // of the average step, if steps were timed since the line before
   std::string kernel, backward_kernel;       // in use; empty = there is no choice
   std::optional<ImageQuality> test_quality;  // mean over the test views, if they were evaluated
+  std::optional<RankFigures> ranks;          // since the line before, with several ranks
 };
 
 class TrainLog {

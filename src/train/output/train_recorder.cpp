@@ -47,7 +47,7 @@ void TrainRecorder::log_event(int iteration, const char* event, const nlohmann::
 }
 
 void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
-                                  const std::string& backward_kernel) {
+                                  const std::string& backward_kernel, const std::optional<RankFigures>& ranks) {
   const TrainState& state = source_.state;
   TrainLogLine line;
   line.test_quality = test_quality;
@@ -64,6 +64,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
   if (line.stages) staged_iteration_ = state.iteration;
   line.kernel = kernel;
   line.backward_kernel = backward_kernel;
+  line.ranks = ranks;
   log_->write(line);
   if (const std::string fault = log_->take_fault(); !fault.empty()) {
     warn(fault + "; log lines are kept in memory until it can be written");
@@ -75,6 +76,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
 void TrainRecorder::add_evaluation(const Evaluation& evaluation, const EvaluationSource& source) {
   const int iteration = source_.state.iteration;
   outputs_.evaluations.emplace_back(iteration, evaluation);
+  if (source_.listeners.on_evaluation) source_.listeners.on_evaluation(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
   char text[160];
   std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,

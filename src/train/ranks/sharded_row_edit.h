@@ -10,8 +10,8 @@
 namespace b3dgs {
 
 /// density/row_edit.h's apply_row_edit() for tensors with this rank's rows of a model of n_global_before Gaussians.
-/// `edit` is about global rows and the same on every rank, on the device of the tensors; afterwards, each rank holds
-/// its rows of what that function would make of the whole tensors. All ranks call this together.
+/// `edit` refers to global rows and is the same on every rank, on the device of the tensors. Afterwards, each rank
+/// holds its rows of the tensors that that function would make of the whole model. All ranks call this together.
 ///
 /// Beside the model and the edit, memory holds a copy of edit.sources, one tensor of the model as it is afterwards, and
 /// two pieces of piece_bytes. An error after the first checks leaves tensors with different numbers of rows: the

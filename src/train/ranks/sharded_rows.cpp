@@ -137,18 +137,19 @@ torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& loc
   return global;
 }
 
-torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, std::int64_t n_views) {
-  const std::int64_t size = ranks.size(), n_own = (n_views - ranks.rank() + size - 1) / size;
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers) {
+  std::vector<std::int64_t> counts(static_cast<std::size_t>(ranks.size()), 0), places;
+  for (const int drawer : drawers) places.push_back(counts.at(static_cast<std::size_t>(drawer))++);
+  const std::int64_t n_own = counts[static_cast<std::size_t>(ranks.rank())];
   B3DGS_CHECK(drawn.size(0) == n_own, drawn.size(0), " rows of ", n_own, " views that this rank draws");
-  if (size == 1) return drawn;
-  const std::int64_t n_most = (n_views + size - 1) / size;  // parts of one size are faster
+  if (ranks.size() == 1) return drawn;
+  const std::int64_t n_most = *std::max_element(counts.begin(), counts.end());  // parts of one size are faster
   torch::Tensor part = torch::zeros(sizes_with_rows(drawn, n_most), drawn.options());
   part.slice(0, 0, n_own).copy_(drawn);
-  const torch::Tensor all =
-      ranks.all_gather_rows(part, std::vector<std::int64_t>(static_cast<std::size_t>(size), n_most));
-  std::vector<std::int64_t> by_rank = sizes_with_rows(all, n_most);
-  by_rank.insert(by_rank.begin(), size);
-  return all.view(by_rank).transpose(0, 1).reshape(sizes_with_rows(all, n_most * size)).slice(0, 0, n_views);
+  std::fill(counts.begin(), counts.end(), n_most);
+  const torch::Tensor all = ranks.all_gather_rows(part, counts);
+  for (std::size_t v = 0; v < drawers.size(); ++v) places[v] += drawers[v] * n_most;
+  return all.index_select(0, torch::tensor(places, torch::kInt64).to(all.device()));
 }
 
 std::int64_t bytes_per_row(const torch::Tensor& rows) {

@@ -27,8 +27,9 @@ torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards);
 /// Rows are exchanged in pieces of about this many bytes on each rank, which bounds the memory beside the result.
 inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
 
-/// The whole tensor on every rank, in global order. New tensors, but with one rank `local` itself.
-/// @throws LogicError on all ranks if they disagree on n_global, type or shape, or hold other numbers of rows
+/// The whole tensor on every rank, in global order. A new tensor; with one rank, `local` itself.
+/// @throws LogicError on all ranks if they disagree on n_global, type or shape, or if one does not hold its
+/// number of rows
 torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 
@@ -42,9 +43,9 @@ void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::
 torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                                    std::int64_t piece_bytes = kExchangePieceBytes);
 
-/// What the rank that draws a view tells all ranks: view v of n_views is drawn by rank v % size. `drawn` has a row for
-/// each view that this rank draws, in their order. Returns a row for each view. One exchange, nothing waits for a GPU.
-torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, std::int64_t n_views);
+/// What the rank that draws a view tells all ranks: view v is drawn by rank drawers[v]. `drawn` has a row for each view
+/// that this rank draws, in their order. Returns a row for each view. One exchange.
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers);
 
 /// Bytes of one row. Contiguous tensors of any type and shape.
 std::int64_t bytes_per_row(const torch::Tensor& rows);
@@ -52,8 +53,8 @@ std::int64_t bytes_per_row(const torch::Tensor& rows);
 /// Local rows that a rank exchanges at a time: whole blocks of about piece_bytes, at least one.
 std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes);
 
-/// @throws LogicError on all ranks, with the first cause that is not empty. Otherwise a rank that throws alone leaves
-/// the others waiting.
+/// @throws LogicError on all ranks, with the first cause that is not empty; returns if all are. For checks that may
+/// fail on some ranks only: a rank that threw alone would leave the others waiting.
 void throw_together(Communicator& ranks, const std::string& label, const std::string& cause);
 
 /// @throws LogicError on all ranks, naming `what`, unless the numbers are the same on all of them

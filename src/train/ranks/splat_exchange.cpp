@@ -77,15 +77,23 @@ ViewSplats unpack(const torch::Tensor& words, const torch::Tensor& places) {
 SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks), shards_(shards_of(ranks)) {}
 
 std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>& own,
-                                                  const std::vector<std::vector<std::int64_t>>& counts) {
+                                                  const std::vector<std::vector<std::int64_t>>& counts,
+                                                  const std::vector<int>& drawers) {
   const auto size = static_cast<std::size_t>(shards_.size), rank = static_cast<std::size_t>(shards_.rank);
   const std::size_t n_views = own.size();
   B3DGS_CHECK(counts.size() == size, "numbers of splats from ", counts.size(), " ranks of ", size);
   for (const std::vector<std::int64_t>& of_rank : counts) {
     B3DGS_CHECK(of_rank.size() == n_views, "numbers of splats of ", of_rank.size(), " views of ", n_views);
   }
+  B3DGS_CHECK(drawers.size() == n_views, "drawers of ", drawers.size(), " views of ", n_views);
   own_counts_ = counts[rank];
   drawn_.clear();
+  views_of_.assign(size, {});
+  for (std::size_t v = 0; v < n_views; ++v) {
+    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ",
+                size);
+    views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
+  }
   if (n_views == 0) return {};
   B3DGS_CHECK(own[0].splats.defined(), "splats of view 0 of the step are undefined");
   device_ = own[0].splats.device();
@@ -101,23 +109,23 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
   const torch::Tensor sent = torch::empty({sum_of(own_counts_), kWords}, words_type);
   std::int64_t n_packed = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
-    for (std::size_t v = drawer; v < n_views; v += size) {
+    for (const std::size_t v : views_of_[drawer]) {
       pack(own[v], shards_, sent.slice(0, n_packed, n_packed + own_counts_[v]));
       n_packed += own_counts_[v];
       send_[drawer] += own_counts_[v];
     }
   }
   for (std::size_t r = 0; r < size; ++r) {
-    for (std::size_t v = rank; v < n_views; v += size) receive_[r] += counts[r][v];
+    for (const std::size_t v : views_of_[rank]) receive_[r] += counts[r][v];
   }
-  const torch::Tensor received = ranks_.all_to_all_rows(sent, send_, receive_);
+  const torch::Tensor received = exchange(sent, send_, receive_);
 
   // Rows come by rank, those of a rank by view.
   const torch::Tensor all_places = torch::arange(received.size(0), words_type.dtype(torch::kInt64));
   std::vector<std::int64_t> next(size, 0);  // place of the next row of each rank
   std::exclusive_scan(receive_.begin(), receive_.end(), next.begin(), std::int64_t{0});
   std::vector<ViewSplats> drawn;
-  for (std::size_t v = rank; v < n_views; v += size) {
+  for (const std::size_t v : views_of_[rank]) {
     std::vector<torch::Tensor> rows, places;
     for (std::size_t r = 0; r < size; ++r) {
       const std::int64_t begin = std::exchange(next[r], next[r] + counts[r][v]);
@@ -131,6 +139,15 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
     drawn.push_back(unpack(received, view.places));
   }
   return drawn;
+}
+
+torch::Tensor SplatExchange::exchange(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
+                                      const std::vector<std::int64_t>& receive) {
+  const auto own = static_cast<std::size_t>(shards_.rank);
+  const std::int64_t row_bytes = rows.size(1) * static_cast<std::int64_t>(rows.element_size());
+  sent_bytes_ += (sum_of(send) - send[own]) * row_bytes;
+  received_bytes_ += (sum_of(receive) - receive[own]) * row_bytes;
+  return ranks_.all_to_all_rows(rows, send, receive);
 }
 
 std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
@@ -149,14 +166,14 @@ std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Ten
 
   torch::Tensor sent = torch::empty({sum_of(receive_), n_columns}, torch::dtype(type).device(device_));
   for (std::size_t i = 0; i < drawn.size(); ++i) sent.index_copy_(0, drawn_[i].places, drawn[i]);
-  const torch::Tensor received = ranks_.all_to_all_rows(sent, receive_, send_);
+  const torch::Tensor received = exchange(sent, receive_, send_);
 
   // Rows come by drawer, those of a drawer by view.
   const auto size = static_cast<std::size_t>(shards_.size);
   std::vector<torch::Tensor> own(own_counts_.size());
   std::int64_t n_read = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
-    for (std::size_t v = drawer; v < own.size(); v += size) {
+    for (const std::size_t v : views_of_[drawer]) {
       own[v] = received.slice(0, n_read, n_read + own_counts_[v]);
       n_read += own_counts_[v];
     }
@@ -179,9 +196,9 @@ std::vector<torch::Tensor> SplatExchange::columns_to_drawers(const std::vector<t
   const auto size = static_cast<std::size_t>(shards_.size);
   std::vector<torch::Tensor> parts;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
-    for (std::size_t v = drawer; v < own.size(); v += size) parts.push_back(own[v]);
+    for (const std::size_t v : views_of_[drawer]) parts.push_back(own[v]);
   }
-  const torch::Tensor received = ranks_.all_to_all_rows(torch::cat(parts), send_, receive_);
+  const torch::Tensor received = exchange(torch::cat(parts), send_, receive_);
   std::vector<torch::Tensor> drawn;
   for (const DrawnView& view : drawn_) drawn.push_back(received.index_select(0, view.places));
   return drawn;

@@ -13,20 +13,19 @@
 
 namespace b3dgs {
 
-/// The exchange of one step. View v of the step is drawn by rank v % size.
-///
-/// Every rank calls to_drawers() once, then to_owners() and columns_to_drawers() as often as needed. With one rank, the
-/// tensors are passed through as they are. On a GPU, the host does not wait.
+/// The exchange of one step. Every rank calls to_drawers() once, then to_owners() and columns_to_drawers() as often as
+/// needed. With one rank, the tensors are passed through as they are. On a GPU, the host does not wait.
 class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
 
   /// own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = local row. counts[r][v] is
-  /// the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views that this rank
-  /// draws, in the order of the views, rows ascending by global row, with Splat::gaussian = global row (< 2^31).
-  /// @throws LogicError if `own` and `counts` disagree
+  /// the number of splats of view v on rank r, drawers[v] the rank that draws it, both the same on all ranks. Returns
+  /// the splats of the views that this rank draws, in the order of the views, rows ascending by global row, with
+  /// Splat::gaussian = global row (< 2^31). @throws LogicError if `own`, `counts` and `drawers` disagree
   std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
-                                     const std::vector<std::vector<std::int64_t>>& counts);
+                                     const std::vector<std::vector<std::int64_t>>& counts,
+                                     const std::vector<int>& drawers);
 
   /// drawn[i] is [M_i, n_columns] of `type`, a row for each splat of result i of to_drawers(), in its order. Returns
   /// for every view v of the step the rows of own[v], in its order: contiguous parts of one tensor. n_columns and
@@ -40,7 +39,15 @@ class SplatExchange {
   std::vector<torch::Tensor> columns_to_drawers(const std::vector<torch::Tensor>& own, std::int64_t n_columns,
                                                 torch::ScalarType type);
 
+  /// To and from other ranks, by all calls so far.
+  std::int64_t sent_bytes() const { return sent_bytes_; }
+  std::int64_t received_bytes() const { return received_bytes_; }
+
  private:
+  /// all_to_all_rows(), counted.
+  torch::Tensor exchange(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
+                         const std::vector<std::int64_t>& receive);
+
   /// A view that this rank draws.
   struct DrawnView {
     std::int64_t n_splats = 0;
@@ -53,6 +60,8 @@ class SplatExchange {
   std::vector<std::int64_t> own_counts_;      // of each view
   std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the drawers
   std::vector<DrawnView> drawn_;
+  std::vector<std::vector<std::size_t>> views_of_;  // by rank: the views that it draws, ascending
+  std::int64_t sent_bytes_ = 0, received_bytes_ = 0;
 };
 
 }  // namespace b3dgs

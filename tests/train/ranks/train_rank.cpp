@@ -15,6 +15,7 @@
 #include "support/rank_program.h"
 #include "train/density/density_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
+#include "train/ranks/draw_plan.h"
 #include "train/ranks/sharded_row_edit.h"
 #include "train/ranks/sharded_rows.h"
 #include "train/ranks/splat_exchange.h"
@@ -223,7 +224,9 @@ ViewSplats own_splats(const WholeView& view, const RowShards& shards) {
   return own;
 }
 
-void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
+void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<int>& drawers) {
+  const int n_views = static_cast<int>(drawers.size());
+  const auto is_drawn_here = [&](int v) { return drawers[static_cast<std::size_t>(v)] == ranks.rank(); };
   const RowShards shards = shards_of(ranks);
   std::vector<WholeView> views;
   for (int v = 0; v < n_views; ++v) views.push_back(random_view(n_global, v == 1 ? 0 : 0.2 * v + 0.1));
@@ -238,14 +241,16 @@ void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
 
   SplatExchange exchange(ranks);
   for (int step = 0; step < 2; ++step) {
-    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts);
+    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts, drawers);
     std::size_t i = 0;
-    for (int v = ranks.rank(); v < n_views; v += ranks.size(), ++i) {
+    for (int v = 0; v < n_views; ++v) {
+      if (!is_drawn_here(v)) continue;
       const ViewSplats& expected = views[static_cast<std::size_t>(v)].splats;
       expect(i < drawn.size(), "views drawn here");
       expect_same(drawn[i].splats, expected.splats, "splats at the drawer");
       expect_same(drawn[i].extents, expected.extents, "extents at the drawer");
       expect_same(drawn[i].radii, expected.radii, "radii at the drawer");
+      ++i;
     }
     expect(drawn.size() == i, "views drawn here");
 
@@ -254,7 +259,9 @@ void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
       for (const WholeView& view : views) {
         sums.push_back(random_words({view.rows.size(0), n_columns}).view(type));
       }
-      for (int v = ranks.rank(); v < n_views; v += ranks.size()) from_here.push_back(sums[static_cast<std::size_t>(v)]);
+      for (int v = 0; v < n_views; ++v) {
+        if (is_drawn_here(v)) from_here.push_back(sums[static_cast<std::size_t>(v)]);
+      }
       const std::vector<torch::Tensor> received = exchange.to_owners(from_here, n_columns, type);
       expect(received.size() == views.size(), "views at the owner");
       for (std::size_t v = 0; v < views.size(); ++v) {
@@ -268,18 +275,31 @@ void check_step(Communicator& ranks, std::int64_t n_global, int n_views) {
 }
 
 void check_view_rows(Communicator& ranks) {
-  for (std::int64_t n_views = 0; n_views <= 9; ++n_views) {
-    const torch::Tensor all = random_words({n_views, 5}).view(torch::kFloat32);
-    const torch::Tensor own = all.slice(0, std::min<std::int64_t>(ranks.rank(), n_views), n_views, ranks.size());
-    expect_same(gather_view_rows(ranks, own.contiguous(), n_views).contiguous(), all, "rows of views");
+  for (std::size_t n_views = 0; n_views <= 9; ++n_views) {
+    std::vector<int> uneven(n_views, 0);  // all but one view on rank 0
+    if (n_views > 2) uneven[2] = ranks.size() - 1;
+    for (const std::vector<int>& drawers : {equal_drawers(n_views, ranks.size()), uneven}) {
+      const torch::Tensor all = random_words({static_cast<std::int64_t>(n_views), 5}).view(torch::kFloat32);
+      std::vector<std::int64_t> own;
+      for (std::size_t v = 0; v < n_views; ++v) {
+        if (drawers[v] == ranks.rank()) own.push_back(static_cast<std::int64_t>(v));
+      }
+      const torch::Tensor drawn = all.index_select(0, torch::tensor(own, torch::kInt64));
+      expect_same(gather_view_rows(ranks, drawn, drawers), all, "rows of views");
+    }
   }
-  expect_failure("rows of", [&] { gather_view_rows(ranks, torch::empty({2, 5}), ranks.rank() + 1); });
+  expect_failure("rows of", [&] { gather_view_rows(ranks, torch::empty({2, 5}), {0}); });
 }
 
 void check_splats(Communicator& ranks) {
   check_view_rows(ranks);
   for (const std::int64_t n_global : {0, 700, 9000}) {
-    for (int n_views = 0; n_views <= 5; ++n_views) check_step(ranks, n_global, n_views);
+    for (std::size_t n_views = 0; n_views <= 5; ++n_views) {
+      const std::vector<int> in_turn = equal_drawers(n_views, ranks.size());
+      check_step(ranks, n_global, in_turn);
+      check_step(ranks, n_global, {in_turn.rbegin(), in_turn.rend()});
+      check_step(ranks, n_global, std::vector<int>(n_views, ranks.size() - 1));  // all by one rank
+    }
   }
 }
 
@@ -369,15 +389,17 @@ void check_misfits(Communicator& ranks) {
   for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, {r, ranks.size()}).size(0)});
   const std::vector<ViewSplats> splats{own_splats(view, shards)};
   SplatExchange exchange(ranks);
-  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts); });
-  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}); });
+  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}); });
+  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}, {0}); });
+  expect_failure("drawers of", [&] { exchange.to_drawers(splats, counts, {}); });
+  expect_failure("is drawn by rank", [&] { exchange.to_drawers(splats, counts, {ranks.size()}); });
   std::vector<Counts> wrong = counts;
   ++wrong[static_cast<std::size_t>(ranks.rank())][0];
-  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong); });
+  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}); });
   ViewSplats without_radii = splats[0];
   without_radii.radii = torch::Tensor();
-  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts); });
-  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts);
+  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}); });
+  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0});
   expect_failure("views of the step", [&] {
     exchange.to_owners(std::vector<torch::Tensor>(drawn.size() + 1, torch::empty({0, 2})), 2, torch::kFloat32);
   });

@@ -73,8 +73,28 @@ Files train_alone(const TrainConfig& config, const Scene& scene, const fs::path&
   return files;
 }
 
+/// What a training on several ranks says about them.
+void expect_figures(const TrainResult& together, const std::string& what, const Communicator& ranks) {
+  expect(together.ranks.has_value(), what + ": no figures of the ranks");
+  const RankFigures& figures = *together.ranks;
+  const auto size = static_cast<std::size_t>(ranks.size());
+  expect(figures.n_steps > 0 && figures.entries.size() == size && figures.sent_bytes.size() == size,
+         what + ": figures of each rank");
+  double entries = 0, sent = 0, received = 0;
+  for (std::size_t r = 0; r < size; ++r) {
+    entries += figures.entries[r];
+    sent += figures.sent_bytes[r];
+    received += figures.received_bytes[r];
+  }
+  expect(entries > 0 && sent > 0 && std::abs(sent - received) < 1e-6 * sent, what + ": what is sent is received");
+  const auto limit = static_cast<double>(size);
+  expect(figures.busiest >= 1 && figures.busiest <= limit, what + ": busiest rank");
+  expect(figures.busiest_equal >= 1 && figures.busiest_equal <= limit, what + ": busiest rank of equal parts");
+}
+
 void expect_same(const Files& together, const Files& alone, const std::string& what, const Communicator& ranks) {
   if (!ranks.is_first()) return;
+  expect(!alone.result.ranks, what + ": figures of one rank");
   expect(!alone.ply.empty() && together.ply == alone.ply, what + ": PLY");
   expect(together.checkpoint == alone.checkpoint, what + ": checkpoint");
   expect(together.result.n_gaussians == alone.result.n_gaussians, what + ": number of Gaussians");
@@ -100,7 +120,9 @@ TrainConfig config_of(const std::string& strategy) {
 void check_strategy(const TrainConfig& config, const Scene& scene, Communicator& ranks) {
   const SharedFolder folder(ranks);
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
-  expect_same(train(config, scene, folder / "together", &ranks), alone, config.strategy, ranks);
+  const Files together = train(config, scene, folder / "together", &ranks);
+  expect_same(together, alone, config.strategy, ranks);
+  expect_figures(together.result, config.strategy, ranks);
 }
 
 /// Everything that the step of a view may do.
@@ -397,7 +419,6 @@ void check_scenes(Communicator& ranks) {
       {"5 train views there, 6 on rank 0", [](Scene& scene) { scene.train.pop_back(); }},
       {"3 test views there, 2 on rank 0", [](Scene& scene) { scene.test.push_back(scene.train[0]); }},
       {"train view 3 (other.png) is ", [](Scene& scene) { scene.train[3].name = "other.png"; }},
-      {" has 90 x 44 px there, 60 x 44 px on rank 0", [](Scene& scene) { scene.train[3].camera.width = 90; }},
       {" has another focal length, principal point or pose",
        [](Scene& scene) { scene.train[5].camera.cam_from_world.translation[1] += 1e-9; }},
       {"119 points there, 120 on rank 0",

@@ -1,4 +1,5 @@
 // SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE: the equidistant projection with radial distortion.
+// SIMPLE_FISHEYE and FISHEYE: without.
 #pragma once
 
 #include "scene/cameras/models/lens_model.h"

@@ -1,4 +1,4 @@
-#include "model/formats/ply_reader.h"
+#include "core/files/ply_reader.h"
 
 #include <algorithm>
 #include <array>

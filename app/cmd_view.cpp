@@ -1,0 +1,91 @@
+// b3dgs view: shows a model at rest in a browser.
+#include <iostream>
+
+#include "app/model.h"
+#include "app/tools/commands.h"
+#include "app/train_setup.h"
+#include "app/view/view_options.h"
+#include "app/view/viewed_scene.h"
+#include "app/view/watched_model.h"
+#include "core/check.h"
+#include "core/options/command_line.h"
+#include "core/text.h"
+#include "model/formats/background_json.h"
+#include "model/formats/splat_formats.h"
+#include "train/device.h"
+#include "train/threads.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The values of `b3dgs view` have names of their own: here, --view would say nothing.
+struct ViewCommandOptions : ViewOptions {};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ViewCommandOptions>> visit_fields(Config& c,
+                                                                                               Visitor&& field) {
+  field(Option{"port"}.common(), c.port, InRange{-1, 65535},
+        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
+  field(Option{"view_address"}, c.address, Any{}, "address to listen on; the default is for this machine only");
+}
+
+/// A file of Gaussians, with the views of a scene if one is named.
+LoadedModel load_file(const ModelOptions& options, StatusLine& status) {
+  if (!options.source_path.empty()) return load_ply_model(options.model_path, options, status);
+  LoadedModel model;
+  model.splats = read_splats(options.model_path);
+  model.background = read_background_json(background_path(options.model_path));
+  model.config.device = device_name(choose_device(options.device));
+  set_compute_threads(options.threads);
+  return model;
+}
+
+/// A model folder, with photographs if its scene is still there.
+LoadedModel load_folder(const ModelOptions& options, StatusLine& status) {
+  if (!options.source_path.empty()) return load_model(options, status);
+  try {
+    return load_model(options, status);
+  } catch (const InputError& error) {
+    LoadedModel model = load_model_cameras(options, status);
+    status.warn(std::string("no photographs to compare with: ") + error.what());
+    return model;
+  }
+}
+
+}  // namespace
+
+int run_view(const std::vector<std::string>& words) {
+  CommandLine line("view", "Show a model folder or a file of Gaussians in a browser.", "b3dgs view output/garden");
+  ModelOptions model_options;
+  ViewCommandOptions options;
+  line.add(model_options, "Model", {"model_path"});
+  line.add(options, "Page");
+  line.set_help("model_path", "model folder, or a file of Gaussians");
+  if (!line.parse(words)) return 0;
+  line.apply(model_options);
+  line.apply(options);
+
+  StatusLine status = StatusLine::for_stderr(model_options.quiet);
+  const torch::Device device = choose_device(model_options.device);
+  const bool is_file = fs::is_regular_file(model_options.model_path);
+  if (is_file && line.was_given("iteration")) {
+    input_error("--iteration selects a PLY of a model folder, but a file is named; leave out one of them");
+  }
+  const LoadedModel model = is_file ? load_file(model_options, status) : load_folder(model_options, status);
+  const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
+  ModelRenderer renderer(model, device);
+  WatchedModel watched({renderer.gaussians, renderer.background, renderer.settings, model.iteration}, model.scene,
+                       viewed_scene(model.scene, model.splats.means, title));
+  status.clear();
+  std::cout << format_count(model.splats.size()) << " Gaussians, " << model.scene.train.size() + model.scene.test.size()
+            << " cameras" << std::endl;
+  catch_stop_signals();
+  const std::unique_ptr<ViewServer> server = start_view_server(watched, options, status);
+  std::cout << "            Ctrl-C ends it" << std::endl;
+  watched.run(stop_signal());
+  return 0;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,247 @@
+// b3dgs export: writes a model in the formats of viewers and editors, and says what that has cost.
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <optional>
+
+#include "app/export/export_quality.h"
+#include "app/export/scene_views.h"
+#include "app/export/splat_transform.h"
+#include "app/model.h"
+#include "app/tools/commands.h"
+#include "app/train_setup.h"
+#include "core/check.h"
+#include "core/options/command_line.h"
+#include "core/text.h"
+#include "model/edit/rotate.h"
+#include "model/edit/select.h"
+#include "model/formats/splat_formats.h"
+#include "model/formats/spz.h"
+#include "train/device.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kScoredViews = 200;  // for --max_gaussians; more change the order of few Gaussians
+
+struct ExportOptions {
+  std::string output;
+  bool overwrite = false;
+  std::string up = "keep";
+  std::string crop;
+  double min_opacity = 0;
+  int max_sh_degree = 3;
+  std::int64_t max_gaussians = 0;
+  int sh_bits = kSpzShBits;
+  int compare_views = 10;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"output"}, c.output, Any{}, "file to write; its extension selects the format");
+  field(Option{"overwrite"}, c.overwrite, Any{}, "replace the file if it exists");
+  field(Option{"up"}, c.up, OneOf{{"keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},
+        "rotate: the cameras' up becomes this axis of a PLY; auto: -y, upright in viewers");
+  field(Option{"crop"}, c.crop, Any{}, "keep centres in a box X0,Y0,Z0,X1,Y1,Z1 or a sphere X,Y,Z,RADIUS");
+  field(Option{"min_opacity"}, c.min_opacity, InRange{0, 1}, "leave out Gaussians of lower opacity");
+  field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
+  field(Option{"max_gaussians"}, c.max_gaussians, AtLeast{0},
+        "keep so many, those that contribute most to the training views (0 = all)");
+  field(Option{"sh_bits"}, c.sh_bits, InRange{1, kSpzShBits},
+        "SPZ: bits kept of SH coefficients; fewer compress better");
+  field(Option{"compare_views"}, c.compare_views, AtLeast{0},
+        "views on which PSNR before and after is measured (0 = not measured)");
+}
+
+template <class... Args>
+void print_line(const char* name, const char* format, Args... args) {
+  std::printf("%-12s%s\n", name, print_to_string(format, args...).c_str());
+}
+
+bool is_spz(const fs::path& output) {
+  return !needs_splat_transform(output) && std::string(find_splat_format(output)->name) == "SPZ";
+}
+
+void check_output(const ModelOptions& model, const ExportOptions& options) {
+  if (options.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs export MODEL OUTPUT.spz");
+  const fs::path output = options.output;
+  std::error_code error;
+  if (fs::is_directory(output)) {
+    input_error(options.output, " is a folder; expected a file name such as ", (output / "model.spz").string());
+  }
+  if (fs::exists(output) && fs::equivalent(output, model.model_path, error)) {
+    input_error(options.output, " is the file to export; write to another one");
+  }
+  if (fs::exists(output) && !options.overwrite) {
+    input_error(options.output, " exists; name another file, or replace it with --overwrite");
+  }
+  if (output.extension().empty()) {
+    input_error(options.output, ": expected an extension, such as .spz, .ply, .sog or .html, which selects the format");
+  }
+  if (needs_splat_transform(output)) require_splat_transform(output);
+  if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
+}
+
+/// The views that can be rendered, and why their photographs cannot be used (empty: they can).
+std::string add_views(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+  const bool is_file = fs::is_regular_file(options.model_path);
+  if (is_file && options.source_path.empty()) return "no scene is named (-s SCENE)";
+  try {
+    add_scene(model, status);
+    return "";
+  } catch (const InputError& error) {
+    if (!options.source_path.empty()) throw;
+    status.clear();
+    add_saved_cameras(model);
+    return error.what();
+  }
+}
+
+std::int64_t keep_most_contributing(LoadedModel& model, const ExportOptions& options, const torch::Device& device,
+                                    StatusLine& status, std::string& by_what) {
+  if (options.max_gaussians >= model.splats.size()) return 0;
+  const std::vector<View> views = evenly_spaced(model.scene.train, kScoredViews);
+  by_what = views.empty() ? "opacity times area, for lack of a scene (-s SCENE)"
+                          : "contribution to " + std::to_string(views.size()) + " training views";
+  const std::vector<double> scores =
+      views.empty() ? opacity_times_area(model.splats) : blend_weight_sums(model, views, device, status);
+  return keep_highest(scores, options.max_gaussians, model.splats);
+}
+
+/// Leaves out what the options say, and prints it.
+void reduce(LoadedModel& model, const ExportOptions& options, const torch::Device& device, StatusLine& status) {
+  SplatCloud& splats = model.splats;
+  const auto report = [&](std::int64_t removed, const std::string& what) {
+    if (removed == 0) return;
+    print_line("removed", "%s Gaussians %s", format_count(removed).c_str(), what.c_str());
+    if (splats.size() == 0) input_error("no Gaussian is left: all ", format_count(removed), " were removed ", what);
+  };
+  if (!options.crop.empty()) {
+    const CropRegion region = parse_crop(options.crop);
+    report(keep_if([&](std::size_t row) { return region.contains(&splats.means[3 * row]); }, splats),
+           "outside of --crop " + options.crop);
+  }
+  if (options.min_opacity > 0) {
+    report(keep_if([&](std::size_t row) { return opacity_of(splats, row) >= options.min_opacity; }, splats),
+           print_to_string("of opacity below %g", options.min_opacity));
+  }
+  limit_sh_degree(options.max_sh_degree, splats);
+  if (options.max_gaussians > 0) {
+    std::string by_what;
+    const std::int64_t removed = keep_most_contributing(model, options, device, status, by_what);
+    report(removed, "of the least " + by_what);
+  }
+}
+
+UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
+  std::vector<View> views = model.scene.train;
+  views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
+  const std::string target = axis == "auto" ? "-y" : axis;
+  std::array<double, 3> to{};
+  to[static_cast<std::size_t>(target.back() - 'x')] = target.front() == '-' ? -1 : 1;
+  return rotation_between(up_direction(views), to);
+}
+
+void warn_of_coarse_positions(const SplatCloud& splats, StatusLine& status) {
+  constexpr int kUsualBits = 12;
+  const int bits = spz_fractional_bits(splats);
+  if (bits >= kUsualBits) return;
+  status.warn(detail::concat("Gaussians are so far away that SPZ stores all positions in steps of 1/", 1 << bits,
+                             " world units instead of 1/", 1 << kUsualBits, "; leave out distant ones with --crop"));
+}
+
+void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, StatusLine& status) {
+  if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
+  if (!is_spz(output)) return write_splats(output, splats);
+  warn_of_coarse_positions(splats, status);
+  write_spz(output, splats, sh_bits);
+}
+
+std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not) {
+  if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not);
+  return read_splats(output);
+}
+
+void print_quality(const ExportQuality& quality, const char* views) {
+  const double lost = quality.psnr_before - quality.psnr_after;
+  print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %zu %s)", quality.psnr_after, quality.psnr_before,
+             std::abs(lost), lost < 0 ? "gained" : "lost", quality.n_views, views);
+  print_line("renders", "%.2f dB, those after against those before", quality.psnr_between);
+}
+
+}  // namespace
+
+int run_export(const std::vector<std::string>& words) {
+  CommandLine line("export",
+                   "Write a model folder or a file of Gaussians in another format: .spz and .ply, and with the program "
+                   "splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR lost "
+                   "on views of the scene.",
+                   "b3dgs export output/garden garden.spz");
+  ModelOptions model_options;
+  ExportOptions options;
+  line.add(model_options, "Model", {"model_path"});
+  line.add(options, "File", {"output"});
+  if (!line.parse(words)) return 0;
+  line.apply(model_options);
+  line.apply(options);
+  if (!options.crop.empty()) parse_crop(options.crop);
+  if (model_options.model_path.empty()) input_error("missing argument: MODEL_PATH; see --help");
+  check_output(model_options, options);
+  if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
+    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
+  }
+  names_single_file(model_options);
+
+  StatusLine status = StatusLine::for_stderr(model_options.quiet);
+  const torch::Device device = choose_device(model_options.device);
+  LoadedModel model = load_without_scene(model_options, status);
+  if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
+  std::string why_not = add_views(model, model_options, status);
+  const LoadedModel original = model;
+  const bool is_file = fs::is_regular_file(model_options.model_path);
+  const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
+  const auto input_bytes = static_cast<std::int64_t>(fs::file_size(input));
+  print_line("from", "%s, %s Gaussians, SH degree %d, %s", input.string().c_str(),
+             format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(input_bytes).c_str());
+
+  reduce(model, options, device, status);
+  UnitQuat rotation{1, 0, 0, 0};
+  if (options.up != "keep") {
+    rotation = rotation_to(options.up, model);
+    rotate_splats(rotation, model.splats);
+  }
+  const fs::path output = options.output;
+  if (needs_splat_transform(output)) catch_stop_signals();  // whose files have to be removed
+  try {
+    write_output(output, model.splats, options.sh_bits, status);
+  } catch (const InputError&) {
+    if (stop_signal() == 0) throw;
+  }
+  if (stop_signal() != 0) return 128 + stop_signal();
+  const auto bytes = static_cast<std::int64_t>(fs::file_size(output));
+  print_line("to", "%s, %s Gaussians, SH degree %d, %s (%.1f %%)", output.string().c_str(),
+             format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(bytes).c_str(),
+             100.0 * static_cast<double>(bytes) / static_cast<double>(input_bytes));
+  if (model.background) status.warn("the learned background (background.json) is not part of the file");
+
+  const bool has_test = !original.scene.test.empty();
+  const std::vector<View> views = evenly_spaced(has_test ? original.scene.test : original.scene.train,
+                                                static_cast<std::size_t>(options.compare_views));
+  std::optional<SplatCloud> written;
+  if (options.compare_views == 0) why_not = "--compare_views is 0";
+  if (why_not.empty()) written = read_back(output, why_not);
+  if (!written) {
+    print_line("PSNR", "not measured: %s", why_not.c_str());
+    return 0;
+  }
+  rotate_splats(inverse(rotation), *written);
+  const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
+  if (stop_signal() != 0) return 128 + stop_signal();
+  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views");
+  return 0;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,38 @@
+#include "app/export/export_quality.h"
+
+#include "app/train_setup.h"
+#include "model/raster_input.h"
+#include "scene/images/image_io.h"
+#include "scene/view_image.h"
+#include "train/quality/metrics.h"
+
+namespace b3dgs {
+
+ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, const std::vector<View>& views,
+                             const torch::Device& device, StatusLine& status) {
+  const torch::NoGradGuard no_grad;
+  LoadedModel after;
+  after.config = model.config;
+  after.background = model.background;
+  after.splats = std::move(exported);
+  after.splats.antialiased = model.splats.antialiased;  // not every format says so
+  ModelRenderer before_renderer(model, device), after_renderer(after, device);
+  ExportQuality quality;
+  quality.n_views = views.size();
+  const auto n = static_cast<double>(views.size());
+  const ProgressFn progress = show_loading(status);
+  for (std::size_t i = 0; i < views.size() && stop_signal() == 0; ++i) {
+    const View& view = views[i];
+    const PinholeView pinhole = to_pinhole_view(view.camera);
+    const std::shared_ptr<const Image8> photograph = view.image->read();
+    const torch::Tensor before = before_renderer.render(pinhole).color, rendered = after_renderer.render(pinhole).color;
+    quality.psnr_before += image_quality(before, *photograph, view.valid.get()).psnr / n;
+    quality.psnr_after += image_quality(rendered, *photograph, view.valid.get()).psnr / n;
+    quality.psnr_between += image_quality(rendered, to_image8(before), view.valid.get()).psnr / n;
+    progress("comparing views", i + 1, views.size());
+  }
+  status.clear();
+  return quality;
+}
+
+}  // namespace b3dgs

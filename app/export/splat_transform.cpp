@@ -1,0 +1,190 @@
+#include "app/export/splat_transform.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cerrno>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <vector>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/files/remove_tree.h"
+#include "core/process/child_process.h"
+#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kProgram = "splat-transform";
+constexpr const char* kSuffixes[] = {".compressed.ply", ".sog", ".html"};  // that can be read back
+
+std::string lower_case_name(const fs::path& file) {
+  std::string name = file.filename().string();
+  std::transform(name.begin(), name.end(), name.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return name;
+}
+
+bool ends_with(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+/// A new folder inside another one, removed at the end of the scope.
+class WorkFolder {
+ public:
+  explicit WorkFolder(const fs::path& parent) {
+    std::string name = (parent / ".b3dgs-export-XXXXXX").string();
+    if (mkdtemp(name.data()) == nullptr)
+      io_error("cannot create a folder in ", parent.string(), ": ", std::strerror(errno));
+    path_ = name;
+  }
+  ~WorkFolder() { remove_tree(path_); }
+  WorkFolder(const WorkFolder&) = delete;
+  WorkFolder& operator=(const WorkFolder&) = delete;
+
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+/// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
+std::string plain_text(std::string line, const fs::path& folder) {
+  const std::string path = folder.string() + "/";
+  for (std::size_t at = line.find(path); at != std::string::npos; at = line.find(path)) line.erase(at, path.size());
+  const std::size_t error = line.find("Error: ");
+  if (error != std::string::npos) return line.substr(error);
+  const std::size_t begin = line.find_first_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz");
+  return begin == std::string::npos ? "" : line.substr(begin);
+}
+
+struct Conversion {
+  ChildResult result;
+  std::string reason;  // of a failure
+};
+
+Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
+  std::vector<std::string> words{kProgram, "-q", "-w"};
+  if (on_cpu) words.insert(words.end(), {"-g", "cpu"});
+  words.insert(words.end(), {from.string(), to.string()});
+  Conversion conversion;
+  std::string first;
+  conversion.result = run_program_lines(words, [&](const std::string& line) {
+    const std::string text = plain_text(line, to.parent_path());
+    if (first.empty()) first = text;
+    if (conversion.reason.empty() && text.find("rror") != std::string::npos) conversion.reason = text;
+  });
+  if (conversion.reason.empty()) conversion.reason = first;
+  if (!conversion.result.succeeded()) {
+    conversion.reason = describe(conversion.result) + (conversion.reason.empty() ? "" : ": ") + conversion.reason;
+  }
+  return conversion;
+}
+
+bool has_written(const Conversion& conversion, const fs::path& file) {
+  std::error_code error;
+  return conversion.result.succeeded() && fs::file_size(file, error) > 0 && !error;
+}
+
+/// -1: not a digit of base64.
+int base64_digit(char c) {
+  if (c >= 'A' && c <= 'Z') return c - 'A';
+  if (c >= 'a' && c <= 'z') return c - 'a' + 26;
+  if (c >= '0' && c <= '9') return c - '0' + 52;
+  return c == '+' ? 62 : c == '/' ? 63 : -1;
+}
+
+/// The SOG file, a zip archive, that the viewer in a page loads from a data URL. Empty if there is none.
+std::string sog_in_page(const fs::path& page) {
+  constexpr const char* kZipInBase64 = ";base64,UEsDB";  // "PK\3\4"
+  std::ifstream file(page, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  std::size_t at = text.find(kZipInBase64);
+  if (at == std::string::npos) return "";
+  at = text.find(',', at) + 1;
+  std::string bytes;
+  std::uint32_t bits = 0;
+  int n_bits = 0;
+  for (; at < text.size() && base64_digit(text[at]) >= 0; ++at) {
+    bits = bits << 6 | static_cast<std::uint32_t>(base64_digit(text[at]));
+    n_bits += 6;
+    if (n_bits < 8) continue;
+    n_bits -= 8;
+    bytes += static_cast<char>(bits >> n_bits & 255);
+  }
+  return bytes;
+}
+
+}  // namespace
+
+bool needs_splat_transform(const fs::path& file) {
+  return find_splat_format(file) == nullptr || ends_with(lower_case_name(file), ".compressed.ply");
+}
+
+void require_splat_transform(const fs::path& file) {
+  if (!find_program(kProgram).empty()) return;
+  input_error(file.string(), ": this format is written by the program ", kProgram,
+              ", which is not installed; get it with: npm install -g @playcanvas/splat-transform");
+}
+
+void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, StatusLine& status) {
+  const fs::path folder = fs::absolute(file).parent_path();
+  create_folder(folder);
+  const WorkFolder work(folder);
+  const fs::path ply = work.path() / "gaussians.ply", result = work.path() / file.filename();
+  write_splat_ply(ply, cloud);
+  status.show(std::string(kProgram) + " writes " + file.filename().string(), /*now=*/true);
+  Conversion conversion = convert(ply, result, /*on_cpu=*/false);
+  if (!has_written(conversion, result) && conversion.result.signal == 0) {
+    // Some formats are compressed on a GPU, if there is one that the program can use.
+    const Conversion again = convert(ply, result, /*on_cpu=*/true);
+    if (has_written(again, result)) conversion = again;
+  }
+  status.clear();
+  if (!has_written(conversion, result)) {
+    input_error(file.string(), ": ", kProgram, " has not written it (", conversion.reason, ")");
+  }
+  std::error_code error;
+  fs::rename(result, file, error);
+  if (error) io_error("cannot write ", file.string(), ": ", error.message());
+}
+
+std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::string& why_not) {
+  const std::string name = lower_case_name(file);
+  const bool is_readable = std::any_of(std::begin(kSuffixes), std::end(kSuffixes),
+                                       [&](const char* suffix) { return ends_with(name, suffix); });
+  if (!is_readable) {
+    why_not = std::string(kProgram) + " does not read " + file.extension().string();
+    return std::nullopt;
+  }
+  const WorkFolder work(fs::absolute(file).parent_path());
+  fs::path source = fs::absolute(file);
+  if (ends_with(name, ".html")) {
+    const std::string sog = sog_in_page(file);
+    if (sog.empty()) {
+      why_not = "no SOG file was found in the page";
+      return std::nullopt;
+    }
+    source = work.path() / "page.sog";
+    write_file(source, sog);
+  }
+  const fs::path ply = work.path() / "back.ply";
+  const Conversion conversion = convert(source, ply, /*on_cpu=*/false);
+  if (!has_written(conversion, ply)) {
+    why_not = std::string(kProgram) + " cannot read it back (" + conversion.reason + ")";
+    return std::nullopt;
+  }
+  return read_splat_ply(ply);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,78 @@
+// b3dgs reconstruct: makes a scene from photographs or a video, by COLMAP.
+#include <atomic>
+#include <csignal>
+#include <iostream>
+
+#include "app/status/status_line.h"
+#include "app/tools/commands.h"
+#include "core/check.h"
+#include "core/options/command_line.h"
+#include "core/print.h"
+#include "core/text.h"
+#include "reconstruct/reconstruct.h"
+
+namespace b3dgs {
+namespace {
+
+struct ReconstructCommandOptions {
+  bool quiet = false;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReconstructCommandOptions>> visit_fields(Config& c,
+                                                                                                      Visitor&& field) {
+  field(Option{"quiet"}.common(), c.quiet, Any{}, "show no progress");
+}
+
+std::atomic<int> stop_signal{0};
+
+extern "C" void stop_reconstruction(int signal) {
+  stop_signal = signal;
+}
+
+void report(const ReconstructResult& result, const std::string& scene) {
+  std::cout << scene << ": " << result.n_registered << " of " << result.n_photographs << " photographs registered, "
+            << format_count(static_cast<std::int64_t>(result.n_points)) << " points, mean reprojection error "
+            << print_to_string("%.2f px", result.mean_error) << "\n";
+  if (result.n_models > 1) {
+    std::cout << "COLMAP made " << result.n_models << " models that it could not join; sparse/0 is the largest\n";
+  }
+  std::cout << "next: b3dgs train " << scene << " -m MODEL --eval\n";
+}
+
+}  // namespace
+
+int run_reconstruct(const std::vector<std::string>& words) {
+  CommandLine line("reconstruct",
+                   "Make a scene from photographs or a video: runs COLMAP, and ffmpeg for videos. Call it again to go "
+                   "on after an interruption.",
+                   "b3dgs reconstruct photos/garden scenes/garden");
+  ReconstructOptions options;
+  ReconstructCommandOptions command;
+  line.add(options, "Reconstruct", {"input", "output"});
+  line.add(command, "Run");
+  if (!line.parse(words)) return 0;
+  line.apply(options);
+  line.apply(command);
+  if (options.input.empty() || options.output.empty()) {
+    input_error("missing argument: ", options.input.empty() ? "INPUT" : "OUTPUT",
+                "; usage: b3dgs reconstruct PHOTOS|VIDEO SCENE");
+  }
+  // COLMAP's programs link Qt, which otherwise wants a display.
+  setenv("QT_QPA_PLATFORM", "offscreen", /*overwrite=*/0);
+  std::signal(SIGINT, stop_reconstruction);
+  std::signal(SIGTERM, stop_reconstruction);
+
+  StatusLine status = StatusLine::for_stderr(command.quiet);
+  const ReconstructResult result = reconstruct(options, show_loading(status), &stop_signal);
+  status.clear();
+  if (result.is_stopped) {
+    status.print("stopped; give the same command again to go on");
+    return 128 + stop_signal;
+  }
+  for (const std::string& warning : result.warnings) status.warn(warning);
+  report(result, options.output);
+  return 0;
+}
+
+}  // namespace b3dgs

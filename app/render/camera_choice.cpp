@@ -1,0 +1,200 @@
+#include "app/render/camera_choice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "app/render/camera_path.h"
+#include "app/render/orbit.h"
+#include "core/check.h"
+#include "core/print.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr ImageSize kDefaultSize{1280, 720};
+constexpr double kDefaultFov = 50, kDefaultElevation = 15;  // degrees
+
+bool goes_around(const CameraOptions& options) {
+  return options.path == "orbit" || options.path == "turntable";
+}
+
+double radians(double degrees) {
+  return degrees * kPi / 180;
+}
+
+/// The views that a path goes through or around, or that are rendered themselves.
+CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene) {
+  CameraChoice keys;
+  if (!options.cameras.empty()) {
+    CameraFile file = read_camera_file(options.cameras, {options.width, options.height});
+    const bool has_names = std::all_of(file.cameras.begin(), file.cameras.end(),
+                                       [](const NamedCamera& named) { return !named.name.empty(); });
+    for (const NamedCamera& named : file.cameras) {
+      keys.cameras.push_back(named.camera);
+      if (has_names) keys.views.push_back({named.name, "", named.camera, nullptr, nullptr});
+    }
+    keys.set = "cameras/" + fs::path(options.cameras).stem().string();
+    keys.fps = file.fps;
+    return keys;
+  }
+  // Without test views, as for a file of Gaussians, the default is the training views.
+  const bool is_test = options.path == "test" && (line.was_given("path") || !scene.test.empty());
+  keys.set = is_test ? "test" : "train";
+  keys.views = is_test ? scene.test : scene.train;
+  for (const View& view : keys.views) keys.cameras.push_back(view.camera);
+  if (keys.cameras.empty() && !goes_around(options)) {
+    input_error("no views for --path ", options.path,
+                " (the model was trained without --eval); use --path train or interpolated");
+  }
+  return keys;
+}
+
+ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
+  if (options.width > 0 && options.height > 0) return {options.width, options.height};
+  const double aspect = static_cast<double>(size.width) / size.height;
+  const auto side = [](double value) {
+    return static_cast<int>(std::clamp(std::round(value), 1.0, double{kMaxRenderSide}));
+  };
+  if (options.width > 0) return {options.width, side(options.width / aspect)};
+  if (options.height > 0) return {side(options.height * aspect), options.height};
+  return size;
+}
+
+/// Image size and focal lengths of the cameras on an orbit.
+Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys) {
+  Camera lens;
+  if (!keys.empty()) {
+    lens = fit_to_size(keys[0], wanted_size(options, {keys[0].width, keys[0].height}));
+  } else {
+    const ImageSize size = wanted_size(options, kDefaultSize);
+    lens.width = size.width;
+    lens.height = size.height;
+  }
+  if (keys.empty() || options.fov > 0) {
+    const double fov = radians(options.fov > 0 ? options.fov : kDefaultFov);
+    const double pixel_aspect = keys.empty() ? 1 : lens.fx / lens.fy;
+    lens.fy = 0.5 * lens.height / std::tan(0.5 * fov);
+    lens.fx = pixel_aspect * lens.fy;
+  }
+  return lens;
+}
+
+Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
+  if (name == "auto") return up_of(keys);
+  const double sign = name[0] == '-' ? -1 : 1;
+  const char axis = name.back();
+  return {axis == 'x' ? sign : 0, axis == 'y' ? sign : 0, axis == 'z' ? sign : 0};
+}
+
+/// "(1.5, 0, -2.25)", to 0.01.
+std::string vec_text(const Vec3d& v) {
+  const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
+  return print_to_string("(%.10g, %.10g, %.10g)", rounded(v.x), rounded(v.y), rounded(v.z));
+}
+
+/// The distance at which a ball of the Gaussians' size fits into the image.
+double fitting_distance(const SplatBounds& bounds, const Camera& lens) {
+  constexpr double kBall = 1.4;  // the median distance is 0.8 of the radius of a full ball, and 0.7 of that of a disc
+  const double half_angle = std::atan(0.5 * std::min(lens.width / lens.fx, lens.height / lens.fy));
+  return kBall * bounds.radius / std::sin(half_angle);
+}
+
+Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const std::vector<Camera>& keys,
+                   const SplatCloud& splats, const Camera& lens) {
+  const SplatBounds bounds = splat_bounds(splats);
+  const Vec3d up = up_axis(options.up, keys);
+  const Vec3d focus = focus_of(keys, bounds.center);
+  if (options.path == "orbit" && !keys.empty()) return orbit_through(keys, focus, up);
+  CameraPlacement placement{fitting_distance(bounds, lens), radians(kDefaultElevation)};
+  Vec3d toward = focus + Vec3d{0, 0, -1};
+  if (!keys.empty()) {
+    placement = placement_of(keys, focus, up);
+    const std::array<double, 3> first = keys[0].center();
+    toward = {first[0], first[1], first[2]};
+  }
+  if (options.distance > 0) placement.distance = options.distance;
+  if (line.was_given("elevation")) placement.elevation = radians(options.elevation);
+  placement.elevation = std::clamp(placement.elevation, radians(-89), radians(89));
+  return turntable(focus, up, placement.distance, placement.elevation, toward);
+}
+
+}  // namespace
+
+bool needs_views(const CameraOptions& options) {
+  return options.cameras.empty() && !goes_around(options);
+}
+
+void check_camera_options(const CommandLine& line, const CameraOptions& options) {
+  const bool is_path = goes_around(options) || options.path == "interpolated";
+  if (!options.cameras.empty() && line.was_given("path") && !is_path) {
+    input_error("--cameras replaces --path ", options.path, "; use one of them");
+  }
+  if (!options.cameras.empty() && line.was_given("resolution")) {
+    input_error("-r is for the views of a scene; use --width and --height with --cameras");
+  }
+  if (line.was_given("frames") && !is_path) {
+    input_error("--frames is for --path interpolated, orbit and turntable; the others have one image for each view");
+  }
+  for (const char* name : {"fov", "up"}) {
+    if (line.was_given(name) && !goes_around(options)) input_error("--", name, " is for --path orbit and turntable");
+  }
+  for (const char* name : {"elevation", "distance"}) {
+    if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");
+  }
+}
+
+CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
+                            const SplatCloud& splats) {
+  CameraChoice choice = key_cameras(line, options, scene);
+  const bool is_path = goes_around(options) || options.path == "interpolated";
+  if (!is_path) {
+    for (Camera& camera : choice.cameras) {
+      camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
+    }
+    return choice;
+  }
+  const bool is_of_file = !options.cameras.empty();
+  choice.set = is_of_file ? choice.set + "_" + options.path : options.path;
+  choice.views.clear();
+  std::vector<Camera> keys = std::move(choice.cameras);
+  if (options.path == "interpolated") {
+    for (Camera& camera : keys) camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
+    choice.cameras = interpolate_cameras(keys, options.frames);
+    return choice;
+  }
+  const Camera lens = orbit_lens(options, keys);
+  const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
+  choice.cameras = cameras_on(orbit, lens, options.frames);
+  choice.notes.push_back("around " + vec_text(orbit.focus) + ", up " + vec_text(orbit.up) +
+                         print_to_string(", distance %.3g", std::hypot(orbit.first_radius, orbit.height)));
+  if (keys.empty()) return choice;
+  const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
+  if (orbit.swing > 0) {
+    choice.notes.push_back(print_to_string("along an arc of %.0f degrees and back: the cameras do not go all around",
+                                           2 * orbit.swing * 180 / kPi));
+  } else if (coverage.gap > kFullCircleGap) {
+    choice.notes.push_back(
+        print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
+                        coverage.gap * 180 / kPi));
+  }
+  return choice;
+}
+
+Camera fit_to_size(const Camera& camera, ImageSize size) {
+  if (size == ImageSize{camera.width, camera.height}) return camera;
+  const double scale = static_cast<double>(size.height) / camera.height;
+  Camera fitted = camera;
+  fitted.width = size.width;
+  fitted.height = size.height;
+  fitted.fx *= scale;
+  fitted.fy *= scale;
+  fitted.cx = 0.5 * size.width + scale * (camera.cx - 0.5 * camera.width);
+  fitted.cy = 0.5 * size.height + scale * (camera.cy - 0.5 * camera.height);
+  return fitted;
+}
+
+}  // namespace b3dgs

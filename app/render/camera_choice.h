@@ -1,0 +1,72 @@
+// Which cameras `b3dgs render` renders: views of a scene or cameras from a file, or a path through or around them.
+#pragma once
+
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "core/config.h"
+#include "core/options/command_line.h"
+#include "model/cameras/camera_files.h"
+#include "model/formats/splat_cloud.h"
+#include "scene/scene.h"
+
+namespace b3dgs {
+
+inline constexpr int kMaxRenderSide = 32768;  // px
+
+struct CameraOptions {
+  std::string path = "test";
+  std::string cameras;
+  int frames = 120;
+  int width = 0;
+  int height = 0;
+  double fov = 0;
+  double elevation = 0;
+  double distance = 0;
+  std::string up = "auto";
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CameraOptions>> visit_fields(Config& c, Visitor&& field) {
+  field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated", "orbit", "turntable"}},
+        "test or training views, a path through the training views, or around the scene");
+  field(Option{"cameras"}, c.cameras, Any{}, "cameras from this file: cameras.json, camera path or transforms.json");
+  field(Option{"frames"}, c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
+  field(Option{"width"}, c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
+  field(Option{"height"}, c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
+  field(Option{"fov"}, c.fov, InRange{0, 170},
+        "vertical angle of view of orbit and turntable, degrees (0 = that of the cameras)");
+  field(Option{"elevation"}, c.elevation, InRange{-89, 89},
+        "of the turntable above its centre, degrees (default: that of the cameras, or 15)");
+  field(Option{"distance"}, c.distance, AtLeast{0},
+        "of the turntable from its centre, world units (0 = that of the cameras)");
+  field(Option{"up"}, c.up, OneOf{{"auto", "x", "y", "z", "-x", "-y", "-z"}},
+        "axis that orbit and turntable turn about; auto: up of the cameras, or -y");
+}
+
+/// What is rendered: cameras of positive size.
+struct CameraChoice {
+  std::vector<Camera> cameras;
+  std::vector<View> views;         // what the cameras belong to, as many; empty for paths and nameless cameras
+  std::string set;                 // for names of folders: "test", "turntable", "cameras/FILE" without extension
+  double fps = 0;                  // of the camera file; 0: it does not say
+  std::vector<std::string> notes;  // for the user, one line each
+};
+
+/// Whether the options need the views of a scene.
+bool needs_views(const CameraOptions& options);
+
+/// @throws InputError if options contradict each other
+void check_camera_options(const CommandLine& line, const CameraOptions& options);
+
+/// The cameras that the options select, in the size that they ask for. `line`: which of them were given. A camera keeps
+/// its vertical angle of view and its square pixels if the size changes. @throws InputError, also for a bad camera file
+CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
+                            const SplatCloud& splats);
+
+/// The camera for an image of another size: the vertical angle of view, the shape of pixels, and the distance of the
+/// principal point from the centre relative to the height stay the same.
+Camera fit_to_size(const Camera& camera, ImageSize size);
+
+}  // namespace b3dgs

@@ -1,0 +1,24 @@
+// Renders a frame of the live view and gives it the colours of its mode.
+#pragma once
+
+#include <torch/types.h>
+
+#include "raster/torch/rasterizer.h"
+#include "view/frame.h"
+
+namespace b3dgs {
+
+class FramePainter {
+ public:
+  explicit FramePainter(torch::Device device) : rasterizer_(device) {}
+
+  /// Fills the image, the legend and the time; `background`: coefficients for add_background(), or undefined.
+  /// @throws InvalidGaussianError naming the first Gaussian that cannot be rendered
+  Frame paint(const FrameRequest& request, const GaussianTensors& gaussians, const torch::Tensor& background,
+              RenderSettings settings);
+
+ private:
+  Rasterizer rasterizer_;  // its own, so that a training's keeps what it needs
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,184 @@
+#include "app/view/watched_training.h"
+
+#include <algorithm>
+
+#include "app/view/viewed_scene.h"
+#include "core/check.h"
+#include "train/device.h"
+#include "train/evaluate.h"
+#include "train/poses/pose_state.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr double kShare = 0.05;  // of the time, for frames
+constexpr double kMostSavedSeconds = 0.25;
+constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
+constexpr std::chrono::seconds kPatience{20};
+
+double now_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
+
+bool FrameBudget::allows(double now_s) {
+  if (last_s_ >= 0) saved_s_ = std::min(kMostSavedSeconds, saved_s_ + share_ * (now_s - last_s_));
+  last_s_ = now_s;
+  return saved_s_ >= 0;
+}
+
+WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
+    : config_(config),
+      source_(scene),
+      viewed_([&] {
+        ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
+        viewed.is_training = true;
+        return viewed;
+      }()),
+      stop_(std::move(stop)),
+      painter_(choose_device(config.device)),
+      budget_(kShare),
+      eta_({config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians}) {
+  state_.iterations = config.iterations;
+  state_.activity = "starting";
+}
+
+void WatchedTraining::attach(TrainHooks& hooks) {
+  stop_signal_ = hooks.stop_signal;
+  hooks.on_progress = [this, next = hooks.on_progress](const TrainProgress& progress) {
+    note_progress(progress);
+    if (next) next(progress);
+  };
+  hooks.on_evaluation = [this, next = hooks.on_evaluation](int iteration, const Evaluation& evaluation) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      state_.psnr.push_back({iteration, evaluation.mean.psnr});
+    }
+    if (next) next(iteration, evaluation);
+  };
+  hooks.on_warning = [this, next = hooks.on_warning](const std::string& warning) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      state_.notice = warning;
+    }
+    if (next) next(warning);
+  };
+  hooks.wants_model = [this] { return wants_model(); };
+  hooks.on_model = [this](const ModelInTraining& model) { show(model); };
+}
+
+void WatchedTraining::note_progress(const TrainProgress& progress) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  eta_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
+  state_.iteration = progress.iteration;
+  state_.iterations = progress.iterations;
+  state_.loss = progress.loss;
+  state_.n_gaussians = progress.n_gaussians;
+  state_.activity = progress.activity;
+  std::vector<CurvePoint>& curve = state_.curve;
+  const bool is_due = curve.empty() || progress.iteration >= curve.back().iteration + curve_spacing_;
+  if (progress.iteration == 0 || !is_due) return;
+  curve.push_back({progress.iteration, progress.loss, progress.n_gaussians});
+  if (curve.size() < kMaxCurve) return;
+  curve_spacing_ *= 2;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < curve.size(); i += 2) curve[kept++] = curve[i];
+  curve.resize(kept);
+}
+
+bool WatchedTraining::wants_model() {
+  if (is_paused_ || is_to_save_) return true;
+  return queue_.has_request() && budget_.allows(now_s());
+}
+
+void WatchedTraining::show(const ModelInTraining& model) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state_.kernel = model.kernel;
+  }
+  const auto serve = [&](std::chrono::milliseconds wait) {
+    return queue_.serve([&](const FrameRequest& request) { return paint(request, model); }, wait);
+  };
+  if (is_to_save_.exchange(false)) save_now();
+  const double start_s = now_s();
+  serve(std::chrono::milliseconds(0));
+  budget_.spend(now_s() - start_s);
+  if (!is_paused_) return;
+  while (is_paused_ && !is_stopped()) {
+    serve(std::chrono::milliseconds(50));
+    if (is_to_save_.exchange(false)) save_now();
+  }
+}
+
+Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining& model) {
+  FrameRequest wanted = request;
+  if (request.view >= 0) {  // where pose refinement has moved the view
+    const View& view = view_at(source_, request.view);
+    const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
+    wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
+  }
+  Frame frame =
+      painter_.paint(wanted, model.gaussians, model.background, evaluation_settings(config_, model.sh_degree));
+  frame.iteration = model.iteration;
+  return frame;
+}
+
+void WatchedTraining::save_now() {
+  std::string notice;
+  try {
+    notice = "saved " + save_().filename().string();
+  } catch (const std::exception& error) {
+    notice = std::string("not saved: ") + error.what();
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  state_.notice = notice;
+}
+
+void WatchedTraining::close() {
+  queue_.close();
+  is_paused_ = false;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  state_.activity = "ended";
+}
+
+ViewState WatchedTraining::state(int since) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ViewState state = state_;
+  state.is_paused = is_paused_;
+  if (state.is_paused) state.activity = "paused";
+  state.iterations_per_second = eta_.iterations_per_second();
+  if (const std::optional<Eta> eta = eta_.estimate()) state.eta_s = eta->seconds;
+  const auto first =
+      std::upper_bound(state.curve.begin(), state.curve.end(), since,
+                       [](int iteration, const CurvePoint& point) { return iteration < point.iteration; });
+  state.curve.erase(state.curve.begin(), first);
+  return state;
+}
+
+Frame WatchedTraining::render(const FrameRequest& request) {
+  return queue_.ask(request, kPatience);
+}
+
+Image8 WatchedTraining::photograph(int view, ImageSize size) const {
+  return resized_photograph(view_at(source_, view), size);
+}
+
+void WatchedTraining::command(ViewCommand command) {
+  switch (command) {
+    case ViewCommand::kPause:
+      is_paused_ = true;
+      break;
+    case ViewCommand::kResume:
+      is_paused_ = false;
+      break;
+    case ViewCommand::kSave:
+      is_to_save_ = true;
+      break;
+    case ViewCommand::kStop:
+      stop_();
+      break;
+  }
+}
+
+}  // namespace b3dgs

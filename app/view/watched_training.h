@@ -1,0 +1,73 @@
+// The live view of a training. The trainer's thread renders between two steps what the server's threads ask for.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <mutex>
+
+#include "app/terminal/eta.h"
+#include "app/view/frame_painter.h"
+#include "train/trainer.h"
+#include "view/frame_queue.h"
+#include "view/frame_source.h"
+
+namespace b3dgs {
+
+/// Which share of the time frames may take. A frame may be begun when the frames before it have been paid for, so that
+/// they take no more than the share in the long run; time without frames saves up for a quarter of a second of them.
+class FrameBudget {
+ public:
+  explicit FrameBudget(double share) : share_(share) {}
+  /// Whether there is time for a frame at this moment (seconds on any clock).
+  bool allows(double now_s);
+  void spend(double seconds) { saved_s_ -= seconds; }
+
+ private:
+  const double share_;
+  double saved_s_ = 0, last_s_ = -1;
+};
+
+class WatchedTraining final : public FrameSource {
+ public:
+  /// `scene` must outlive this. `stop`: asks the training to write a checkpoint and end.
+  WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop);
+
+  /// Adds the callbacks to those that `hooks` has. hooks.stop_signal, if set, also ends a pause.
+  void attach(TrainHooks& hooks);
+  /// Writes a checkpoint: Trainer::write_checkpoint(). Called within TrainHooks::on_model.
+  void set_save(std::function<std::filesystem::path()> save) { save_ = std::move(save); }
+
+  const ViewedScene& scene() const override { return viewed_; }
+  ViewState state(int since) const override;
+  Frame render(const FrameRequest& request) override;
+  Image8 photograph(int view, ImageSize size) const override;
+  void command(ViewCommand command) override;
+  void close() override;
+
+ private:
+  void note_progress(const TrainProgress& progress);
+  bool wants_model();
+  void show(const ModelInTraining& model);
+  Frame paint(const FrameRequest& request, const ModelInTraining& model);
+  void save_now();
+  bool is_stopped() const { return stop_signal_ != nullptr && *stop_signal_ != 0; }
+
+  const TrainConfig config_;
+  const Scene& source_;
+  const ViewedScene viewed_;
+  const std::function<void()> stop_;
+  std::function<std::filesystem::path()> save_;
+  const std::atomic<int>* stop_signal_ = nullptr;
+  FramePainter painter_;
+  FrameQueue queue_;
+  FrameBudget budget_;
+  std::atomic<bool> is_paused_{false}, is_to_save_{false};
+
+  mutable std::mutex mutex_;  // of what follows
+  ViewState state_;
+  EtaHistory eta_;
+  int curve_spacing_ = 1;  // iterations between points of the curve
+};
+
+}  // namespace b3dgs

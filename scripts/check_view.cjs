@@ -1,0 +1,191 @@
+// Uses the live view as a person does; started by check_view.sh. Arguments: the program, a folder for pictures.
+const assert = require("node:assert");
+const {execFileSync, spawn} = require("node:child_process");
+const fs = require("node:fs");
+const os = require("node:os");
+const path = require("node:path");
+const {chromium} = require("playwright-core");
+
+const [program, pictures] = process.argv.slice(2);
+const folder = fs.mkdtempSync(path.join(os.tmpdir(), "b3dgs-check-view-"));
+const kPatience = {timeout: 60000};
+const errors = [];
+
+/// Starts a command and waits for the address that it prints.
+async function start(words) {
+  const child = spawn(program, words, {stdio: ["ignore", "pipe", "pipe"]});
+  child.text = "";
+  const ended = new Promise((resolve) => child.on("exit", (code, signal) => resolve(signal || code)));
+  const url = await new Promise((resolve, reject) => {
+    const read = (data) => {
+      child.text += data;
+      const found = child.text.match(/http:\/\/\S+/);
+      if (found) resolve(found[0]);
+    };
+    child.stdout.on("data", read);
+    child.stderr.on("data", (data) => { child.text += data; });
+    ended.then(() => reject(new Error(`${words.join(" ")} ended: ${child.text}`)));
+  });
+  return {child, url, ended};
+}
+
+async function open(browser, url, viewport, options = {}) {
+  const page = await browser.newPage({viewport, ...options});
+  page.on("console", (message) => { if (message.type() === "error") errors.push(message.text()); });
+  page.on("pageerror", (error) => errors.push(String(error)));
+  await page.goto(url);
+  await has_full_frame(page);
+  return page;
+}
+
+/// Waits for the picture that follows the last input.
+async function has_full_frame(page) {
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  await page.waitForFunction(() => image !== null && shown_full && !wanted && !is_moving(), null, kPatience);
+}
+
+const iteration = (page) => page.evaluate(() => state.iteration);
+
+/// What the canvas shows, as small grey values.
+const look = (page) => page.evaluate(() => {
+  const small = document.createElement("canvas");
+  small.width = small.height = 64;
+  const context = small.getContext("2d");
+  context.drawImage(picture, 0, 0, 64, 64);
+  const data = context.getImageData(0, 0, 64, 64).data;
+  return Array.from({length: 64 * 64}, (_, i) => (data[4 * i] + data[4 * i + 1] + data[4 * i + 2]) / 3);
+});
+const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
+const spread = (a) => difference(a, a.map(() => a.reduce((sum, x) => sum + x, 0) / a.length));
+
+async function picture_of(page, name) {
+  await page.screenshot({path: path.join(pictures, `${name}.png`)});
+}
+
+async function drag(page, dx, dy) {
+  const box = await page.locator("#picture").boundingBox();
+  const x = box.x + box.width / 2, y = box.y + box.height / 2;
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  for (let i = 1; i <= 8; ++i) await page.mouse.move(x + dx * i / 8, y + dy * i / 8);
+  await page.mouse.up();
+}
+
+async function check_training(browser) {
+  const training = await start(["train", "--view", "0", path.join(folder, "scene"), "-m", path.join(folder, "model"),
+    "--iterations", "100000", "--eval", "--test_iterations", "50", "100", "--device", "cpu", "--overwrite"]);
+  const page = await open(browser, training.url, {width: 1280, height: 800});
+  const first = await iteration(page);
+  await page.waitForFunction((before) => state.iteration > Math.max(before, 110) && shown_iteration > before, first, kPatience);
+  await picture_of(page, "training");
+
+  await page.click("#pause");
+  await page.waitForFunction(() => state.paused, null, kPatience);
+  const paused_at = await page.evaluate(() => new Promise((resolve) => setTimeout(() => resolve(state.iteration), 2500)));
+  assert.equal(await iteration(page), paused_at, "a paused training does not move on");
+  await page.waitForFunction((at) => shown_iteration === at && shown_full, paused_at, kPatience);
+  const before = await look(page);
+  assert(spread(before) > 5, "the picture shows something");
+  await drag(page, 150, 40);
+  await has_full_frame(page);
+  const after = await look(page);
+  assert(difference(before, after) > 2, `a drag changes the picture (by ${difference(before, after)})`);
+  await picture_of(page, "dragged");
+  await page.mouse.wheel(0, -600);
+  await has_full_frame(page);
+  assert(difference(after, await look(page)) > 1, "the wheel changes the picture");
+  await page.keyboard.down("d");
+  await page.waitForTimeout(500);
+  await page.keyboard.up("d");
+  await has_full_frame(page);
+
+  await page.selectOption("#camera", "3");
+  for (const mode of ["photograph", "difference", "depth", "alpha", "load", "render"]) {
+    const shown = await look(page);
+    await page.click(`[data-mode=${mode}]`);
+    await has_full_frame(page);
+    assert(mode === "photograph" || difference(shown, await look(page)) > 1, `${mode} changes the picture`);
+    await picture_of(page, mode);
+  }
+
+  for (const dx of [0, 120, 120]) {
+    if (dx) await drag(page, dx, 0);
+    await page.click("#key_add");
+  }
+  const [download] = await Promise.all([page.waitForEvent("download"), page.click("#path_save")]);
+  const file = path.join(folder, "camera_path.json");
+  await download.saveAs(file);
+  const saved = JSON.parse(fs.readFileSync(file));
+  assert.equal(saved.camera_path.length, 121);
+  assert.equal(saved.render_width, 1920);
+  assert(saved.camera_path.every((c) => c.camera_to_world.length === 16 && c.camera_to_world.every(Number.isFinite) && c.fov > 0));
+  await page.click("#path_play");
+  await page.waitForFunction(() => playing === null, null, kPatience);
+  await has_full_frame(page);
+
+  await page.click("#save");
+  await page.waitForFunction(() => /saved iteration_\d+/.test(state.notice), null, kPatience);
+  assert(fs.existsSync(path.join(folder, "model", "checkpoints")));
+  await page.locator("#psnr_curve").scrollIntoViewIfNeeded();
+  await picture_of(page, "curves");
+
+  const phone = await open(browser, training.url, {width: 390, height: 844}, {hasTouch: true, deviceScaleFactor: 2});
+  assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390, "fits a phone");
+  assert((await phone.locator("#picture").boundingBox()).height > 300, "there is room for the picture");
+  await picture_of(phone, "phone");
+  await phone.click("#fold");
+  await has_full_frame(phone);
+  await picture_of(phone, "phone_folded");
+  await phone.close();
+
+  await page.click("#pause");
+  await page.waitForFunction((at) => state.iteration > at, paused_at, kPatience);
+  page.on("dialog", (dialog) => dialog.accept());
+  await page.click("#stop");
+  assert.equal(await training.ended, 130, training.child.text);
+  assert.match(training.child.text, /resume with/);
+  errors.splice(0, errors.length, ...errors.filter((text) => !/ERR_CONNECTION|Failed to fetch/.test(text)));  // it has ended
+  await page.waitForFunction(() => state.activity === "ended", null, kPatience);
+  await picture_of(page, "ended");
+  await page.close();
+}
+
+async function check_model(browser) {
+  execFileSync(program, ["train", path.join(folder, "scene"), "-m", path.join(folder, "done"), "--iterations", "100",
+    "--device", "cpu", "--quiet"]);
+  const view = await start(["view", path.join(folder, "done"), "--port", "0", "--device", "cpu"]);
+  const page = await open(browser, view.url, {width: 1280, height: 800});
+  assert(spread(await look(page)) > 5, "the picture shows something");
+  assert(await page.locator("#pause").isHidden(), "there is no training to pause");
+  await page.click("[data-way=fly]");
+  const before = await look(page);
+  await drag(page, 60, 0);
+  await has_full_frame(page);
+  assert(difference(before, await look(page)) > 1, "a drag changes the picture");
+  await picture_of(page, "model");
+  view.child.kill("SIGINT");
+  assert.equal(await view.ended, 0, view.child.text);
+  errors.splice(0, errors.length, ...errors.filter((text) => !/ERR_CONNECTION|Failed to fetch/.test(text)));
+  await page.close();
+}
+
+async function main() {
+  execFileSync(program, ["synth", "orbit", path.join(folder, "scene"), "--points", "3000", "--views", "16",
+    "--width", "240", "--height", "180", "--quiet"]);
+  const browser = await chromium.launch({executablePath: "/usr/bin/chromium", args: ["--no-sandbox", "--disable-gpu",
+    "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]});
+  try {
+    await check_training(browser);
+    await check_model(browser);
+    assert.deepEqual(errors, [], "no errors on the console");
+  } finally {
+    await browser.close();
+    fs.rmSync(folder, {recursive: true, force: true});
+  }
+  console.log(`check_view: passed; pictures in ${pictures}`);
+}
+
+main().catch((error) => {
+  console.error(`check_view: failed: ${error.stack}`);
+  process.exit(1);
+});

@@ -1,0 +1,44 @@
+// Leaving out Gaussians and SH coefficients.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "model/formats/splat_cloud.h"
+
+namespace b3dgs {
+
+/// A box along the axes, or a sphere; world units.
+struct CropRegion {
+  std::array<double, 3> low{}, high{};  // of a box
+  std::array<double, 3> center{};       // of a sphere
+  double radius = 0;                    // 0: a box
+
+  bool contains(const float* position) const;
+};
+
+/// "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere.
+/// @throws InputError for other texts, and for a region without volume
+CropRegion parse_crop(const std::string& text);
+
+/// Keeps the Gaussians for which keeps(row) is true, in their order. Returns how many it has removed.
+std::int64_t keep_if(const std::function<bool(std::size_t row)>& keeps, SplatCloud& cloud);
+
+/// Keeps the `count` Gaussians with the highest scores (one for each Gaussian), in their order; of equal scores the
+/// first ones. Returns how many it has removed.
+std::int64_t keep_highest(const std::vector<double>& scores, std::int64_t count, SplatCloud& cloud);
+
+/// Opacity, from 0 to 1.
+double opacity_of(const SplatCloud& cloud, std::size_t row);
+
+/// Opacity times the area of the largest of the ellipsoid's three cross-sections, up to a constant: what a Gaussian may
+/// contribute to an image, as far as that can be told without views.
+std::vector<double> opacity_times_area(const SplatCloud& cloud);
+
+/// Drops the SH coefficients of higher degrees.
+void limit_sh_degree(int degree, SplatCloud& cloud);
+
+}  // namespace b3dgs

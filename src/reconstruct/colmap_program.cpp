@@ -1,0 +1,122 @@
+#include "reconstruct/colmap_program.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kInstall =
+    "install it: apt install colmap (other systems: https://colmap.github.io/install.html)";
+
+std::vector<std::string> lines_of(const std::vector<std::string>& command, ProgramLog& log) {
+  std::vector<std::string> lines;
+  log.run(command, [&](const std::string& line) { lines.push_back(line); });
+  return lines;
+}
+
+}  // namespace
+
+std::set<std::string> options_in_help(const std::vector<std::string>& lines) {
+  std::set<std::string> options;
+  for (const std::string& line : lines) {
+    const std::size_t begin = line.find_first_not_of(' ');
+    if (begin == std::string::npos || line.compare(begin, 2, "--") != 0) continue;
+    options.insert(line.substr(begin + 2, line.find_first_of(" =", begin) - begin - 2));
+  }
+  return options;
+}
+
+ColmapProgram::ColmapProgram(const ReconstructOptions& options, ColmapFolders folders, ProgramLog& log)
+    : options_(options), folders_(std::move(folders)), log_(log) {
+  if (find_program("colmap").empty()) {
+    input_error("colmap was not found in PATH, which computes the cameras; ", kInstall);
+  }
+  for (const std::string& line : lines_of({"colmap", "-h"}, log)) {
+    const std::size_t begin = line.find_first_not_of(' ');
+    if (begin == std::string::npos || line.find("Usage") != std::string::npos) break;
+    version_ += (version_.empty() ? "" : " ") + line.substr(begin);
+  }
+  if (version_.find("COLMAP") == std::string::npos) {
+    input_error("the program colmap in PATH (", find_program("colmap"), ") does not say that it is COLMAP; ", kInstall);
+  }
+}
+
+bool ColmapProgram::uses_gpu() const {
+  if (options_.use_gpu != "auto") return options_.use_gpu == "1";
+  std::error_code error;
+  const bool has_gpu = fs::exists("/dev/nvidia0", error) || fs::exists("/dev/dxg", error);  // the latter: WSL
+  return has_gpu && version_.find("with CUDA") != std::string::npos;
+}
+
+const std::set<std::string>& ColmapProgram::options_of(const std::string& command) {
+  const auto known = known_.find(command);
+  if (known != known_.end()) return known->second;
+  return known_[command] = options_in_help(lines_of({"colmap", command, "-h"}, log_));
+}
+
+void ColmapProgram::add(std::vector<std::string>& command, const std::vector<std::string>& names,
+                        const std::string& value) {
+  const std::set<std::string>& known = options_of(command[1]);
+  for (const std::string& name : names) {
+    if (known.count(name) == 0) continue;
+    command.push_back("--" + name);
+    command.push_back(value);
+    return;
+  }
+}
+
+std::vector<std::string> ColmapProgram::extract_command(const fs::path& list, bool is_single_camera,
+                                                        std::optional<std::size_t> camera) {
+  std::vector<std::string> command{"colmap",
+                                   "feature_extractor",
+                                   "--database_path",
+                                   folders_.database.string(),
+                                   "--image_path",
+                                   folders_.images.string(),
+                                   "--image_list_path",
+                                   list.string(),
+                                   "--ImageReader.camera_model",
+                                   options_.camera_model};
+  const char* const sharing = is_single_camera                  ? "ImageReader.single_camera"
+                              : options_.camera_per == "folder" ? "ImageReader.single_camera_per_folder"
+                                                                : "ImageReader.single_camera_per_image";
+  add(command, {sharing}, "1");
+  if (camera) add(command, {"ImageReader.existing_camera_id"}, std::to_string(*camera));
+  add(command, {"FeatureExtraction.use_gpu", "SiftExtraction.use_gpu"}, uses_gpu() ? "1" : "0");
+  add(command, {"SiftExtraction.max_num_features"}, std::to_string(options_.max_features));
+  if (options_.threads > 0) {
+    add(command, {"FeatureExtraction.num_threads", "SiftExtraction.num_threads"}, std::to_string(options_.threads));
+  }
+  return command;
+}
+
+std::vector<std::string> ColmapProgram::match_command(const std::string& matcher, std::size_t n_photographs) {
+  std::vector<std::string> command{"colmap", matcher + "_matcher", "--database_path", folders_.database.string()};
+  add(command, {"FeatureMatching.use_gpu", "SiftMatching.use_gpu"}, uses_gpu() ? "1" : "0");
+  if (options_.threads > 0) {
+    add(command, {"FeatureMatching.num_threads", "SiftMatching.num_threads"}, std::to_string(options_.threads));
+  }
+  if (matcher == "exhaustive") {
+    // COLMAP says how far it is, and stores what it has, once per block of pairs.
+    const std::size_t block = std::clamp<std::size_t>(n_photographs / 8, 16, 50);
+    add(command, {"ExhaustiveMatching.block_size", "ExhaustivePairing.block_size"}, std::to_string(block));
+  }
+  return command;
+}
+
+std::vector<std::string> ColmapProgram::map_command() {
+  std::vector<std::string> command{"colmap",          "mapper",
+                                   "--database_path", folders_.database.string(),
+                                   "--image_path",    folders_.images.string(),
+                                   "--output_path",   folders_.models.string()};
+  if (options_.threads > 0) add(command, {"Mapper.num_threads"}, std::to_string(options_.threads));
+  return command;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,55 @@
+// The program colmap: which version it is, what its options are called there, and its command lines.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "reconstruct/program_log.h"
+#include "reconstruct/reconstruct.h"
+
+namespace b3dgs {
+
+struct ColmapFolders {
+  std::filesystem::path database;
+  std::filesystem::path images;
+  std::filesystem::path models;  // the mapper's output: one folder for each model
+};
+
+class ColmapProgram {
+ public:
+  /// Asks colmap for its version. @throws InputError if it is not installed or does not run, with the remedy
+  ColmapProgram(const ReconstructOptions& options, ColmapFolders folders, ProgramLog& log);
+
+  /// The first lines of its help, such as "COLMAP 3.8 (... without CUDA)".
+  const std::string& version() const { return version_; }
+
+  /// Extracts the features of the photographs that the file `list` names, one per line. With `is_single_camera` they
+  /// get one camera: `camera`, or a new one.
+  std::vector<std::string> extract_command(const std::filesystem::path& list, bool is_single_camera,
+                                           std::optional<std::size_t> camera);
+  /// `matcher` is exhaustive or sequential.
+  std::vector<std::string> match_command(const std::string& matcher, std::size_t n_photographs);
+  std::vector<std::string> map_command();
+
+ private:
+  /// Words for the first of `names` that the command knows; none if it knows none of them.
+  void add(std::vector<std::string>& command, const std::vector<std::string>& names, const std::string& value);
+  const std::set<std::string>& options_of(const std::string& command);
+  bool uses_gpu() const;
+
+  const ReconstructOptions& options_;
+  ColmapFolders folders_;
+  ProgramLog& log_;
+  std::string version_;
+  std::map<std::string, std::set<std::string>> known_;  // options by command
+};
+
+/// Options in the help text of a COLMAP command: the words that begin with two hyphens.
+std::set<std::string> options_in_help(const std::vector<std::string>& lines);
+
+}  // namespace b3dgs

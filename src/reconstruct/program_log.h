@@ -1,0 +1,55 @@
+// The log of the programs that a reconstruction runs, SCENE/reconstruct.log.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdio>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/process/child_process.h"
+
+namespace b3dgs {
+
+/// A program was ended because `stop` asked for it. Not an error of the user.
+struct Stopped {};
+
+class ProgramLog {
+ public:
+  /// Appends to the file. @throws IoError
+  ProgramLog(std::filesystem::path file, const std::atomic<int>* stop);
+
+  /// Runs a program with its output in the log. @throws InputError if it fails: program, reason, log; Stopped;
+  /// InputError and IoError of run_program_lines()
+  void run(const std::vector<std::string>& argv, const OnChildLine& on_line = {});
+
+  /// The same, with the bytes of standard output passed on instead.
+  void run_for_bytes(const std::vector<std::string>& argv,
+                     const std::function<void(const char* data, std::size_t bytes)>& on_bytes);
+
+  /// @throws Stopped if `stop` asks for it
+  void check_stop() const;
+
+ private:
+  void begin(const std::vector<std::string>& argv);
+  void add(const std::string& line);
+  void end(const std::vector<std::string>& argv, const ChildResult& result);
+
+  struct Close {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+  std::filesystem::path path_;
+  const std::atomic<int>* stop_;
+  std::unique_ptr<std::FILE, Close> file_;
+  std::deque<std::string> last_lines_;
+};
+
+/// The line among a failed program's last lines that says most about why: the last one that speaks of an error, or the
+/// last one that is not empty; without the prefix of a logging library. Empty if there is none.
+std::string failure_line(const std::deque<std::string>& lines);
+
+}  // namespace b3dgs

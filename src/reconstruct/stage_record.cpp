@@ -1,0 +1,71 @@
+#include "reconstruct/stage_record.h"
+
+#include <fstream>
+#include <utility>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/json_text.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kVersion = 1;
+
+bool is_stage(const Json& json) {
+  return json.is_object() && json.contains("stage") && json["stage"].is_string() && json.contains("settings") &&
+         json.contains("done") && json["done"].is_boolean() && json.contains("notes") && json["notes"].is_object();
+}
+
+}  // namespace
+
+StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
+  std::ifstream stream(file_, std::ios::binary);
+  if (!stream) return;
+  const Json json = parse_json(stream);
+  if (!json.is_object() || json.value("version", Json()) != kVersion || !json.contains("stages")) return;
+  const Json& stages = json["stages"];
+  if (!stages.is_array()) return;
+  for (const Json& stage : stages) {
+    if (!is_stage(stage)) return;
+    stages_.push_back(stage);
+  }
+}
+
+bool StageRecord::is_done(const std::string& stage, const Json& settings, bool still_there) {
+  const std::size_t here = n_passed_++;
+  const bool is_same =
+      here < stages_.size() && stages_[here]["stage"] == stage && stages_[here]["settings"] == settings;
+  if (is_same && stages_[here]["done"] == true && still_there) return true;
+  was_begun_ = is_same && stages_[here]["done"] == false;
+  Json notes = was_begun_ ? stages_[here]["notes"] : Json::object();
+  while (stages_.size() > here) stages_.erase(stages_.size() - 1);
+  stages_.push_back({{"stage", stage}, {"settings", settings}, {"done", false}, {"notes", std::move(notes)}});
+  write();
+  return false;
+}
+
+const Json& StageRecord::notes() const {
+  B3DGS_CHECK(n_passed_ > 0, "no stage yet");
+  return stages_.at(n_passed_ - 1).at("notes");
+}
+
+void StageRecord::set_notes(const Json& notes) {
+  current()["notes"] = notes;
+  write();
+}
+
+void StageRecord::finish() {
+  current()["done"] = true;
+  write();
+}
+
+void StageRecord::write() const {
+  // File names need not be valid UTF-8.
+  const Json json{{"version", kVersion}, {"stages", stages_}};
+  write_file(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+}  // namespace b3dgs

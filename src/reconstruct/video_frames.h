@@ -1,0 +1,52 @@
+// Frames of a video for a reconstruction: the sharpest of each of equally long windows. Runs ffprobe and ffmpeg.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "reconstruct/program_log.h"
+
+namespace b3dgs {
+
+struct VideoInfo {
+  double seconds = 0;        // 0: the file does not say
+  std::size_t n_frames = 0;  // as the file says, or estimated; 0: unknown
+};
+
+/// @throws InputError if the file is no video that ffmpeg can read, or the programs are missing
+VideoInfo read_video_info(const std::filesystem::path& video, ProgramLog& log);
+
+/// How many frames to use where the user has not said it: 2 per second, but 100 to 300, and not more than there are.
+std::size_t automatic_frame_count(double seconds, std::size_t n_frames);
+
+/// Splits the frames into `count` windows of equal length, up to rounding, and returns the number of the frame with the
+/// highest value in each, ascending.
+std::vector<std::size_t> sharpest_of_windows(const std::vector<double>& sharpness, std::size_t count);
+
+/// Decodes the video twice: to measure all frames, and to write the chosen ones into `folder`, which must not exist, as
+/// frame_00001.jpg, frame_00002.jpg, ... `wanted` 0: automatic_frame_count(). @return their names
+/// @throws InputError, IoError, Stopped
+std::vector<std::string> extract_frames(
+    const std::filesystem::path& video, std::size_t wanted, const std::filesystem::path& folder, ProgramLog& log,
+    const std::function<void(const char* stage, std::size_t done, std::size_t total)>& progress);
+
+/// Splits a stream of binary PGM images of 8 bits.
+class PgmStream {
+ public:
+  explicit PgmStream(std::function<void(const std::uint8_t* grey, int width, int height)> on_image);
+  /// @throws InputError if the stream is something else
+  void add(const char* data, std::size_t bytes);
+
+ private:
+  bool take_image();
+
+  std::function<void(const std::uint8_t* grey, int width, int height)> on_image_;
+  std::vector<char> buffer_;
+  std::size_t begin_ = 0;  // of what has not been used in buffer_
+};
+
+}  // namespace b3dgs

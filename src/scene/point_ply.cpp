@@ -1,0 +1,91 @@
+#include "scene/point_ply.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kRowsPerBlock = 4096;
+
+std::string header(std::int64_t count) {
+  return detail::concat("ply\nformat binary_little_endian 1.0\nelement vertex ", count,
+                        "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+                        "property uchar green\nproperty uchar blue\nend_header\n");
+}
+
+}  // namespace
+
+void refuse_compressed_ply(const PlyReader& reader) {
+  if (!reader.vertices().find("packed_position")) return;
+  input_error(reader.name(), ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY");
+}
+
+void write_point_ply(const std::filesystem::path& path, const PointCloud& points) {
+  const std::int64_t n = points.size();
+  B3DGS_CHECK(points.positions.size() == points.colors.size(), points.positions.size(), " coordinates, ",
+              points.colors.size(), " colour values");
+  constexpr std::size_t kPositionBytes = 3 * sizeof(float), kRowBytes = kPositionBytes + 3;
+  AtomicFile file(path);
+  file.write(header(n));
+  std::vector<char> block;
+  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
+    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
+    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
+    char* to = block.data();
+    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
+      std::memcpy(to, points.positions.data() + 3 * row, kPositionBytes);
+      std::memcpy(to + kPositionBytes, points.colors.data() + 3 * row, 3);
+    }
+    file.write(block.data(), block.size());
+  }
+  file.commit();
+}
+
+PointCloud read_point_ply(const std::filesystem::path& path) {
+  FileReader file(path);
+  return read_point_ply(file);
+}
+
+PointCloud read_point_ply(FileReader& file) {
+  PlyReader reader(file);
+  refuse_compressed_ply(reader);
+  const PlyElement& vertices = reader.vertices();
+  std::vector<std::string> columns{"x", "y", "z"};
+  const PlyProperty* red = vertices.find("red");
+  double to_8_bits = 0;
+  if (red) {
+    for (const char* name : {"red", "green", "blue"}) columns.emplace_back(name);
+    to_8_bits = red->type >= PlyType::kFloat32 ? 255.0 : red->type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
+  }
+  PointCloud points;
+  points.positions.resize(vertices.count * 3);
+  points.colors.assign(vertices.count * 3, 128);
+  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
+    for (std::uint64_t i = 0; i < n_rows; ++i) {
+      const double* row = rows + i * columns.size();
+      for (std::size_t k = 0; k < columns.size(); ++k) {
+        if (!std::isfinite(static_cast<float>(row[k]))) {
+          input_error(reader.name(), ": row ", first + i, " (counted from 0): expected a finite ", columns[k],
+                      ", found ", row[k], "; remove this point or export the file again");
+        }
+        const std::uint64_t at = (first + i) * 3;
+        if (k < 3) {
+          points.positions[at + k] = static_cast<float>(row[k]);
+        } else {
+          points.colors[at + k - 3] =
+              static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));
+        }
+      }
+    }
+  });
+  return points;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,151 @@
+#include "scene/scene_model.h"
+
+#include <array>
+#include <optional>
+
+#include "core/check.h"
+#include "scene/colmap/model_search.h"
+#include "scene/images/image_io.h"
+#include "scene/point_ply.h"
+#include "scene/random_points.h"
+#include "scene/transforms/transforms.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kRandomPoints = 100000;
+
+PointCloud points_of(const ColmapModel& model) {
+  PointCloud points;
+  points.positions.reserve(3 * model.points.size());
+  points.colors.reserve(3 * model.points.size());
+  for (const ColmapPoint& point : model.points) {
+    for (const double value : point.position) points.positions.push_back(static_cast<float>(value));
+    points.colors.insert(points.colors.end(), point.color.begin(), point.color.end());
+  }
+  return points;
+}
+
+/// Rows of the points in each image's tracks, by its ID, ascending.
+std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapModel& model) {
+  std::map<std::uint32_t, std::vector<std::int32_t>> points;
+  for (std::size_t row = 0; row < model.points.size(); ++row) {
+    for (const std::uint32_t image : model.points[row].image_ids) {
+      std::vector<std::int32_t>& own = points[image];
+      // Two keypoints of an image may belong to one point.
+      if (own.empty() || own.back() != static_cast<std::int32_t>(row)) own.push_back(static_cast<std::int32_t>(row));
+    }
+  }
+  return points;
+}
+
+SceneModel read_colmap_scene(const SceneOptions& options) {
+  const SparseModelFolder found = find_model_folder(options.source_path);
+  SceneModel scene;
+  scene.model = read_colmap_model(found.folder, options.tracks);
+  scene.points = points_of(scene.model);
+  scene.visible_points = visible_points(scene.model);
+  scene.model.points = {};
+  const std::string folder = found.folder.lexically_relative(options.source_path).string();
+  scene.description = detail::concat(folder.empty() ? found.folder.string() : folder,
+                                     found.format == ColmapFormat::kBinary ? ", binary" : ", text");
+  scene.notes = found.notes;
+  for (const auto& [id, camera] : scene.model.cameras) {
+    scene.camera_places[id] = detail::concat(found.folder.string(), ": camera ", id);
+  }
+  return scene;
+}
+
+std::array<double, 3> center_of(const ColmapImage& image) {
+  Camera camera;
+  camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
+  return camera.center();
+}
+
+// Where frames of a transforms.json are to be found: "train/r_0.png" also below images_4/.
+std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& files, const ImageFolder& images) {
+  std::map<std::string, fs::path> found;
+  std::error_code error;
+  for (const auto& [name, file] : files) {
+    if (images.find(name).empty() && fs::is_regular_file(file, error)) found[name] = file;
+  }
+  return found;
+}
+
+void add_initial_points(const TransformsModel& transforms, SceneModel& scene) {
+  if (!transforms.points.empty()) {
+    scene.points = read_point_ply(transforms.points);
+    scene.points_description = transforms.points.filename().string();
+    return;
+  }
+  std::vector<std::array<double, 3>> centers;
+  for (const ColmapImage& image : scene.model.images) {
+    if (scene.held_out.count(image.name) == 0) centers.push_back(center_of(image));
+  }
+  scene.points = random_points_around(centers, kRandomPoints);
+  scene.points_description = "random, in the box of the cameras; give better ones with --init_ply";
+}
+
+void choose_held_out(const TransformsModel& transforms, const TransformsFiles& files, std::size_t n_train,
+                     SceneModel& scene) {
+  if (!files.held_out.empty()) {
+    scene.split_description = files.held_out.filename().string();
+    scene.has_split = true;
+    for (std::size_t i = n_train; i < scene.model.images.size(); ++i) scene.held_out.insert(scene.model.images[i].name);
+    return;
+  }
+  const bool has_test = !transforms.listed_as_test.empty();
+  scene.held_out = has_test ? transforms.listed_as_test : transforms.listed_as_validation;
+  scene.has_split = !scene.held_out.empty();
+  if (scene.has_split) {
+    scene.split_description =
+        detail::concat(has_test ? "test_filenames" : "val_filenames", " of ", files.train.filename().string());
+  }
+}
+
+SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFiles& files, const ImageFolder& images) {
+  TransformsModel transforms;
+  const PhotographSizeFn size_of = [&](const std::string& name) -> std::optional<ImageSize> {
+    const fs::path in_folder = images.find_all({name})[name];
+    if (!in_folder.empty()) return read_image_size(in_folder);
+    const auto named = transforms.files.find(name);
+    std::error_code error;
+    if (named == transforms.files.end() || !fs::is_regular_file(named->second, error)) return std::nullopt;
+    return read_image_size(named->second);
+  };
+  read_transforms(files.train, size_of, transforms);
+  const std::size_t n_train = transforms.model.images.size();
+  if (options.eval && !files.held_out.empty()) read_transforms(files.held_out, size_of, transforms);
+
+  SceneModel scene;
+  scene.model = std::move(transforms.model);
+  scene.description = files.train.filename().string();
+  scene.notes = files.notes;
+  scene.camera_places = std::move(transforms.camera_places);
+  scene.files = existing(transforms.files, images);
+  scene.masks = std::move(transforms.masks);
+  choose_held_out(transforms, files, n_train, scene);
+  add_initial_points(transforms, scene);
+  return scene;
+}
+
+}  // namespace
+
+void check_scene_folder(const fs::path& source) {
+  if (!find_transforms(source).found() && !has_model_folder(source)) find_model_folder(source);
+}
+
+SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {
+  const TransformsFiles files = find_transforms(options.source_path);
+  if (files.found() && !has_model_folder(options.source_path)) return read_transforms_scene(options, files, images);
+  SceneModel scene = read_colmap_scene(options);
+  if (files.found()) {
+    scene.notes.push_back(detail::concat(files.train.filename().string(), " is not used, because there is a model in ",
+                                         scene.description));
+  }
+  return scene;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,106 @@
+#include "scene/transforms/intrinsics.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
+namespace b3dgs::transforms {
+namespace {
+
+enum class Family { kPerspective, kFisheye };
+
+struct ModelName {
+  const char* name;  // COLMAP's, which nerfstudio writes too
+  Family family;
+};
+
+constexpr std::array<ModelName, 9> kModelNames{{{"SIMPLE_PINHOLE", Family::kPerspective},
+                                                {"PINHOLE", Family::kPerspective},
+                                                {"SIMPLE_RADIAL", Family::kPerspective},
+                                                {"RADIAL", Family::kPerspective},
+                                                {"OPENCV", Family::kPerspective},
+                                                {"FULL_OPENCV", Family::kPerspective},
+                                                {"OPENCV_FISHEYE", Family::kFisheye},
+                                                {"SIMPLE_RADIAL_FISHEYE", Family::kFisheye},
+                                                {"RADIAL_FISHEYE", Family::kFisheye}}};
+
+Family family_of(const FrameValues& values, const std::string& model) {
+  if (model.empty()) return values.boolean("is_fisheye").value_or(false) ? Family::kFisheye : Family::kPerspective;
+  std::string names;
+  for (const ModelName& row : kModelNames) {
+    if (model == row.name) return row.family;
+    names += (names.empty() ? "" : ", ") + std::string(row.name);
+  }
+  input_error(values.place(), ": unsupported camera_model \"", model.substr(0, 40), "\", expected one of ", names,
+              "; convert the photographs to perspective views first");
+}
+
+// fx and fy, in px.
+std::array<double, 2> focal_lengths(const FrameValues& values, ImageSize size) {
+  const auto from_angle = [&](const char* key, int side) -> std::optional<double> {
+    const std::optional<double> angle = values.number(key);
+    if (!angle) return std::nullopt;
+    constexpr double kPi = 3.14159265358979323846;
+    if (!(*angle > 0 && *angle < kPi)) {
+      input_error(values.place(), ": expected ", key, " above 0 and below pi (radians), found ", *angle);
+    }
+    return 0.5 * side / std::tan(0.5 * *angle);
+  };
+  std::optional<double> fx = values.number("fl_x"), fy = values.number("fl_y");
+  if (!fx && !fy) {
+    fx = from_angle("camera_angle_x", size.width);
+    fy = from_angle("camera_angle_y", size.height);
+  }
+  if (!fx && !fy) {
+    input_error(values.place(), ": expected a focal length as fl_x (px) or camera_angle_x (radians), found neither");
+  }
+  return {fx.value_or(fy.value_or(0)), fy.value_or(fx.value_or(0))};
+}
+
+}  // namespace
+
+std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
+                                            const std::function<std::optional<ImageSize>()>& size_of_photograph) {
+  const std::optional<int> w = values.side("w"), h = values.side("h");
+  std::optional<ImageSize> size;
+  if (w && h) size = ImageSize{*w, *h};
+  if (!size) size = size_of_photograph();
+  if (!size) return std::nullopt;
+
+  const std::string model = values.text("camera_model");
+  const Family family = family_of(values, model);
+  const auto [fx, fy] = focal_lengths(values, *size);
+  ColmapCamera camera;
+  camera.width = static_cast<std::uint64_t>(size->width);
+  camera.height = static_cast<std::uint64_t>(size->height);
+  camera.params = {fx, fy, values.number("cx").value_or(0.5 * size->width),
+                   values.number("cy").value_or(0.5 * size->height)};
+  const auto append = [&](CameraModel of_coefficients, std::initializer_list<double> coefficients) {
+    camera.model = of_coefficients;
+    camera.params.insert(camera.params.end(), coefficients.begin(), coefficients.end());
+  };
+  const double k1 = values.coefficient("k1"), k2 = values.coefficient("k2"), k3 = values.coefficient("k3"),
+               k4 = values.coefficient("k4"), k5 = values.coefficient("k5"), k6 = values.coefficient("k6"),
+               p1 = values.coefficient("p1"), p2 = values.coefficient("p2");
+  if (family == Family::kFisheye) {
+    append(CameraModel::kOpenCvFisheye, {k1, k2, k3, k4});
+  } else if (model == "FULL_OPENCV") {
+    append(CameraModel::kFullOpenCv, {k1, k2, p1, p2, k3, k4, k5, k6});
+  } else if (k4 != 0 || k5 != 0 || k6 != 0) {
+    // Programs do not agree whether k4 multiplies r^8 or divides by 1 + k4 r^2.
+    input_error(values.place(), ": k4 to k6 of a perspective camera need the camera_model FULL_OPENCV, found ",
+                model.empty() ? "none" : model, " and k4 ", k4);
+  } else if (k3 != 0) {
+    append(CameraModel::kFullOpenCv, {k1, k2, p1, p2, k3, 0, 0, 0});
+  } else if (k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0) {
+    append(CameraModel::kOpenCv, {k1, k2, p1, p2});
+  } else {
+    append(CameraModel::kPinhole, {});
+  }
+  lens_of(camera, values.place());  // checks focal lengths and principal point
+  return camera;
+}
+
+}  // namespace b3dgs::transforms

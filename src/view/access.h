@@ -1,0 +1,49 @@
+// Who may use the server: the holder of a random token, at an address that no other site's name can stand for.
+#pragma once
+
+#include <chrono>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+
+namespace b3dgs {
+
+/// 128 random bits from the system, as 32 hexadecimal digits. @throws IoError
+std::string make_token();
+
+/// Compares without telling by its duration where two strings of equal length differ.
+bool equal_in_constant_time(const std::string& a, const std::string& b);
+
+/// Whether the Host header of a request names this server by an address: 127.0.0.1, [::1], localhost, or, if the server
+/// listens on another address, any numeric one. A name may be one that another site has pointed here (DNS rebinding).
+/// The port may be any, since a tunnel changes it.
+bool is_own_host(const std::string& host, const std::string& listens_on);
+
+/// Whether the Origin header of a request, if it has one, is that of the page itself.
+bool is_own_origin(const std::string& origin, const std::string& host);
+
+/// Whether an address reaches this machine only: 127.0.0.0/8, ::1, localhost.
+bool is_loopback(const std::string& address);
+
+/// How many browsers may look at the same time, and how many frames each may have in work.
+class ClientLimit {
+ public:
+  using Clock = std::chrono::steady_clock;
+  explicit ClientLimit(std::size_t most) : most_(most) {}
+
+  /// Notes a request of a client. False if there are too many others. A client that has not asked for anything for five
+  /// seconds has left.
+  bool admit(const std::string& client, Clock::time_point now);
+  /// False if the client has a frame in work already.
+  bool begin_frame(const std::string& client);
+  void end_frame(const std::string& client);
+
+ private:
+  const std::size_t most_;
+  std::mutex mutex_;
+  std::map<std::string, Clock::time_point> seen_;
+  std::set<std::string> in_work_;
+};
+
+}  // namespace b3dgs

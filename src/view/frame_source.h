@@ -1,0 +1,76 @@
+// What the server shows: a model at rest or one in training. Without LibTorch, so that the server can be tested alone.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "view/frame.h"
+
+namespace b3dgs {
+
+/// A camera of the scene that the page can jump to.
+struct ViewedCamera {
+  std::string name;
+  Camera camera;
+  bool is_test = false;
+  bool has_photograph = false;
+};
+
+/// What does not change while the page is open. World units.
+struct ViewedScene {
+  std::string title;
+  std::vector<ViewedCamera> views;
+  std::array<double, 3> center{};  // of what there is to see
+  double radius = 1;               // about it
+  bool is_training = false;
+};
+
+struct CurvePoint {
+  int iteration = 0;
+  double loss = 0;
+  std::int64_t n_gaussians = 0;
+};
+
+struct PsnrPoint {
+  int iteration = 0;
+  double psnr = 0;  // dB, mean over the test views
+};
+
+struct ViewState {
+  int iteration = 0, iterations = 0;
+  double loss = 0;  // running average
+  std::int64_t n_gaussians = 0;
+  std::string kernel;    // forward kernel in use
+  std::string activity;  // such as "training", "paused", "ended"
+  std::string notice;    // one line about the last command or an error; may be empty
+  double iterations_per_second = 0;
+  std::optional<double> eta_s;
+  bool is_paused = false;
+  std::vector<CurvePoint> curve;  // ascending iterations
+  std::vector<PsnrPoint> psnr;
+};
+
+enum class ViewCommand { kPause, kResume, kSave, kStop };
+
+/// All functions may be called from several threads.
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+
+  virtual const ViewedScene& scene() const = 0;
+  /// The curve holds points of iterations above `since` only.
+  virtual ViewState state(int since) const = 0;
+  /// Waits until the frame has been rendered. @throws BusyError if that takes too long, or the program is about to end
+  virtual Frame render(const FrameRequest& request) = 0;
+  /// The photograph of a view that has one, resized. @throws InputError if it cannot be read
+  virtual Image8 photograph(int view, ImageSize size) const = 0;
+  /// @throws InputError if there is no training to command
+  virtual void command(ViewCommand command) = 0;
+  /// There are no more frames: render() throws from now on, also where it waits.
+  virtual void close() = 0;
+};
+
+}  // namespace b3dgs

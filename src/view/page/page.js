@@ -1,0 +1,419 @@
+const token = new URLSearchParams(location.search).get("token") || "";
+const client = Array.from(crypto.getRandomValues(new Uint8Array(8)), (x) => x.toString(16).padStart(2, "0")).join("");
+const $ = (id) => document.getElementById(id);
+const picture = $("picture");
+const kMaxPixels = 4000000;
+// What a frame should take, by its size. A training that is not paused gives a twentieth of its time.
+const kDraftMs = 80, kDraftMsInTraining = 25, kFullMsInTraining = 150;
+
+const camera = new PageCamera(), path = new CameraPath();
+let scene = null, state = null;
+let mode = "render", way = "orbit";
+let view = -1;  // the camera of the scene that is shown exactly; -1 once moved
+let moved_at = -1e9;  // ms
+let draft_scale = 0.5, full_scale = 1;
+let wanted = true;  // a frame newer than the one shown
+let shown_full = false, shown_iteration = -1, asked_at = 0;
+let image = null;  // the bitmap that is shown
+let curve = [];
+let playing = null;
+const held_keys = new Set();
+
+async function ask(address, options = {}) {
+  const response = await fetch(address, {
+    ...options, headers: {"X-Token": token, "X-Client": client, ...(options.headers || {})}});
+  if (response.ok) return response;
+  const error = new Error((await response.text()).trim());
+  error.status = response.status;
+  throw error;
+}
+
+function post(address, body) {
+  return ask(address, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(body)});
+}
+
+function say(text) {
+  $("message").textContent = text;
+  $("message").hidden = !text;
+}
+
+// --- Frames: one at a time, small ones while the camera moves.
+
+function is_moving() {
+  return performance.now() - moved_at < 250 || playing !== null || held_keys.size > 0;
+}
+
+function touch(is_free = true) {
+  moved_at = performance.now();
+  wanted = true;
+  if (is_free && view >= 0) select_view(-1);
+}
+
+function frame_size(scale) {
+  const ratio = Math.min(2, window.devicePixelRatio || 1);
+  let width = picture.clientWidth * ratio * scale, height = picture.clientHeight * ratio * scale;
+  const shrink = Math.min(1, Math.sqrt(kMaxPixels / (width * height)));
+  return [Math.max(16, Math.floor(width * shrink)), Math.max(16, Math.floor(height * shrink))];
+}
+
+const is_training = () => scene.training && state !== null && !state.paused;
+
+/// Learns from a frame which size takes how long.
+function adapt_size(is_draft, render_ms, took_ms) {
+  const fit = (scale, wanted, ms) => Math.min(1, Math.max(0.12, scale * Math.sqrt(wanted / Math.max(1, ms))));
+  if (is_draft && is_training()) draft_scale = fit(draft_scale, kDraftMsInTraining, render_ms);
+  if (is_draft && !is_training()) draft_scale = fit(draft_scale, kDraftMs, took_ms);
+  if (!is_draft && is_training()) full_scale = Math.max(0.25, fit(full_scale, kFullMsInTraining, render_ms));
+}
+
+async function fetch_picture(is_draft) {
+  const [width, height] = frame_size(is_draft ? draft_scale : is_training() ? full_scale : 1);
+  if (mode === "photograph") {
+    return [await ask(`/photograph?view=${view}&width=${width}&height=${height}`), null];
+  }
+  const request = {width, height, mode, quality: is_draft ? 70 : 90};
+  if (view >= 0) request.view = view;
+  else request.camera = {camera_to_world: camera.matrix(), fov: camera.fov};
+  const response = await post("/frame", request);
+  return [response, JSON.parse(response.headers.get("X-Frame"))];
+}
+
+async function frames() {
+  for (;;) {
+    const is_draft = is_moving();
+    const is_new = state !== null && state.iteration !== shown_iteration && performance.now() - asked_at > 1000 &&
+        mode !== "photograph";
+    const has_work = wanted || (!is_draft && !shown_full) || is_new;
+    if (!has_work || document.hidden || (state && state.activity === "ended")) {
+      await new Promise((resolve) => setTimeout(resolve, 15));
+      continue;
+    }
+    wanted = false;
+    asked_at = performance.now();
+    try {
+      const [response, about] = await fetch_picture(is_draft);
+      const bitmap = await createImageBitmap(await response.blob());
+      if (image) image.close();
+      image = bitmap;
+      draw();
+      shown_full = !is_draft;
+      if (about) {
+        adapt_size(is_draft, about.ms, performance.now() - asked_at);
+        shown_iteration = about.iteration;
+        $("frame").textContent = `${bitmap.width} x ${bitmap.height}, ${about.ms.toFixed(1)} ms` +
+            (state && state.iterations > 0 && scene.training ? `, iteration ${about.iteration}` : "");
+      }
+      $("legend").textContent = about ? about.legend : "";
+      $("legend").hidden = !$("legend").textContent;
+      say("");
+    } catch (error) {
+      wanted = true;
+      if (!(state && state.activity === "ended")) say(error.message);
+      await new Promise((resolve) => setTimeout(resolve, 500));
+    }
+  }
+}
+
+function draw() {
+  const ratio = window.devicePixelRatio || 1;
+  const width = Math.round(picture.clientWidth * ratio), height = Math.round(picture.clientHeight * ratio);
+  if (picture.width !== width || picture.height !== height) {
+    picture.width = width;
+    picture.height = height;
+  }
+  const context = picture.getContext("2d");
+  context.fillStyle = "#0e0f10";
+  context.fillRect(0, 0, width, height);
+  if (!image) return;
+  const scale = Math.min(width / image.width, height / image.height);
+  const w = image.width * scale, h = image.height * scale;
+  context.imageSmoothingEnabled = mode !== "load";
+  context.drawImage(image, (width - w) / 2, (height - h) / 2, w, h);
+}
+
+// --- Progress
+
+const count_text = (n) => Math.round(n).toLocaleString("en-US");
+
+function duration(seconds) {
+  const s = Math.round(seconds), two = (n) => String(n).padStart(2, "0");
+  return s >= 3600 ? `${Math.floor(s / 3600)}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`
+                   : `${Math.floor(s / 60)}:${two(s % 60)}`;
+}
+
+async function follow() {
+  for (;;) {
+    if (!document.hidden) {
+      try {
+        const since = curve.length > 0 ? curve[curve.length - 1][0] : 0;
+        state = await (await ask(`/state?since=${since}`)).json();
+        curve = curve.concat(state.curve);
+        show_state();
+      } catch (error) {
+        if (error.status === 503) {
+          say(error.message);
+        } else if (error.status === 401) {
+          say(error.message);
+          return;
+        } else {
+          if (state) state.activity = "ended";
+          say("The program has ended or cannot be reached.");
+          show_state();
+        }
+      }
+    }
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+  }
+}
+
+function show_state() {
+  if (!state) return;
+  const has_ended = state.activity === "ended";
+  $("iteration").textContent = scene.training ? `${count_text(state.iteration)} / ${count_text(state.iterations)}`
+                                              : state.iteration > 0 ? count_text(state.iteration) : "-";
+  $("count").textContent = count_text(state.count);
+  $("loss").textContent = state.loss > 0 ? state.loss.toFixed(4) : "-";
+  $("eta").textContent = state.eta_s === null || has_ended ? "-" : duration(state.eta_s);
+  $("activity").textContent = state.activity +
+      (state.activity === "training" && state.per_second > 0 ? `, ${state.per_second.toFixed(1)}/s` : "");
+  $("kernel").textContent = state.kernel || "-";
+  $("done").style.width = `${100 * state.iteration / Math.max(1, state.iterations)}%`;
+  if (state.paused !== ($("pause").textContent === "Resume")) shown_full = false;  // another size
+  $("pause").textContent = state.paused ? "Resume" : "Pause";
+  for (const id of ["pause", "save", "stop"]) $(id).disabled = has_ended;
+  $("notice").textContent = state.notice;
+  $("notice").hidden = !state.notice;
+  if (scene.training) show_curves();
+}
+
+function show_curves() {
+  const last = (points, format) => (points.length > 0 ? format(points[points.length - 1][1]) : "");
+  const chart = (name, points, format) => {
+    draw_chart($(`${name}_curve`), points, format);
+    $(`${name}_now`).textContent = last(points, format);
+  };
+  chart("loss", curve.map(([i, loss]) => [i, loss]), (x) => x.toFixed(4));
+  chart("count", curve.map(([i, , n]) => [i, n]), count_text);
+  $("psnr_curve").parentElement.hidden = state.psnr.length === 0;
+  chart("psnr", state.psnr, (x) => `${x.toFixed(2)} dB`);
+}
+
+async function command(name) {
+  try {
+    await post("/command", {command: name});
+    say("");
+  } catch (error) {
+    say(error.message);
+  }
+}
+
+// --- Controls
+
+function choose(group, key, value) {
+  for (const button of $(group).children) button.setAttribute("aria-checked", button.dataset[key] === value);
+}
+
+function has_photograph() { return view >= 0 && scene.views[view].photograph; }
+
+function select_mode(name) {
+  mode = name;
+  choose("modes", "mode", mode);
+  wanted = true;
+  shown_full = false;
+}
+
+function select_view(index) {
+  view = index;
+  $("camera").value = String(index);
+  for (const button of $("modes").children) {
+    const needs_one = ["photograph", "difference"].includes(button.dataset.mode);
+    button.disabled = needs_one && !has_photograph();
+    button.title = button.disabled ? "needs a camera of the scene: choose one below" : "";
+  }
+  if (["photograph", "difference"].includes(mode) && !has_photograph()) select_mode("render");
+  wanted = true;
+  shown_full = false;
+}
+
+function jump(index) {
+  const n = scene.views.length;
+  if (n === 0) return;
+  const to = (index + n) % n;
+  camera.jump(scene.views[to]);
+  show_fov();
+  select_view(to);
+}
+
+function show_fov() {
+  $("fov").value = String(camera.fov);
+  $("fov_value").textContent = `${camera.fov.toFixed(0)}\u00b0`;
+}
+
+function show_keys() {
+  const n = path.keys.length, seconds = path.seconds(Number($("key_seconds").value) || 2);
+  $("keys").textContent = n < 2 ? `${n}` : `${n}, ${seconds.toFixed(1)} s`;
+  $("key_drop").disabled = n === 0;
+  $("path_play").disabled = n < 2;
+  $("path_save").disabled = n === 0;
+}
+
+function listen_to_panel() {
+  for (const button of $("modes").children) button.onclick = () => select_mode(button.dataset.mode);
+  for (const button of $("ways").children) {
+    button.onclick = () => {
+      way = button.dataset.way;
+      choose("ways", "way", way);
+    };
+  }
+  $("camera").onchange = () => {
+    const index = Number($("camera").value);
+    if (index >= 0) jump(index);
+  };
+  $("before").onclick = () => jump(view >= 0 ? view - 1 : 0);
+  $("after").onclick = () => jump(view + 1);
+  $("fov").oninput = () => {
+    camera.fov = Number($("fov").value);
+    show_fov();
+    touch();
+  };
+  $("pause").onclick = () => command(state && state.paused ? "resume" : "pause");
+  $("save").onclick = () => command("save");
+  $("stop").onclick = () => {
+    if (confirm("Stop the training? It writes a checkpoint that it can be resumed from.")) command("stop");
+  };
+  $("fold").onclick = () => {
+    const is_folded = $("panel").classList.toggle("folded");
+    $("fold").setAttribute("aria-expanded", String(!is_folded));
+  };
+  $("key_add").onclick = () => { path.add(camera); show_keys(); };
+  $("key_drop").onclick = () => { path.drop(); show_keys(); };
+  $("key_seconds").oninput = show_keys;
+  $("path_play").onclick = () => { playing = {start: performance.now(), between: Number($("key_seconds").value) || 2}; };
+  $("path_save").onclick = save_path;
+}
+
+function save_path() {
+  const [width, height] = $("path_size").value.split("x").map(Number);
+  const text = JSON.stringify(path.file(Number($("key_seconds").value) || 2, width, height, 30), null, 1);
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], {type: "application/json"}));
+  link.download = "camera_path.json";
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+// --- Mouse, touch, keys
+
+function listen_to_picture() {
+  const pointers = new Map();
+  const middle = () => {
+    const all = [...pointers.values()];
+    const x = all.reduce((s, p) => s + p.x, 0) / all.length, y = all.reduce((s, p) => s + p.y, 0) / all.length;
+    return {x, y, spread: all.length > 1 ? Math.hypot(all[0].x - all[1].x, all[0].y - all[1].y) : 0};
+  };
+  const shift = (dx, dy) => {
+    const unit_px = 2 * camera.distance * Math.tan(camera.fov * Math.PI / 360) / picture.clientHeight;
+    camera.move(-dx * unit_px, dy * unit_px, 0);
+  };
+  picture.addEventListener("pointerdown", (event) => {
+    picture.setPointerCapture(event.pointerId);
+    picture.focus({preventScroll: true});
+    picture.classList.add("held");
+    pointers.set(event.pointerId, {x: event.clientX, y: event.clientY, button: event.button});
+    playing = null;
+  });
+  const release = (event) => {
+    pointers.delete(event.pointerId);
+    if (pointers.size === 0) picture.classList.remove("held");
+  };
+  picture.addEventListener("pointerup", release);
+  picture.addEventListener("pointercancel", release);
+  picture.addEventListener("pointermove", (event) => {
+    const pointer = pointers.get(event.pointerId);
+    if (!pointer) return;
+    const before = middle();
+    pointer.x = event.clientX;
+    pointer.y = event.clientY;
+    const now = middle(), dx = now.x - before.x, dy = now.y - before.y;
+    if (pointers.size > 1) {
+      shift(dx, dy);
+      if (before.spread > 0 && now.spread > 0) camera.approach(before.spread / now.spread, way);
+    } else if (pointer.button === 2 || pointer.button === 1 || event.shiftKey) {
+      shift(dx, dy);
+    } else {
+      const angle = Math.PI / Math.max(300, picture.clientHeight) * (way === "fly" ? 0.5 : 1);
+      camera.turn(dx * angle, dy * angle, way);
+    }
+    touch();
+  });
+  picture.addEventListener("contextmenu", (event) => event.preventDefault());
+  picture.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : 1);
+    camera.approach(Math.exp(Math.max(-200, Math.min(200, pixels)) * 0.0015), way);
+    touch();
+  }, {passive: false});
+}
+
+const kMoves = {w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0]};
+const kTurns = {arrowleft: [1, 0], arrowright: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1]};  // as if dragged
+
+function listen_to_keys() {
+  window.addEventListener("keydown", (event) => {
+    const key = event.key.toLowerCase();
+    if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(event.target.tagName)) return;
+    if (kMoves[key] || kTurns[key]) {
+      held_keys.add(key);
+      playing = null;
+      event.preventDefault();
+    }
+    if (key === "]") jump(view + 1);
+    if (key === "[") jump(view >= 0 ? view - 1 : 0);
+  });
+  window.addEventListener("keyup", (event) => held_keys.delete(event.key.toLowerCase()));
+  window.addEventListener("blur", () => held_keys.clear());
+}
+
+/// What moves by itself: held keys, and a path that is played.
+function move_on(now, before) {
+  const seconds = Math.min(0.1, (now - before) / 1000);
+  for (const key of held_keys) {
+    const move = kMoves[key], step = 0.6 * Math.max(camera.distance, 0.05 * camera.radius) * seconds;
+    if (move) camera.move(...move.map((x) => x * step));
+    if (kTurns[key]) camera.turn(1.2 * kTurns[key][0] * seconds, 1.2 * kTurns[key][1] * seconds, way);
+    touch();
+  }
+  if (playing) {
+    const t = (now - playing.start) / 1000 / playing.between;
+    Object.assign(camera, path.at(Math.min(t, path.keys.length - 1)));
+    if (t >= path.keys.length - 1) playing = null;
+    show_fov();
+    touch();
+  }
+  requestAnimationFrame((next) => move_on(next, now));
+}
+
+async function begin() {
+  scene = await (await ask("/cameras")).json();
+  document.title = `${scene.title} - b3dgs`;
+  $("title").textContent = scene.title;
+  document.body.classList.toggle("rest", !scene.training);
+  $("camera").add(new Option(scene.views.length > 0 ? "free camera" : "no cameras", "-1"));
+  scene.views.forEach((v, i) => $("camera").add(new Option(`${v.name}${v.test ? " (test)" : ""}`, String(i))));
+  $("cameras").hidden = scene.views.length === 0;
+  camera.begin(scene);
+  listen_to_panel();
+  listen_to_picture();
+  listen_to_keys();
+  choose("ways", "way", way);
+  select_mode("render");
+  select_view(scene.views.length > 0 ? 0 : -1);
+  show_fov();
+  show_keys();
+  new ResizeObserver(() => { draw(); wanted = true; shown_full = false; show_state(); }).observe(picture);
+  requestAnimationFrame((now) => move_on(now, now));
+  follow();
+  frames();
+}
+
+begin().catch((error) => say(error.message || String(error)));

@@ -1,0 +1,182 @@
+#include "view/view_json.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+
+#include "core/check.h"
+#include "scene/cameras/opengl_pose.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kMinSide = 16, kMaxSide = 16384;  // px
+constexpr double kMaxCoordinate = 1e9;          // world units
+constexpr double kPi = 3.14159265358979323846;
+
+Json parse_object(const std::string& body) {
+  const Json json = Json::parse(body, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object()) input_error("not a JSON object (expected {\"width\": ...})");
+  return json;
+}
+
+const Json& member(const Json& json, const char* key) {
+  const auto found = json.find(key);
+  if (found == json.end()) input_error("missing: \"", key, "\"");
+  return *found;
+}
+
+double number(const Json& json, const std::string& what, double least, double most) {
+  const double value = json.is_number() ? json.get<double>() : std::nan("");
+  if (!(value >= least && value <= most)) input_error(what, ": expected a number from ", least, " to ", most);
+  return value;
+}
+
+int whole_number(const Json& json, const std::string& what, int least, int most) {
+  const double value = number(json, what, least, most);
+  if (value != std::floor(value)) input_error(what, ": expected a whole number");
+  return static_cast<int>(value);
+}
+
+ImageSize check_size(ImageSize size) {
+  if (size.width < kMinSide || size.height < kMinSide || size.width > kMaxSide || size.height > kMaxSide ||
+      std::int64_t{size.width} * size.height > kMaxFramePixels) {
+    input_error("size: expected at least ", kMinSide, " px a side and at most ", kMaxFramePixels, " pixels, found ",
+                size.width, " x ", size.height);
+  }
+  return size;
+}
+
+FrameMode parse_mode(const Json& json) {
+  constexpr std::array<std::pair<const char*, FrameMode>, 5> kModes{{{"render", FrameMode::kRender},
+                                                                     {"difference", FrameMode::kDifference},
+                                                                     {"depth", FrameMode::kDepth},
+                                                                     {"alpha", FrameMode::kAlpha},
+                                                                     {"load", FrameMode::kLoad}}};
+  for (const auto& [name, mode] : kModes) {
+    if (json == name) return mode;
+  }
+  input_error("mode: expected render, difference, depth, alpha or load");
+}
+
+Camera parse_camera(const Json& json, ImageSize size) {
+  if (!json.is_object()) input_error("camera: expected an object");
+  const Json& list = member(json, "camera_to_world");
+  OpenGlMatrix m{};
+  if (!list.is_array() || list.size() != m.size()) input_error("camera_to_world: expected 16 numbers");
+  for (std::size_t i = 0; i < m.size(); ++i) m[i] = number(list[i], "camera_to_world", -kMaxCoordinate, kMaxCoordinate);
+  const double fov = number(member(json, "fov"), "fov", 1, 170);
+  Camera camera;
+  camera.width = size.width;
+  camera.height = size.height;
+  camera.fx = camera.fy = 0.5 * size.height / std::tan(0.5 * fov * kPi / 180);
+  camera.cx = 0.5 * size.width;
+  camera.cy = 0.5 * size.height;
+  camera.cam_from_world = pose_from_opengl(m, "camera_to_world");
+  return camera;
+}
+
+}  // namespace
+
+ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within) {
+  check_size(within);
+  if (view < 0 || view >= static_cast<int>(scene.views.size())) {
+    input_error("view: expected a number from 0 to ", static_cast<int>(scene.views.size()) - 1, ", found ", view);
+  }
+  const Camera& camera = scene.views[static_cast<std::size_t>(view)].camera;
+  const double scale = std::min(
+      {1.0, within.width / static_cast<double>(camera.width), within.height / static_cast<double>(camera.height)});
+  const auto scaled = [&](int side) { return std::max(1, static_cast<int>(std::lround(scale * side))); };
+  return {scaled(camera.width), scaled(camera.height)};
+}
+
+FrameRequest parse_frame_request(const std::string& body, const ViewedScene& scene) {
+  const Json json = parse_object(body);
+  const ImageSize size = check_size({whole_number(member(json, "width"), "width", 1, kMaxSide),
+                                     whole_number(member(json, "height"), "height", 1, kMaxSide)});
+  FrameRequest request;
+  if (json.contains("mode")) request.mode = parse_mode(json["mode"]);
+  if (json.contains("quality")) request.quality = whole_number(json["quality"], "quality", 1, 100);
+  if (json.contains("view")) {
+    request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
+    const ImageSize fitted = fit_view(scene, request.view, size);
+    request.camera = scene.views[static_cast<std::size_t>(request.view)].camera.scaled_to(fitted.width, fitted.height);
+  } else {
+    request.camera = parse_camera(member(json, "camera"), size);
+  }
+  if (request.mode == FrameMode::kDifference &&
+      (request.view < 0 || !scene.views[static_cast<std::size_t>(request.view)].has_photograph)) {
+    input_error("mode difference: expected a view with a photograph");
+  }
+  return request;
+}
+
+ViewCommand parse_command(const std::string& body) {
+  const Json json = parse_object(body);
+  const Json& word = member(json, "command");
+  if (word == "pause") return ViewCommand::kPause;
+  if (word == "resume") return ViewCommand::kResume;
+  if (word == "save") return ViewCommand::kSave;
+  if (word == "stop") return ViewCommand::kStop;
+  input_error("command: expected pause, resume, save or stop");
+}
+
+int parse_whole_number(const std::string& text, const std::string& what) {
+  const bool is_number = !text.empty() && text.size() <= 9 &&
+                         std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= '0' && c <= '9'; });
+  if (!is_number) input_error(what, ": expected a whole number");
+  return std::atoi(text.c_str());
+}
+
+Json cameras_json(const ViewedScene& scene) {
+  Json views = Json::array();
+  for (const ViewedCamera& view : scene.views) {
+    const Camera& camera = view.camera;
+    views.push_back({{"name", view.name},
+                     {"test", view.is_test},
+                     {"photograph", view.has_photograph},
+                     {"width", camera.width},
+                     {"height", camera.height},
+                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
+                     {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
+  }
+  return {{"title", scene.title},
+          {"training", scene.is_training},
+          {"center", scene.center},
+          {"radius", scene.radius},
+          {"views", views}};
+}
+
+Json state_json(const ViewState& state) {
+  Json curve = Json::array(), psnr = Json::array();
+  for (const CurvePoint& point : state.curve) curve.push_back({point.iteration, point.loss, point.n_gaussians});
+  for (const PsnrPoint& point : state.psnr) psnr.push_back({point.iteration, point.psnr});
+  Json json{{"iteration", state.iteration},
+            {"iterations", state.iterations},
+            {"loss", state.loss},
+            {"count", state.n_gaussians},
+            {"kernel", state.kernel},
+            {"activity", state.activity},
+            {"notice", state.notice},
+            {"per_second", state.iterations_per_second},
+            {"eta_s", nullptr},
+            {"paused", state.is_paused},
+            {"curve", curve},
+            {"psnr", psnr}};
+  if (state.eta_s) json["eta_s"] = *state.eta_s;
+  return json;
+}
+
+Json frame_json(const Frame& frame) {
+  return {
+      {"iteration", frame.iteration}, {"count", frame.n_gaussians}, {"ms", frame.render_ms}, {"legend", frame.legend}};
+}
+
+std::string json_text(const Json& json) {
+  return json.dump(-1, ' ', /*ensure_ascii=*/true, Json::error_handler_t::replace);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,41 @@
+// The server's JSON: what the page asks for, checked, and what it is told.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "view/frame_source.h"
+
+namespace b3dgs {
+
+inline constexpr std::int64_t kMaxFramePixels = 4'000'000;
+
+/// The request of POST /frame:
+///   {"width": 800, "height": 600, "mode": "render", "quality": 85, and one of
+///    "view": 3,
+///    "camera": {"camera_to_world": [16 numbers], "fov": 50}}
+/// A view's camera is reduced to fit into the size. A camera of its own has that size; it is given as in the camera
+/// paths that nerfstudio writes: row-major, OpenGL axes (+x right, +y up, -z forward), vertical field of view in
+/// degrees.
+/// @throws InputError, one line, for anything that is missing, not finite or out of range
+FrameRequest parse_frame_request(const std::string& body, const ViewedScene& scene);
+
+/// The request of POST /command: {"command": "pause" | "resume" | "save" | "stop"}. @throws InputError
+ViewCommand parse_command(const std::string& body);
+
+/// The largest size of the view's aspect ratio within a size, and not above that of the view. @throws InputError if the
+/// size is out of range
+ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within);
+
+/// A whole number. @throws InputError naming `what`
+int parse_whole_number(const std::string& text, const std::string& what);
+
+nlohmann::ordered_json cameras_json(const ViewedScene& scene);
+nlohmann::ordered_json state_json(const ViewState& state);
+/// The header X-Frame: what is known of a frame.
+nlohmann::ordered_json frame_json(const Frame& frame);
+
+/// `json` on one line of valid UTF-8, whatever names of files hold.
+std::string json_text(const nlohmann::ordered_json& json);
+
+}  // namespace b3dgs

@@ -1,0 +1,338 @@
+// b3dgs export: what it writes, leaves out, measures and refuses. Formats of splat-transform with a program in its
+// place; the real one is tested where it is installed (scripts/check_exports.sh).
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+
+#include "app/export/scene_views.h"
+#include "core/check.h"
+#include "core/files/remove_tree.h"
+#include "core/process/child_process.h"
+#include "model/edit/rotate.h"
+#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
+#include "model/formats/spz.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/run_program.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::Outcome;
+using test::run_b3dgs;
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// PATH of the programs that a test starts.
+class ScopedPath {
+ public:
+  explicit ScopedPath(const std::string& path) : before_(std::getenv("PATH")) { setenv("PATH", path.c_str(), 1); }
+  ~ScopedPath() { setenv("PATH", before_.c_str(), 1); }
+  ScopedPath(const ScopedPath&) = delete;
+  ScopedPath& operator=(const ScopedPath&) = delete;
+  const std::string& before() const { return before_; }
+
+ private:
+  std::string before_;
+};
+
+class Export : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new test::TempDir;
+    const Outcome made = run_b3dgs({"synth", "orbit", path("scene"), "--points", "300", "--views", "9", "--width", "64",
+                                    "--height", "48", "--seed", "1", "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+    const Outcome trained =
+        run_b3dgs({"train", path("scene"), "-m", path("model"), "--eval", "--iterations", "20",
+                   "--sh_increase_interval", "5", "--kernel", "naive", "--device", "cpu", "--quiet"});
+    EXPECT_EQ(trained.exit_code, 0) << trained.err;
+  }
+  static void TearDownTestSuite() {
+    delete folder_;
+    folder_ = nullptr;
+  }
+
+  static std::string path(const std::string& name) { return (*folder_ / name).string(); }
+  static std::string ply() { return path("model/point_cloud/iteration_20/point_cloud.ply"); }
+  static Outcome run_export(std::vector<std::string> words) {
+    words.insert(words.begin(), "export");
+    words.insert(words.end(), {"--device", "cpu", "--quiet"});
+    return run_b3dgs(words);
+  }
+
+  static test::TempDir* folder_;
+};
+test::TempDir* Export::folder_ = nullptr;
+
+TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
+  const Outcome outcome = run_export({path("model"), path("a.spz")});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const std::int64_t n = read_splat_ply(ply()).size();
+  for (const std::string& part : {std::to_string(n) + " Gaussians, SH degree 3",
+                                  std::string("dB lost (mean of 2 test views)"), std::string("against those before")}) {
+    EXPECT_TRUE(contains(outcome.out, part)) << part << " is not in: " << outcome.out;
+  }
+  EXPECT_EQ(read_spz(path("a.spz")).size(), n);
+  EXPECT_LT(fs::file_size(path("a.spz")), fs::file_size(ply()) / 3);
+
+  const Outcome info = run_b3dgs({"info", path("a.spz")});
+  EXPECT_TRUE(contains(info.out, "Gaussians         " + std::to_string(n))) << info.out << info.err;
+  const Outcome eval = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--split", "test", "--quiet"});
+  EXPECT_TRUE(contains(eval.out, "mean of 2")) << eval.out << eval.err;
+  const Outcome all = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--quiet"});
+  EXPECT_TRUE(contains(all.out, "mean of 9")) << all.out << all.err;
+  const Outcome rendered =
+      run_b3dgs({"render", path("a.spz"), "-s", path("scene"), "--output", path("images"), "--quiet"});
+  EXPECT_EQ(rendered.exit_code, 0) << rendered.err;
+  const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("second"), "--init_ply", path("a.spz"),
+                                     "--iterations", "2", "--device", "cpu", "--quiet"});
+  EXPECT_EQ(trained.exit_code, 0) << trained.err;
+}
+
+TEST_F(Export, ACopyAsPlyLosesNothing) {
+  const Outcome outcome = run_export({path("model"), path("copy.ply")});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << outcome.out;
+  EXPECT_TRUE(contains(outcome.out, "100.00 dB, those after")) << outcome.out;
+  EXPECT_EQ(test::read_bytes(path("copy.ply")), test::read_bytes(ply()));
+}
+
+TEST_F(Export, ReplacesNothingUnlessAsked) {
+  test::write_bytes(path("kept.spz"), "important");
+  const Outcome refused = run_export({path("model"), path("kept.spz")});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_TRUE(contains(refused.err, "--overwrite")) << refused.err;
+  EXPECT_EQ(test::read_bytes(path("kept.spz")), "important");
+  EXPECT_EQ(run_export({path("model"), path("kept.spz"), "--overwrite"}).exit_code, 0);
+  EXPECT_EQ(read_spz(path("kept.spz")).size(), read_splat_ply(ply()).size());
+  const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
+  EXPECT_EQ(itself.exit_code, 2);
+  EXPECT_TRUE(contains(itself.err, "is the file to export")) << itself.err;
+}
+
+TEST_F(Export, LeavesOutWhatTheOptionsSay) {
+  const SplatCloud before = read_splat_ply(ply());
+  const Outcome outcome = run_export(
+      {path("model"), path("small.ply"), "--crop=-1,-1,-1,1,1,1", "--max_sh_degree", "1", "--max_gaussians", "20"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(contains(outcome.out, "least contribution to 7 training views")) << outcome.out;
+  const SplatCloud after = read_splat_ply(path("small.ply"));
+  EXPECT_EQ(after.size(), 20);
+  EXPECT_EQ(after.sh_degree, 1);
+  for (const float value : after.means) EXPECT_LE(std::abs(value), 1);
+  const Outcome none = run_export({path("model"), path("none.ply"), "--crop", "1000,1000,1000,1"});
+  EXPECT_EQ(none.exit_code, 2);
+  EXPECT_TRUE(contains(none.err, "no Gaussian is left")) << none.err;
+  EXPECT_FALSE(fs::exists(path("none.ply")));
+  const Outcome opaque = run_export({path("model"), path("opaque.ply"), "--min_opacity", "0.1"});
+  ASSERT_EQ(opaque.exit_code, 0) << opaque.err;
+  for (const float logit : read_splat_ply(path("opaque.ply")).logit_opacities) {
+    EXPECT_GE(1 / (1 + std::exp(-logit)), 0.0999f);
+  }
+}
+
+TEST_F(Export, KeepsTheGaussiansThatMatterToTheViews) {
+  // Some are made transparent, and as many are moved to where no camera sees them.
+  constexpr std::size_t kEach = 30;
+  SplatCloud cloud = read_splat_ply(ply());
+  ASSERT_GT(cloud.size(), 3 * std::int64_t{kEach});
+  for (std::size_t i = 0; i < kEach; ++i) {
+    cloud.logit_opacities[i] = -8;
+    cloud.means[3 * (kEach + i)] = 1e5f;
+    cloud.log_scales[3 * (kEach + i)] = 3;  // opacity times area would keep it
+  }
+  write_splat_ply(path("padded.ply"), cloud);
+  const std::string kept = std::to_string(cloud.size() - 2 * std::int64_t{kEach});
+  const Outcome outcome =
+      run_export({path("padded.ply"), path("useful.ply"), "-s", path("scene"), "--max_gaussians", kept});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const std::vector<float> useful(cloud.logit_opacities.begin() + 2 * kEach, cloud.logit_opacities.end());
+  EXPECT_EQ(read_splat_ply(path("useful.ply")).logit_opacities, useful);
+  const Outcome blind = run_export({path("padded.ply"), path("blind.ply"), "--max_gaussians", kept});
+  ASSERT_EQ(blind.exit_code, 0) << blind.err;
+  EXPECT_NE(read_splat_ply(path("blind.ply")).logit_opacities, useful);
+  EXPECT_TRUE(contains(blind.out, "opacity times area, for lack of a scene")) << blind.out;
+  EXPECT_TRUE(contains(blind.out, "not measured: no scene is named (-s SCENE)")) << blind.out;
+}
+
+TEST_F(Export, TurnsTheModelUpright) {
+  const Outcome outcome = run_export({path("model"), path("up.ply"), "--up", "-y"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << "measured before rotating: " << outcome.out;
+  // Cameras of this scene are on a ring about the axis z, which points up.
+  SplatCloud expected = read_splat_ply(ply());
+  rotate_splats(rotation_between({0, 0, 1}, {0, -1, 0}), expected);
+  const SplatCloud after = read_splat_ply(path("up.ply"));
+  ASSERT_EQ(after.size(), expected.size());
+  for (std::size_t i = 0; i < expected.means.size(); ++i) EXPECT_NEAR(after.means[i], expected.means[i], 1e-3) << i;
+  const Outcome blind = run_export({path("up.ply"), path("up2.ply"), "--up", "auto"});
+  EXPECT_EQ(blind.exit_code, 2);
+  EXPECT_TRUE(contains(blind.err, "needs cameras")) << blind.err;
+}
+
+TEST_F(Export, DoesWithoutPhotographs) {
+  fs::rename(path("scene"), path("moved"));
+  const Outcome outcome = run_export({path("model"), path("blind.spz"), "--up", "auto", "--max_gaussians", "50"});
+  fs::rename(path("moved"), path("scene"));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(contains(outcome.out, "contribution to 7 training views")) << outcome.out;
+  EXPECT_TRUE(contains(outcome.out, "not measured: ")) << outcome.out;
+  EXPECT_EQ(read_spz(path("blind.spz")).size(), 50);
+}
+
+TEST_F(Export, RefusesWhatCannotBeDone) {
+  const auto refuses = [&](const std::vector<std::string>& words, const std::string& part) {
+    const Outcome outcome = run_export(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    EXPECT_TRUE(contains(outcome.err, part)) << outcome.err;
+  };
+  refuses({}, "MODEL_PATH");
+  refuses({path("model")}, "OUTPUT");
+  refuses({path("model"), path("model")}, "is a folder");
+  refuses({path("model"), path("a")}, "expected an extension");
+  refuses({path("nothing"), path("b.spz")}, "not found");
+  refuses({path("model"), path("b.spz"), "--crop", "1,2"}, "--crop");
+  refuses({path("model"), path("b.spz"), "--up", "w"}, "--up");
+  refuses({ply(), path("b.spz"), "--iteration", "20"}, "--iteration");
+  write_splat_ply(path("empty.ply"), SplatCloud{});
+  refuses({path("empty.ply"), path("b.spz")}, "no Gaussians");
+  EXPECT_FALSE(fs::exists(path("b.spz")));
+}
+
+TEST_F(Export, SaysHowToGetTheProgramForOtherFormats) {
+  const ScopedPath no_programs(path("."));
+  const Outcome outcome = run_export({path("model"), path("a.sog")});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_TRUE(contains(outcome.err, "npm install -g @playcanvas/splat-transform")) << outcome.err;
+}
+
+TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
+  const fs::path folder = *folder_ / "bin", program = folder / "splat-transform";
+  fs::create_directory(folder);
+  const auto install = [&](const std::string& script) {
+    test::write_bytes(program, "#!/bin/sh\nfor to; do from=$last; last=$to; done\n" + script);
+    fs::permissions(program, fs::perms::owner_all);
+  };
+  const ScopedPath first(folder.string() + ":/usr/bin:/bin");
+  install("cp \"$from\" \"$to\"\n");
+  const Outcome good = run_export({path("model"), path("b.sog")});
+  ASSERT_EQ(good.exit_code, 0) << good.err;
+  EXPECT_TRUE(contains(good.out, "0.00 dB lost")) << good.out;
+  EXPECT_EQ(test::read_bytes(path("b.sog")), test::read_bytes(ply()));
+  const Outcome glb = run_export({path("model"), path("b.glb")});
+  ASSERT_EQ(glb.exit_code, 0) << glb.err;
+  EXPECT_TRUE(contains(glb.out, "not measured: splat-transform does not read .glb")) << glb.out;
+  ASSERT_EQ(run_export({path("model"), path("b.compressed.ply")}).exit_code, 0);
+
+  install("echo 'x Error: no such thing' >&2; exit 3\n");
+  const Outcome bad = run_export({path("model"), path("c.sog")});
+  EXPECT_EQ(bad.exit_code, 2);
+  EXPECT_TRUE(contains(bad.err, "exit code 3: Error: no such thing")) << bad.err;
+  install("if [ $1$2$3$4 = -q-w-gcpu ]; then cp \"$from\" \"$to\"; else : >\"$to\"; exit 1; fi\n");
+  EXPECT_EQ(run_export({path("model"), path("d.sog")}).exit_code, 0) << "again on the CPU";
+  EXPECT_FALSE(fs::exists(path("c.sog")));
+  for (const auto& entry : fs::directory_iterator(folder_->path())) {
+    EXPECT_FALSE(contains(entry.path().string(), ".b3dgs-export")) << entry.path();
+  }
+}
+
+TEST_F(Export, RemovesItsFilesWhenItIsStopped) {
+  const fs::path folder = *folder_ / "bin2", out = *folder_ / "stopped";
+  fs::create_directory(folder);
+  fs::create_directory(out);
+  test::write_bytes(folder / "splat-transform", "#!/bin/sh\ntouch '" + out.string() + "/started'\nsleep 100\n");
+  fs::permissions(folder / "splat-transform", fs::perms::owner_all);
+  const ScopedPath first(folder.string() + ":/usr/bin:/bin");
+  test::RunOptions options;
+  options.signal = SIGINT;
+  options.signal_when = [&] { return fs::exists(out / "started"); };
+  const Outcome outcome = run_b3dgs({"export", path("model"), (out / "a.sog").string(), "--device", "cpu"}, options);
+  EXPECT_EQ(outcome.exit_code, 128 + SIGINT) << outcome.err;
+  fs::remove(out / "started");
+  EXPECT_TRUE(fs::is_empty(out));
+}
+
+/// A camera that looks along the angle `heading` about the vertical axis z, and down by `pitch`.
+View camera_at(double heading, double pitch) {
+  const double ch = std::cos(heading), sh = std::sin(heading), cp = std::cos(pitch), sp = std::sin(pitch);
+  View view;
+  view.camera.cam_from_world.rotation = {sh, -ch, 0, -sp * ch, -sp * sh, -cp, cp * ch, cp * sh, -sp};
+  return view;
+}
+
+TEST(UpDirection, IsThatOfTheWorldAlsoIfCamerasLookDown) {
+  std::vector<View> views;
+  for (int i = 0; i < 6; ++i) views.push_back(camera_at(0.3 * i, 0.8));
+  const std::array<double, 3> up = up_direction(views);
+  EXPECT_NEAR(up[0], 0, 1e-9);
+  EXPECT_NEAR(up[1], 0, 1e-9);
+  EXPECT_NEAR(up[2], 1, 1e-9);
+}
+
+TEST(UpDirection, IsThatOfTheCamerasIfTheyAllLookTheSameWay) {
+  const std::array<double, 3> up = up_direction({camera_at(0, 0.2), camera_at(0.01, 0.2)});
+  EXPECT_NEAR(up[2], std::cos(0.2), 1e-3);
+}
+
+TEST(UpDirection, IsRefusedWhereThereIsNone) {
+  EXPECT_TRUE(fails_with<InputError>({"needs cameras"}, [] { up_direction({}); }));
+  View upside_down = camera_at(0, 0);
+  for (std::size_t i = 0; i < 6; ++i) upside_down.camera.cam_from_world.rotation[i] *= -1;
+  EXPECT_TRUE(fails_with<InputError>({"do not agree"}, [&] { up_direction({camera_at(0, 0), upside_down}); }));
+}
+
+// The real program, from PATH: scripts/check_exports.sh installs it and runs these tests.
+class SplatTransform : public Export {
+ protected:
+  void SetUp() override {
+    if (find_program("splat-transform").empty()) {
+      GTEST_SKIP() << "splat-transform is not installed; scripts/check_exports.sh installs it in the build folder";
+    }
+  }
+};
+
+TEST_F(SplatTransform, ReadsTheSameGaussiansFromOurSpz) {
+  // A trained model has all rotations, and SH of degree 3.
+  write_spz(path("ours.spz"), read_splat_ply(ply()));
+  const ChildResult result = run_program_lines({"splat-transform", "-q", "-w", path("ours.spz"), path("theirs.ply")},
+                                               [](const std::string&) {});
+  ASSERT_TRUE(result.succeeded()) << describe(result);
+  const SplatCloud ours = read_spz(path("ours.spz")), theirs = read_splat_ply(path("theirs.ply"));
+  ASSERT_EQ(theirs.size(), ours.size());
+  ASSERT_EQ(theirs.sh_degree, ours.sh_degree);
+  for (std::size_t i = 0; i < ours.means.size(); ++i) {
+    ASSERT_NEAR(theirs.means[i], ours.means[i], 1e-6) << i;
+    ASSERT_NEAR(theirs.log_scales[i], ours.log_scales[i], 1e-5) << i;
+    ASSERT_NEAR(theirs.sh0[i], ours.sh0[i], 1e-5) << i;
+  }
+  for (std::size_t i = 0; i < ours.shN.size(); ++i) ASSERT_NEAR(theirs.shN[i], ours.shN[i], 1e-6) << i;
+  for (std::size_t i = 0; i < ours.logit_opacities.size(); ++i) {
+    ASSERT_NEAR(theirs.logit_opacities[i], ours.logit_opacities[i], 1e-4) << i;
+    double dot = 0, squared = 0;
+    for (std::size_t k = 4 * i; k < 4 * i + 4; ++k) {
+      dot += static_cast<double>(theirs.quats[k]) * ours.quats[k];
+      squared += static_cast<double>(theirs.quats[k]) * theirs.quats[k];
+    }
+    ASSERT_NEAR(std::abs(dot) / std::sqrt(squared), 1, 1e-6) << i;
+  }
+}
+
+TEST_F(SplatTransform, WritesFormatsThatAreMeasured) {
+  for (const std::string name : {"r.sog", "r.compressed.ply", "r.html"}) {
+    const Outcome outcome = run_export({path("model"), path(name)});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_TRUE(contains(outcome.out, "(mean of 2 test views)")) << name << ": " << outcome.out;
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs

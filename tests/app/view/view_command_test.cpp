@@ -1,0 +1,187 @@
+// The commands of the live view: b3dgs view and b3dgs train --view.
+#include <gtest/gtest.h>
+#include <httplib.h>
+#include <netinet/in.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <thread>
+
+#include "app/model.h"
+#include "app/tools/commands.h"
+#include "app/view/view_options.h"
+#include "app/view/viewed_scene.h"
+#include "app/view/watched_model.h"
+#include "scene/images/image_io.h"
+#include "support/expect_error.h"
+#include "support/run_program.h"
+#include "support/temp_dir.h"
+#include "train/device.h"
+#include "view/view_server.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using Words = std::vector<std::string>;
+
+/// A model of a few iterations.
+class ViewPrograms : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_EQ(run_synth({"orbit", scene(), "--points", "1500", "--views", "12", "--width", "160", "--height", "120",
+                         "--quiet"}),
+              0);
+    ASSERT_EQ(run_train({scene(), "-m", model(), "--iterations", "30", "--quiet", "--device", "cpu"}), 0);
+  }
+  std::string scene() const { return (folder_.path() / "scene").string(); }
+  std::string model() const { return (folder_.path() / "model").string(); }
+
+  test::TempDir folder_;
+};
+
+/// A port that nobody listens on.
+int free_port() {
+  const int probe = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(bind(probe, reinterpret_cast<const sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(probe);
+  return ntohs(address.sin_port);
+}
+
+double psnr(const cv::Mat& bgr, const Image8& rgb) {
+  EXPECT_EQ(bgr.cols, rgb.width);
+  EXPECT_EQ(bgr.rows, rgb.height);
+  double squares = 0;
+  for (int y = 0; y < rgb.height; ++y) {
+    for (int x = 0; x < rgb.width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const double d = bgr.at<cv::Vec3b>(y, x)[2 - c] -
+                         double{rgb.pixels[static_cast<std::size_t>(3 * (y * rgb.width + x) + c)] * 1.0};
+        squares += d * d;
+      }
+    }
+  }
+  return 10 * std::log10(255.0 * 255.0 * static_cast<double>(rgb.pixels.size()) / squares);
+}
+
+TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
+  const fs::path images = folder_.path() / "images";
+  ASSERT_EQ(run_render({model(), "--path", "train", "--output", images.string(), "--quiet", "--device", "cpu"}), 0);
+
+  ModelOptions options;
+  options.model_path = model();
+  options.device = "cpu";
+  StatusLine status = StatusLine::silent();
+  const LoadedModel loaded = load_model(options, status);
+  ModelRenderer renderer(loaded, torch::kCPU);
+  WatchedModel watched({renderer.gaussians, renderer.background, renderer.settings, loaded.iteration}, loaded.scene,
+                       viewed_scene(loaded.scene, loaded.splats.means, "model"));
+  ViewServerOptions any;
+  any.port = 0;
+  const ViewServer server(watched, any);
+  std::atomic<int> stop{0};
+  std::thread viewer([&] {
+    httplib::Client client("127.0.0.1", server.port());
+    const auto frame = [&](const std::string& mode) {
+      const httplib::Result result =
+          client.Post("/frame", {{"X-Token", server.token()}},
+                      R"({"width":160,"height":120,"view":2,"quality":95,"mode":")" + mode + "\"}", "application/json");
+      EXPECT_TRUE(result && result->status == 200) << mode << ": " << (result ? result->body : "no answer");
+      if (!result || result->status != 200) return cv::Mat();
+      return cv::imdecode(std::vector<unsigned char>(result->body.begin(), result->body.end()), cv::IMREAD_COLOR);
+    };
+    const cv::Mat color = frame("render");
+    if (!color.empty()) {
+      EXPECT_GT(psnr(color, read_image(images / "renders" / "00002.png", false)), 35);
+    }
+    const cv::Mat alpha = frame("alpha");
+    if (!alpha.empty()) {
+      EXPECT_GT(psnr(alpha, read_image(images / "alpha" / "00002.png", false)), 35);
+    }
+    for (const char* mode : {"depth", "difference", "load"}) {
+      const cv::Mat image = frame(mode);
+      if (image.empty()) continue;
+      cv::Scalar mean, spread;
+      cv::meanStdDev(image, mean, spread);
+      EXPECT_GT(spread[0] + spread[1] + spread[2], 10) << mode << " shows something";
+    }
+    stop = 1;
+  });
+  watched.run(stop);
+  viewer.join();
+}
+
+TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
+  const int port = free_port();
+  test::RunOptions options;
+  options.signal_when = [&] {
+    const httplib::Result answer = httplib::Client("127.0.0.1", port).Get("/");
+    return answer && answer->status == 401;
+  };
+  options.signal = SIGINT;
+  const fs::path ply = fs::path(model()) / "point_cloud" / "iteration_30" / "point_cloud.ply";
+  const test::Outcome viewed =
+      test::run_b3dgs({"view", ply.string(), "--port", std::to_string(port), "--device", "cpu"}, options);
+  EXPECT_EQ(viewed.exit_code, 0) << viewed.err;
+  EXPECT_NE(viewed.out.find("0 cameras"), std::string::npos) << viewed.out;
+  EXPECT_NE(viewed.out.find("/?token="), std::string::npos) << viewed.out;
+  EXPECT_NE(viewed.out.find("ssh -N -L "), std::string::npos) << viewed.out;
+}
+
+TEST_F(ViewPrograms, ATrainingThatIsShownEndsByItself) {
+  const test::Outcome trained = test::run_b3dgs(
+      {"train", "--view", "0", scene(), "-m", (folder_.path() / "shown").string(), "--iterations", "20"});
+  EXPECT_EQ(trained.exit_code, 0) << trained.err;
+  EXPECT_NE(trained.out.find("http://127.0.0.1:"), std::string::npos) << trained.out;
+  EXPECT_EQ(trained.err.find("warning"), std::string::npos) << trained.err;
+}
+
+TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
+  const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
+                                                 (folder_.path() / "open").string(), "--iterations", "20"});
+  EXPECT_EQ(trained.exit_code, 0) << trained.err;
+  EXPECT_NE(trained.err.find("other machines can reach the page"), std::string::npos) << trained.err;
+}
+
+TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
+  httplib::Server other;
+  const int port = other.bind_to_any_port("127.0.0.1");
+  std::thread listening([&] { other.listen_after_bind(); });
+  while (!other.is_running()) std::this_thread::yield();
+  const std::string folder = (folder_.path() / "taken").string();
+  EXPECT_TRUE(fails_with<InputError>({"port " + std::to_string(port), "taken"}, [&] {
+    run_train({scene(), "-m", folder, "--quiet", "--device", "cpu", "--view", std::to_string(port)});
+  }));
+  EXPECT_FALSE(fs::exists(folder));
+  other.stop();
+  listening.join();
+}
+
+TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
+  EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] {
+    run_train({scene(), "--view_port", "8080"});
+  }));
+  EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"}, [&] {
+    run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"});
+  }));
+  EXPECT_TRUE(fails_with<InputError>({"--view_port"}, [&] { run_train({scene(), "--view", "70000"}); }));
+  EXPECT_TRUE(fails_with<InputError>({"not found"}, [&] { run_view({(folder_.path() / "none").string()}); }));
+}
+
+TEST(ViewOptions, APortMayFollowTheOption) {
+  EXPECT_EQ(split_view_port({"--view", "8080", "scene"}), (Words{"--view", "--view_port", "8080", "scene"}));
+  EXPECT_EQ(split_view_port({"--view", "scene"}), (Words{"--view", "scene"}));
+  EXPECT_EQ(split_view_port({"scene", "--view"}), (Words{"scene", "--view"}));
+  EXPECT_EQ(split_view_port({"-r", "4", "--view", "-m", "2"}), (Words{"-r", "4", "--view", "-m", "2"}));
+}
+
+}  // namespace
+}  // namespace b3dgs

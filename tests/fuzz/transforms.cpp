@@ -1,0 +1,22 @@
+// Scenes in transforms.json files.
+#include "scene/transforms/transforms.h"
+
+#include "fuzz/colmap_check.h"
+#include "fuzz/fuzz_target.h"
+
+void b3dgs::fuzz::read_input(std::string_view bytes) {
+  TransformsModel transforms;
+  const auto size_of = [](const std::string& name) -> std::optional<ImageSize> {
+    if (name.size() % 2 == 1) return std::nullopt;  // some photographs are missing
+    return ImageSize{64, 48};
+  };
+  read_transforms(bytes, "transforms.json", size_of, transforms);
+  check_model(transforms.model);
+  for (const ColmapImage& image : transforms.model.images) {
+    const std::filesystem::path name = image.name;
+    B3DGS_CHECK(!name.empty() && name.is_relative(), "the name ", image.name);
+    for (const std::filesystem::path& part : name) B3DGS_CHECK(part != "..", "the name ", image.name);
+    B3DGS_CHECK(transforms.files.count(image.name) == 1, "no file for ", image.name);
+    B3DGS_CHECK(transforms.camera_places.count(image.camera_id) == 1, "no place for ", image.camera_id);
+  }
+}

@@ -1,0 +1,238 @@
+#include "reconstruct/reconstruct.h"
+
+#include <gtest/gtest.h>
+
+#include "core/check.h"
+#include "reconstruct/fake_programs.h"
+#include "scene/images/image_io.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::FakePrograms;
+using test::read_bytes;
+using test::TempDir;
+using test::write_bytes;
+using test::write_photographs;
+
+class Reconstruct : public testing::Test {
+ protected:
+  Reconstruct() {
+    options_.input = (folder_ / "photos").string();
+    options_.output = (folder_ / "scene").string();
+    write_photographs(options_.input, 10);
+    programs_.set_models({10});
+  }
+  /// The commands of colmap that the call runs, one word each.
+  std::vector<std::string> commands_of_call() {
+    programs_.forget_calls();
+    result_ = reconstruct(options_);
+    std::vector<std::string> commands;
+    for (const std::string& call : programs_.calls()) commands.push_back(call.substr(0, call.find(' ')));
+    return commands;
+  }
+  testing::AssertionResult fails(std::initializer_list<std::string> parts) {
+    return fails_with<InputError>(parts, [&] { reconstruct(options_); });
+  }
+  fs::path scene() const { return options_.output; }
+
+  TempDir folder_;
+  FakePrograms programs_;
+  ReconstructOptions options_;
+  ReconstructResult result_;
+};
+
+using Words = std::vector<std::string>;
+const Words kAll{"feature_extractor", "exhaustive_matcher", "mapper"};
+
+TEST_F(Reconstruct, MakesASceneAndLeavesThePhotographs) {
+  EXPECT_EQ(commands_of_call(), kAll);
+  EXPECT_EQ(result_.n_photographs, 10u);
+  EXPECT_EQ(result_.n_registered, 10u);
+  EXPECT_EQ(result_.n_points, 1u);
+  EXPECT_NEAR(result_.mean_error, 0.5, 1e-9);
+  EXPECT_TRUE(result_.warnings.empty());
+  EXPECT_TRUE(fs::exists(scene() / "images/j.png"));
+  EXPECT_TRUE(fs::exists(folder_ / "photos/j.png"));
+  EXPECT_EQ(count_colmap_images(scene() / "sparse/0"), 10u);
+  EXPECT_NE(read_bytes(scene() / "reconstruct.log").find("Processed file [10/10]"), std::string::npos);
+}
+
+TEST_F(Reconstruct, DoesNotRepeatWhatIsDone) {
+  commands_of_call();
+  EXPECT_EQ(commands_of_call(), Words{});
+  EXPECT_EQ(result_.n_registered, 10u);
+  options_.matcher = "sequential";
+  EXPECT_EQ(commands_of_call(), (Words{"sequential_matcher", "mapper"}));
+  options_.max_features = 500;
+  EXPECT_EQ(commands_of_call(), (Words{"feature_extractor", "sequential_matcher", "mapper"}));
+  EXPECT_TRUE(fs::exists(scene() / "sparse.previous.2/0")) << "earlier models are kept";
+  write_photographs(options_.input, 11);
+  EXPECT_EQ(commands_of_call(), (Words{"feature_extractor", "sequential_matcher", "mapper"}));
+  EXPECT_EQ(result_.n_photographs, 11u);
+}
+
+TEST_F(Reconstruct, GoesOnAfterAFailureInEachStage) {
+  const std::pair<const char*, Words> stages[]{
+      {"feature_extractor", kAll}, {"exhaustive_matcher", {"exhaustive_matcher", "mapper"}}, {"mapper", {"mapper"}}};
+  for (const auto& [stage, rest] : stages) {
+    options_.output = (folder_ / stage).string();
+    programs_.set_colmap_prelude(std::string("if [ $1 = ") + stage + " ]; then echo 'ERROR: bad luck'; exit 3; fi");
+    EXPECT_TRUE(fails({std::string("colmap ") + stage + " failed (exit code 3): ERROR: bad luck", "reconstruct.log"}));
+    EXPECT_FALSE(fs::exists(scene() / "sparse")) << stage;
+    programs_.set_colmap_prelude("");
+    EXPECT_EQ(commands_of_call(), rest) << stage;
+    EXPECT_EQ(result_.n_registered, 10u) << stage;
+  }
+}
+
+TEST_F(Reconstruct, AnInterruptedExtractionKeepsItsFeaturesAndItsCamera) {
+  programs_.slow_down();
+  std::atomic<int> stop{0};
+  const ReconstructResult stopped = reconstruct(
+      options_,
+      [&](const std::string& stage, std::size_t done, std::size_t) {
+        // The camera is known from the lines after this one.
+        if (stage == "extracting features" && done == 2) stop = 2;
+      },
+      &stop);
+  EXPECT_TRUE(stopped.is_stopped);
+  const std::string database = read_bytes(scene() / "reconstruct/database.db");
+  EXPECT_FALSE(database.empty());
+  EXPECT_EQ(commands_of_call(), kAll);
+  EXPECT_NE(programs_.calls()[0].find("--ImageReader.existing_camera_id 7"), std::string::npos) << programs_.calls()[0];
+  EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db").rfind(database, 0), 0u);
+}
+
+TEST_F(Reconstruct, AnExtractionWithOtherOptionsBeginsANewDatabase) {
+  programs_.set_colmap_prelude("if [ $1 = exhaustive_matcher ]; then exit 3; fi");
+  EXPECT_TRUE(fails({"exhaustive_matcher failed"}));
+  const std::string database = read_bytes(scene() / "reconstruct/database.db");
+  options_.camera_model = "PINHOLE";
+  EXPECT_TRUE(fails({"exhaustive_matcher failed"}));
+  EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db"), database) << "not twice as many";
+}
+
+TEST_F(Reconstruct, TakesTheLargestOfSeveralModels) {
+  programs_.set_models({3, 7});
+  reconstruct(options_);
+  EXPECT_EQ(count_colmap_images(scene() / "sparse/0"), 7u);
+  EXPECT_EQ(count_colmap_images(scene() / "sparse/1"), 3u);
+}
+
+TEST_F(Reconstruct, WarnsAndRefusesWhereTooFewAreRegistered) {
+  programs_.set_models({7});
+  result_ = reconstruct(options_);
+  ASSERT_EQ(result_.warnings.size(), 1u);
+  EXPECT_NE(result_.warnings[0].find("only 7 of 10 photographs (70 %) are registered"), std::string::npos);
+
+  options_.output = (folder_ / "other").string();
+  programs_.set_models({5, 4});
+  EXPECT_TRUE(fails({"only 5 of 10 photographs (50 %) are registered in the largest of 2 models", "overlap",
+                     "--min_registered 0.5", "other/reconstruct/sparse"}));
+  EXPECT_FALSE(fs::exists(scene() / "sparse"));
+  EXPECT_EQ(count_colmap_images(scene() / "reconstruct/sparse/0"), 5u) << "nothing is deleted";
+  EXPECT_TRUE(fails({"only 5 of 10"})) << "nor is it accepted the next time";
+  options_.min_registered = 0.5;
+  EXPECT_EQ(commands_of_call(), Words{});
+  EXPECT_EQ(count_colmap_images(scene() / "sparse/0"), 5u);
+}
+
+TEST_F(Reconstruct, SaysWhatToDoWithoutMatches) {
+  programs_.set_models({});
+  EXPECT_TRUE(fails({"photos: too few matches", "overlap", "reconstruct.log"}));
+}
+
+TEST_F(Reconstruct, TellsAFullDiskAndTooLittleMemory) {
+  programs_.set_colmap_prelude("echo 'SQLite error [sqlite3_utils.h, line 61]: database or disk is full'; exit 1");
+  EXPECT_TRUE(fails_with<IoError>({"the disk is full", "same command again"}, [&] { reconstruct(options_); }));
+  programs_.set_colmap_prelude("if [ $1 = mapper ]; then kill -KILL $$; fi");
+  EXPECT_TRUE(fails({"mapper was killed", "memory", "--threads"}));
+}
+
+TEST_F(Reconstruct, UsesPhotographsInPlace) {
+  options_.output = (folder_ / "place").string();
+  fs::create_directories(scene());
+  fs::rename(folder_ / "photos", scene() / "images");
+  for (const std::string& input : {options_.output + "/images", options_.output}) {
+    options_.input = input;
+    reconstruct(options_);
+    EXPECT_EQ(count_colmap_images(scene() / "sparse/0"), 10u);
+  }
+  EXPECT_EQ(commands_of_call(), Words{});
+}
+
+TEST_F(Reconstruct, NeverTouchesWhatIsTheUsers) {
+  write_bytes(scene() / "images/mine.jpg", "mine");
+  EXPECT_TRUE(fails({"images: there are files already"}));
+  EXPECT_FALSE(fs::exists(scene() / "reconstruct"));
+  options_.output = (folder_ / "other").string();
+  programs_.set_models({2});
+  fs::create_directories(scene() / "sparse");
+  write_bytes(scene() / "sparse/0/cameras.bin", "mine");
+  write_bytes(scene() / "sparse/0/images.bin", "mine");
+  write_bytes(scene() / "sparse/0/points3D.bin", "mine");
+  EXPECT_TRUE(fails({"sparse/0: there is a COLMAP model already", "b3dgs train"}));
+  EXPECT_EQ(read_bytes(scene() / "sparse/0/images.bin"), "mine");
+}
+
+TEST_F(Reconstruct, LeavesDamagedPhotographsOut) {
+  write_bytes(folder_ / "photos/c.png", "damaged");
+  result_ = reconstruct(options_);
+  EXPECT_EQ(result_.n_photographs, 9u);
+  ASSERT_EQ(result_.warnings.size(), 1u);
+  EXPECT_NE(result_.warnings[0].find("left out: "), std::string::npos);
+  EXPECT_NE(result_.warnings[0].find("c.png"), std::string::npos);
+  EXPECT_EQ(read_bytes(scene() / "reconstruct/photographs.txt").find("c.png"), std::string::npos);
+  for (int i = 0; i < 10; ++i) {
+    if (i != 3) write_bytes(folder_ / ("photos/" + std::string(1, static_cast<char>('a' + i)) + ".png"), "damaged");
+  }
+  options_.output = (folder_ / "other").string();
+  EXPECT_TRUE(fails({"1 of 10 photographs can be read"}));
+}
+
+TEST_F(Reconstruct, RefusesOtherInput) {
+  options_.input = (folder_ / "none").string();
+  EXPECT_TRUE(fails({"photographs not found"}));
+  options_.input = (folder_ / "photos/a.png").string();
+  EXPECT_TRUE(fails({"only one photograph"}));
+  write_bytes(folder_ / "file", "x");
+  options_.input = (folder_ / "photos").string();
+  options_.output = (folder_ / "file").string();
+  EXPECT_TRUE(fails({"not a folder"}));
+  EXPECT_EQ(programs_.calls(), Words{});
+}
+
+TEST_F(Reconstruct, MakesAGroupForEachSize) {
+  write_photographs(folder_ / "photos/upright", 2, 6, 8);
+  const Words commands = commands_of_call();
+  EXPECT_EQ(commands, (Words{"feature_extractor", "feature_extractor", "exhaustive_matcher", "mapper"}));
+  for (const std::size_t call : {0u, 1u}) {
+    EXPECT_NE(programs_.calls()[call].find("--ImageReader.single_camera 1"), std::string::npos);
+  }
+}
+
+TEST_F(Reconstruct, AVideoIsMatchedInSequence) {
+  std::string video;
+  for (int i = 0; i < 6; ++i) video += "P5\n4 4\n255\n" + std::string(16, static_cast<char>('a' + i));
+  programs_.set_video(video, 6);
+  programs_.set_models({3});
+  write_bytes(folder_ / "film.mp4", "x");
+  options_.input = (folder_ / "film.mp4").string();
+  options_.frames = 4;
+  EXPECT_EQ(commands_of_call(), (Words{"ffmpeg", "ffmpeg", "feature_extractor", "sequential_matcher", "mapper"}));
+  EXPECT_TRUE(fs::exists(scene() / "images/frame_00004.jpg"));
+  EXPECT_EQ(result_.n_photographs, 4u);
+  EXPECT_EQ(commands_of_call(), Words{});
+  options_.frames = 3;
+  EXPECT_EQ(commands_of_call().size(), 5u);
+  EXPECT_FALSE(fs::exists(scene() / "images/frame_00004.jpg"));
+  EXPECT_TRUE(fs::exists(scene() / "images.previous/frame_00004.jpg"));
+}
+
+}  // namespace
+}  // namespace b3dgs

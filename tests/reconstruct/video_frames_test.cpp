@@ -1,0 +1,115 @@
+#include "reconstruct/video_frames.h"
+
+#include <gtest/gtest.h>
+
+#include "core/check.h"
+#include "reconstruct/fake_programs.h"
+#include "reconstruct/sharpness.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::FakePrograms;
+using test::TempDir;
+using Numbers = std::vector<std::size_t>;
+
+TEST(Sharpness, IsHigherForSharperEdges) {
+  constexpr int kSize = 16;
+  std::vector<std::uint8_t> flat(kSize * kSize, 99), soft(flat), sharp(flat);
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      soft[static_cast<std::size_t>(y * kSize + x)] = static_cast<std::uint8_t>(std::clamp(40 * (x - 5), 0, 200));
+      sharp[static_cast<std::size_t>(y * kSize + x)] = x < 8 ? 0 : 200;
+    }
+  }
+  EXPECT_EQ(sharpness(flat.data(), kSize, kSize), 0);
+  EXPECT_GT(sharpness(sharp.data(), kSize, kSize), 2 * sharpness(soft.data(), kSize, kSize));
+}
+
+TEST(VideoFrames, TheSharpestOfEachWindowIsChosen) {
+  EXPECT_EQ(sharpest_of_windows({1, 3, 2, 5, 4, 4}, 2), (Numbers{1, 3}));
+  EXPECT_EQ(sharpest_of_windows({1, 3, 2, 5, 4, 4, 9}, 3), (Numbers{1, 3, 6}));
+  EXPECT_EQ(sharpest_of_windows({1, 2}, 5), (Numbers{0, 1}));
+  EXPECT_TRUE(sharpest_of_windows({}, 5).empty());
+  for (std::size_t count = 1; count <= 100; ++count) {
+    EXPECT_EQ(sharpest_of_windows(std::vector<double>(100, 1), count).size(), count);
+  }
+}
+
+TEST(VideoFrames, AsManyAsTheLengthAsksFor) {
+  EXPECT_EQ(automatic_frame_count(10, 300), 100u);
+  EXPECT_EQ(automatic_frame_count(75, 2000), 150u);
+  EXPECT_EQ(automatic_frame_count(3600, 100000), 300u);
+  EXPECT_EQ(automatic_frame_count(10, 60), 60u);
+}
+
+std::string pgm(int width, int height, char value) {
+  return "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n" +
+         std::string(static_cast<std::size_t>(width * height), value);
+}
+
+TEST(PgmStream, SplitsImagesWhereverTheBytesAreCut) {
+  const std::string stream = pgm(3, 2, '\n') + pgm(1, 1, 'P') + pgm(5, 4, '5');
+  for (std::size_t piece = 1; piece <= stream.size(); ++piece) {
+    std::vector<std::string> images;
+    PgmStream images_of([&](const std::uint8_t* grey, int width, int height) {
+      images.emplace_back(reinterpret_cast<const char*>(grey), static_cast<std::size_t>(width * height));
+    });
+    for (std::size_t at = 0; at < stream.size(); at += piece) {
+      images_of.add(stream.data() + at, std::min(piece, stream.size() - at));
+    }
+    ASSERT_EQ(images, (std::vector<std::string>{std::string(6, '\n'), "P", std::string(20, '5')})) << piece;
+  }
+}
+
+TEST(PgmStream, RefusesOtherData) {
+  for (const std::string& text : {std::string("P6\n3 2\n255\nxxxxxx"), std::string("P5\n3 2\n65535\nxxxxxxxxxxxx"),
+                                  std::string("P5\n-3 2\n255\n"), std::string("P5\n3\n\n\n255\n"),
+                                  std::string("P5\n99999999999 2\n255\n"), std::string(60, 'x')}) {
+    PgmStream stream([](const std::uint8_t* /*grey*/, int /*width*/, int /*height*/) {});
+    EXPECT_TRUE(fails_with<InputError>({"PGM"}, [&] { stream.add(text.data(), text.size()); })) << text;
+  }
+}
+
+TEST(VideoFrames, AreWrittenFromTheNumbersOfTheSharpest) {
+  const TempDir folder;
+  const FakePrograms programs;
+  test::write_bytes(folder / "film.mp4", "x");
+  std::string frames;
+  for (const bool is_sharp : {false, true, false, false, false, true}) {
+    std::string frame = pgm(4, 4, 'a');
+    if (is_sharp) frame[frame.size() - 6] = '\0';
+    frames += frame;
+  }
+  programs.set_video(frames, 6);
+  ProgramLog log(folder / "log", nullptr);
+  std::vector<std::string> stages;
+  const std::vector<std::string> names =
+      extract_frames(folder / "film.mp4", 2, folder / "frames 100%", log,
+                     [&](const char* stage, std::size_t, std::size_t) { stages.emplace_back(stage); });
+  EXPECT_EQ(names, (std::vector<std::string>{"frame_00001.jpg", "frame_00002.jpg"}));
+  ASSERT_EQ(programs.calls().size(), 2u);
+  EXPECT_NE(programs.calls()[1].find("select='eq(n,1)+eq(n,5)'"), std::string::npos) << programs.calls()[1];
+  EXPECT_NE(programs.calls()[1].find("frames 100%%/frame_%05d.jpg"), std::string::npos) << programs.calls()[1];
+  EXPECT_EQ(stages.size(), 7u);
+}
+
+TEST(VideoFrames, FilesThatAreNoVideoAreRefused) {
+  const TempDir folder;
+  const FakePrograms programs;
+  ProgramLog log(folder / "log", nullptr);
+  const auto extract = [&] { extract_frames(folder / "film.mp4", 0, folder / "frames", log, [](auto, auto, auto) {}); };
+  EXPECT_TRUE(fails_with<InputError>({"film.mp4: not a video that ffmpeg can read", "Invalid data found"}, extract));
+  EXPECT_FALSE(fs::exists(folder / "frames"));
+  programs.set_video("", 0);
+  EXPECT_TRUE(fails_with<InputError>({"no frames that can be decoded"}, extract));
+  programs.hide("ffmpeg");
+  EXPECT_TRUE(fails_with<InputError>({"ffmpeg was not found in PATH", "apt install ffmpeg"}, extract));
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,343 @@
+#include "scene/transforms/transforms.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "scene/images/image_io.h"
+#include "scene/point_ply.h"
+#include "scene/random_points.h"
+#include "scene/scene.h"
+#include "scene/view_image.h"
+#include "support/expect_error.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+#include "support/write_transforms.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::fails_with;
+using test::Json;
+using test::write_bytes;
+
+constexpr int kWidth = 40, kHeight = 30;
+
+Image8 flat(int width, int height, int channels, int value) {
+  Image8 image(width, height, channels);
+  std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));
+  return image;
+}
+
+std::string image_name(int i) {
+  return (i < 10 ? "0" : "") + std::to_string(i) + ".png";
+}
+
+class Transforms : public testing::Test {
+ protected:
+  Transforms() { options_.source_path = folder_.path().string(); }
+
+  // A camera at (i, 0, 0) that looks along -z; the grey value of its photograph is 10 + i.
+  Json frame(int i, const std::string& file_path) {
+    return {{"file_path", file_path}, {"transform_matrix", {{1, 0, 0, i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}};
+  }
+  void write_photograph(const fs::path& path, int i) { write_image(folder_ / path, flat(kWidth, kHeight, 3, 10 + i)); }
+
+  // n frames images/00.png, ... with intrinsics for the whole file.
+  Json line(int n) {
+    Json json{{"fl_x", 50.0}, {"fl_y", 60.0}, {"cx", 21.0}, {"cy", 14.0}, {"w", kWidth}, {"h", double{kHeight}}};
+    json["frames"] = Json::array();
+    for (int i = 0; i < n; ++i) {
+      json["frames"].push_back(frame(i, "./images/" + image_name(i)));
+      write_photograph("images/" + image_name(i), i);
+    }
+    return json;
+  }
+  void write(const Json& json, const std::string& name = "transforms.json") {
+    write_bytes(folder_ / name, json.dump(1));
+  }
+  Scene load() { return load_scene(options_); }
+  testing::AssertionResult refuses(const Json& json, std::initializer_list<std::string> parts) {
+    write(json);
+    return fails_with<InputError>(parts, [this] { load(); });
+  }
+  static testing::AssertionResult says(const Scene& scene, const std::string& part) {
+    std::string all;
+    for (const std::string& text : scene.summary) all += text + "\n";
+    if (all.find(part) != std::string::npos) return testing::AssertionSuccess();
+    return testing::AssertionFailure() << "\"" << part << "\" is not in\n" << all;
+  }
+
+  test::TempDir folder_;
+  SceneOptions options_;
+};
+
+TEST_F(Transforms, GivesViewsSortedByNameWithIntrinsicsOfTheFile) {
+  Json json = line(3);
+  std::reverse(json["frames"].begin(), json["frames"].end());
+  write(json);
+  const Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 3u);
+  for (int i = 0; i < 3; ++i) {
+    const View& view = scene.train[static_cast<std::size_t>(i)];
+    EXPECT_EQ(view.name, "images/" + image_name(i));
+    EXPECT_EQ(view.image->read()->pixels[0], 10 + i);
+    EXPECT_EQ(view.camera.fx, 50);
+    EXPECT_EQ(view.camera.fy, 60);
+    EXPECT_EQ(view.camera.cx, 21);
+    EXPECT_EQ(view.camera.cy, 14);
+    EXPECT_NEAR(view.camera.center()[0], i, 1e-15);
+    // -z of OpenGL is +z of this program, and +y is -y.
+    const std::array<double, 9> expected{1, 0, 0, 0, -1, 0, 0, 0, -1};
+    for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(view.camera.cam_from_world.rotation[k], expected[k], 1e-15);
+    EXPECT_EQ(view.valid, nullptr);
+  }
+  EXPECT_TRUE(says(scene, "transforms.json"));
+  EXPECT_TRUE(says(scene, "3 registered, 3 found"));
+  EXPECT_TRUE(says(scene, "1: PINHOLE 40x30"));
+}
+
+TEST_F(Transforms, GivesTheCamerasOfTheSameColmapModel) {
+  ColmapModel model;
+  const std::vector<ColmapCamera> cameras{
+      {1, CameraModel::kPinhole, kWidth, kHeight, {50.25, 60.5, 21.125, 14}},
+      {2, CameraModel::kOpenCv, kWidth, kHeight, {50, 60, 21, 14, 0.1, -0.02, 0.003, 0.001}},
+      {3, CameraModel::kOpenCvFisheye, kWidth, kHeight, {30, 31, 20, 15, 0.01, 0.02, -0.003, 0.004}},
+      {4, CameraModel::kSimpleRadial, kWidth, kHeight, {50, 21, 14, 0.05}},
+      {5,
+       CameraModel::kFullOpenCv,
+       kWidth,
+       kHeight,
+       {50, 60, 21, 14, 0.1, -0.02, 0.003, 0.001, 0.2, 0.01, 0.02, 0.03}}};
+  for (const ColmapCamera& camera : cameras) {
+    const double i = camera.id;
+    model.cameras[camera.id] = camera;
+    model.images.push_back({camera.id, {0.5, 0.1 * i, -0.3, 0.2 * i}, {i, -2, 0.5}, camera.id, image_name(camera.id)});
+    write_image(folder_ / "images" / image_name(camera.id), flat(kWidth, kHeight, 3, 200));
+  }
+  write_colmap_model(folder_ / "sparse/0", model, ColmapFormat::kText);
+  const Scene colmap = load();
+  fs::rename(folder_ / "sparse", folder_ / "not_searched");
+  write(test::transforms_of(model));
+  const Scene transforms = load();
+  ASSERT_EQ(transforms.train.size(), colmap.train.size());
+  for (std::size_t i = 0; i < colmap.train.size(); ++i) {
+    const View &a = colmap.train[i], &b = transforms.train[i];
+    EXPECT_EQ("images/" + a.name, b.name);
+    EXPECT_EQ(a.camera.fx, b.camera.fx);
+    EXPECT_EQ(a.camera.fy, b.camera.fy);
+    EXPECT_EQ(a.camera.cx, b.camera.cx);
+    EXPECT_EQ(a.camera.cy, b.camera.cy);
+    for (std::size_t k = 0; k < 9; ++k) {
+      EXPECT_NEAR(a.camera.cam_from_world.rotation[k], b.camera.cam_from_world.rotation[k], 1e-12);
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR(a.camera.cam_from_world.translation[k], b.camera.cam_from_world.translation[k], 1e-12);
+    }
+    EXPECT_EQ(a.image->read()->pixels, b.image->read()->pixels) << a.name;
+    ASSERT_EQ(a.valid == nullptr, b.valid == nullptr) << a.name;
+    if (a.valid) {
+      EXPECT_EQ(a.valid->pixels, b.valid->pixels);
+    }
+  }
+}
+
+// As in NeRF's synthetic scenes: no extensions, no sizes, RGBA, a file for each part.
+TEST_F(Transforms, ReadsTheFormOfSyntheticNerfScenes) {
+  const auto part = [&](const std::string& name, int n) {
+    Json json{{"camera_angle_x", 0.6911112070083618}, {"frames", Json::array()}};
+    for (int i = 0; i < n; ++i) {
+      Json entry = frame(i, "./" + name + "/r_" + std::to_string(i));
+      entry["rotation"] = 0.0125;
+      json["frames"].push_back(entry);
+      write_photograph(name + "/r_" + std::to_string(i) + ".png", i);
+    }
+    write(json, "transforms_" + name + ".json");
+  };
+  part("train", 4);
+  part("val", 2);
+  Scene scene = load();
+  EXPECT_EQ(scene.train.size(), 4u);
+  EXPECT_EQ(scene.test.size(), 0u);
+  EXPECT_TRUE(says(scene, "none; --eval holds out the views of transforms_val.json"));
+  const Camera camera = scene.train[0].camera;
+  EXPECT_EQ(camera.width, kWidth);
+  EXPECT_NEAR(camera.fx, 0.5 * kWidth / std::tan(0.5 * 0.6911112070083618), 1e-12);
+  EXPECT_EQ(camera.fy, camera.fx);
+  EXPECT_EQ(camera.cx, 0.5 * kWidth);
+  EXPECT_EQ(camera.cy, 0.5 * kHeight);
+
+  options_.eval = true;
+  scene = load();
+  EXPECT_EQ(scene.train.size(), 4u);
+  ASSERT_EQ(scene.test.size(), 2u);
+  EXPECT_EQ(scene.test[0].name, "val/r_0.png");
+
+  part("test", 3);
+  scene = load();
+  ASSERT_EQ(scene.test.size(), 3u);
+  EXPECT_EQ(scene.test[2].name, "test/r_2.png");
+  EXPECT_TRUE(says(scene, "3 views, the views of transforms_test.json"));
+  EXPECT_TRUE(says(scene, "transforms_val.json is not used"));
+}
+
+TEST_F(Transforms, HoldsOutWhatTheFileListsOrElseEveryEighth) {
+  Json json = line(9);
+  write(json);
+  options_.eval = true;
+  EXPECT_EQ(load().test.size(), 2u);
+  json["val_filenames"] = {"images/02.png", "images/03.png", "images/04.png"};
+  write(json);
+  EXPECT_EQ(load().test.size(), 3u);
+  json["test_filenames"] = {"./images/05.png"};
+  write(json);
+  const Scene scene = load();
+  ASSERT_EQ(scene.test.size(), 1u);
+  EXPECT_EQ(scene.test[0].name, "images/05.png");
+  EXPECT_TRUE(says(scene, "test_filenames of transforms.json"));
+}
+
+TEST_F(Transforms, KeysOfAFrameComeBeforeThoseOfTheFile) {
+  Json json = line(2);
+  json["frames"][1]["fl_x"] = 70;
+  json["frames"][1]["cx"] = 19.5;
+  write(json);
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].camera.fx, 50);
+  EXPECT_EQ(scene.train[1].camera.fx, 70);
+  EXPECT_EQ(scene.train[1].camera.fy, 60);
+  EXPECT_EQ(scene.train[1].camera.cx, 19.5);
+  EXPECT_TRUE(says(scene, "2: 2 x PINHOLE 40x30"));
+}
+
+TEST_F(Transforms, ReadsPointsOrMakesThemInTheBoxOfTheCameras) {
+  Json json = line(5);
+  write(json);
+  const Scene random = load();
+  ASSERT_EQ(random.points.size(), 100000);
+  std::array<float, 3> low{1e9f, 1e9f, 1e9f}, high{-1e9f, -1e9f, -1e9f};
+  for (std::size_t i = 0; i < random.points.positions.size(); ++i) {
+    low[i % 3] = std::min(low[i % 3], random.points.positions[i]);
+    high[i % 3] = std::max(high[i % 3], random.points.positions[i]);
+  }
+  // Cameras from x = 0 to 4; the other sides have half that length.
+  const std::array<float, 3> expected_low{0, -1, -1}, expected_high{4, 1, 1};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    EXPECT_GE(low[axis], expected_low[axis]);
+    EXPECT_LE(high[axis], expected_high[axis]);
+    EXPECT_NEAR(low[axis], expected_low[axis], 0.01);
+    EXPECT_NEAR(high[axis], expected_high[axis], 0.01);
+  }
+  EXPECT_EQ(load().points.positions, random.points.positions);
+  EXPECT_TRUE(says(random, "random"));
+
+  const PointCloud points{{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}};
+  write_point_ply(folder_ / "sparse_pc.ply", points);
+  json["ply_file_path"] = "sparse_pc.ply";
+  json["applied_transform"] = {{0, 1, 0, 0}, {1, 0, 0, 0}, {0, 0, -1, 0}};
+  write(json);
+  const Scene scene = load();
+  EXPECT_EQ(scene.points.positions, points.positions);
+  EXPECT_EQ(scene.points.colors, points.colors);
+  EXPECT_NEAR(scene.train[3].camera.center()[0], 3, 1e-15);  // applied_transform is left alone
+  EXPECT_TRUE(says(scene, "2: sparse_pc.ply"));
+}
+
+TEST_F(Transforms, FindsPhotographsOutsideTheSceneAndInReducedFolders) {
+  Json json = line(2);
+  const fs::path other = folder_ / "scene";
+  fs::create_directories(other);
+  json["frames"][0]["file_path"] = "../images/00.png";
+  json["frames"][1]["file_path"] = (folder_ / "images/01.png").string();
+  write_bytes(other / "transforms.json", json.dump());
+  options_.source_path = other.string();
+  Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 2u);
+  EXPECT_EQ(scene.warnings.size(), 0u);
+  for (const View& view : scene.train) EXPECT_TRUE(fs::path(view.name).is_relative()) << view.name;
+
+  options_.source_path = folder_.path().string();
+  write(line(2));
+  write_image(folder_ / "images_2/00.png", flat(kWidth / 2, kHeight / 2, 3, 77));
+  write_image(folder_ / "images_2/01.png", flat(kWidth / 2, kHeight / 2, 3, 78));
+  options_.images = "images_2";
+  scene = load();
+  EXPECT_EQ(scene.train[1].image->read()->pixels[0], 78);
+  EXPECT_EQ(scene.train[1].camera.fx, 25);
+}
+
+TEST_F(Transforms, LeavesOutMissingPhotographs) {
+  Json json = line(3);
+  json["frames"][1]["file_path"] = "images/gone";
+  json.erase("w");
+  write(json);
+  const Scene scene = load();
+  EXPECT_EQ(scene.train.size(), 2u);
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  EXPECT_NE(scene.warnings[0].find("1 of 3 registered images not found (first: images/gone.png)"), std::string::npos)
+      << scene.warnings[0];
+}
+
+TEST_F(Transforms, AColmapModelComesFirst) {
+  write(line(1));
+  ColmapModel model;
+  model.cameras[1] = {1, CameraModel::kPinhole, kWidth, kHeight, {99, 99, 20, 15}};
+  model.images.push_back({1, {1, 0, 0, 0}, {0, 0, 0}, 1, "00.png"});
+  write_colmap_model(folder_ / "sparse/0", model, ColmapFormat::kBinary);
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].camera.fx, 99);
+  EXPECT_TRUE(says(scene, "transforms.json is not used"));
+}
+
+TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
+  const Json good = line(2);
+  const auto changed = [&](const auto& change) {
+    Json json = good;
+    change(json["frames"][1]);
+    return json;
+  };
+  const std::string place = "transforms.json: frame 1 (./images/01.png)";
+  const auto with = [&](const char* key, const Json& value) { return changed([&](Json& f) { f[key] = value; }); };
+  EXPECT_TRUE(refuses(with("transform_matrix", "no"), {place, "4 rows of 4 numbers", "\"no\""}));
+  EXPECT_TRUE(refuses(with("transform_matrix", {{1, 0, 0, 0}, {0, 1, 0, 0}}), {place, "4 rows"}));
+  EXPECT_TRUE(refuses(with("transform_matrix", {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}), {place, "4 rows"}));
+  EXPECT_TRUE(refuses(with("transform_matrix", {{1, 0, 0, nullptr}, {0, 1, 0, 0}, {0, 0, 1, 0}}), {place, "null"}));
+  EXPECT_TRUE(refuses(with("transform_matrix", {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}), {place, "mirrors"}));
+  EXPECT_TRUE(refuses(changed([](Json& f) { f.erase("transform_matrix"); }), {place, "found none"}));
+  EXPECT_TRUE(refuses(changed([](Json& f) { f.erase("file_path"); }), {"frame 1", "file_path"}));
+  EXPECT_TRUE(refuses(with("file_path", 7), {"frame 1", "file_path", "7"}));
+  EXPECT_TRUE(refuses(with("file_path", ".."), {"frame 1", "file_path"}));
+  EXPECT_TRUE(refuses(with("file_path", "images/00.png"), {"frame 1", "two frames"}));
+  EXPECT_TRUE(refuses(with("fl_x", "50"), {place, "fl_x", "\"50\""}));
+  EXPECT_TRUE(refuses(with("fl_x", 0), {place, "focal lengths above 0"}));
+  EXPECT_TRUE(refuses(with("w", 40.5), {place, "w", "whole number", "40.5"}));
+  EXPECT_TRUE(refuses(with("h", -1), {place, "h", "whole number"}));
+  EXPECT_TRUE(refuses(with("w", 1e300), {place, "w"}));
+  EXPECT_TRUE(refuses(with("k1", true), {place, "k1", "true"}));
+  EXPECT_TRUE(refuses(with("k4", 0.5), {place, "k4", "FULL_OPENCV"}));
+  EXPECT_TRUE(refuses(with("camera_model", "EQUIRECTANGULAR"), {place, "EQUIRECTANGULAR", "OPENCV_FISHEYE"}));
+  EXPECT_TRUE(refuses(with("camera_model", 3), {place, "camera_model", "3"}));
+  EXPECT_TRUE(refuses(with("mask_path", 3), {place, "mask_path"}));
+  Json none = good;
+  none["frames"] = Json::array();
+  EXPECT_TRUE(refuses(none, {"transforms.json", "frames"}));
+  EXPECT_TRUE(refuses(Json::array(), {"transforms.json", "expected a JSON object"}));
+  Json blind = good;
+  blind.erase("fl_x");
+  blind.erase("fl_y");
+  EXPECT_TRUE(refuses(blind, {"frame 0", "fl_x", "camera_angle_x"}));
+  blind["camera_angle_x"] = 4;
+  EXPECT_TRUE(refuses(blind, {"frame 0", "camera_angle_x", "pi"}));
+  Json points = good;
+  points["ply_file_path"] = "gone.ply";
+  EXPECT_TRUE(refuses(points, {"gone.ply"}));
+  const std::string text = good.dump();
+  write_bytes(folder_ / "transforms.json", text.substr(0, text.size() / 2));
+  EXPECT_TRUE(fails_with<InputError>({"transforms.json", "not valid JSON"}, [&] { load(); }));
+}
+
+}  // namespace
+}  // namespace b3dgs

@@ -1,0 +1,77 @@
+// Which rank draws which view.
+#include "train/ranks/draw_plan.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+namespace b3dgs {
+namespace {
+
+using Work = std::vector<std::int64_t>;
+using Ranks = std::vector<int>;
+
+TEST(DrawPlan, DealsViewsInTurnWithoutCounts) {
+  EXPECT_EQ(equal_drawers(5, 2), (Ranks{0, 1, 0, 1, 0}));
+  EXPECT_EQ(equal_drawers(2, 4), (Ranks{0, 1}));
+  EXPECT_EQ(equal_drawers(0, 4), Ranks{});
+}
+
+TEST(DrawPlan, GivesTheLargestViewToTheIdlestRank) {
+  EXPECT_EQ(counted_drawers({1, 9, 2, 3}, 2), (Ranks{1, 0, 1, 1}));
+  EXPECT_EQ(work_of_ranks({1, 0, 1, 1}, {1, 9, 2, 3}, 2), (Work{9, 6}));
+}
+
+TEST(DrawPlan, EqualWorkIsDealtInTurn) {
+  EXPECT_EQ(counted_drawers({7, 7, 7, 7, 7}, 2), equal_drawers(5, 2));
+  EXPECT_EQ(counted_drawers({0, 0, 0, 0}, 2), equal_drawers(4, 2)) << "views of nothing";
+}
+
+TEST(DrawPlan, EachRankGetsOneOfAsManyViews) {
+  EXPECT_EQ(counted_drawers({1, 100, 3}, 3), (Ranks{0, 1, 2}));
+  EXPECT_EQ(counted_drawers({1, 100}, 3), (Ranks{0, 1}));
+}
+
+TEST(DrawPlan, RanksDifferByAtMostAView) {
+  std::mt19937 random(3);
+  for (int round = 0; round < 200; ++round) {
+    const int n_ranks = 2 + round % 4;
+    Work work(static_cast<std::size_t>(n_ranks + 1 + round % 20));
+    for (std::int64_t& w : work) w = 1 + static_cast<std::int64_t>(random() % 1000);
+    const Work loads = work_of_ranks(counted_drawers(work, n_ranks), work, n_ranks);
+    const auto [least, most] = std::minmax_element(loads.begin(), loads.end());
+    EXPECT_LE(*most - *least, *std::max_element(work.begin(), work.end()));
+  }
+}
+
+TEST(DrawPlan, ViewsWithoutACountAreExpectedToBeAverage) {
+  DrawPlan plan(2);
+  EXPECT_EQ(plan.drawers(0, {4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
+  plan.set_work(1, 10);
+  plan.set_work(2, 30);
+  // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
+  EXPECT_EQ(plan.drawers(3, {1, 9, 2}), (Ranks{1, 1, 0}));
+}
+
+TEST(DrawPlan, AStepKeepsItsAnswerUntilItIsForgotten) {
+  DrawPlan plan(2);
+  const Ranks first = plan.drawers(6, {0, 1, 2});
+  plan.set_work(0, 1), plan.set_work(1, 1), plan.set_work(2, 100);
+  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), first) << "it has been read ahead for";
+  plan.forget_before(6);
+  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), first) << "the step after iteration 6 is not before it";
+  EXPECT_EQ(plan.drawers(9, {0, 1, 2}), (Ranks{1, 1, 0}));
+  plan.forget_before(9);
+  EXPECT_EQ(plan.drawers(6, {0, 1, 2}), (Ranks{1, 1, 0}));
+}
+
+TEST(DrawPlan, OtherViewsAreDecidedAnew) {
+  DrawPlan plan(2);
+  plan.set_work(7, 100);
+  plan.drawers(0, {1, 2, 3});
+  EXPECT_EQ(plan.drawers(0, {1, 2, 7, 3}).size(), 4u);
+}
+
+}  // namespace
+}  // namespace b3dgs

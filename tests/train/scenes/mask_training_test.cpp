@@ -1,0 +1,157 @@
+// Training with masks: what they leave out leaves no trace, and with --mask_mode segment nothing is there.
+#include <gtest/gtest.h>
+
+#include "model/formats/ply.h"
+#include "support/train/disk_scene.h"
+#include "support/train/training.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+TrainConfig short_config() {
+  TrainConfig config;
+  config.iterations = config.position_lr_max_steps = 60;
+  config.seed = 3;
+  config.sh_degree = 0;
+  config.densify_from_iter = 20;
+  config.densification_interval = 20;
+  config.kernel = "shared-memory";
+  config.test_iterations = {};
+  config.stats_interval = 0;
+  return config;
+}
+
+// A white block that moves from photograph to photograph, or black in a white mask.
+void draw_object(Image8& image, std::size_t view, std::uint8_t value) {
+  const int left = static_cast<int>(5 + 7 * view % 35), top = static_cast<int>(4 + 5 * view % 22);
+  for (int y = top; y < top + 14; ++y) {
+    for (int x = left; x < left + 14; ++x) {
+      for (int c = 0; c < image.channels; ++c) {
+        image.pixels[static_cast<std::size_t>((y * image.width + x) * image.channels + c)] = value;
+      }
+    }
+  }
+}
+
+double mean_psnr(const test::Trained& run, const Scene& scene) {
+  Rasterizer rasterizer(torch::kCPU);
+  const GaussianTensors model = to_tensors(read_splat_ply(run.result.ply), 0, torch::kCPU);
+  return evaluate_views(rasterizer, model, scene.test, {}).mean.psnr;
+}
+
+TEST(MaskTraining, WhatIsIgnoredLeavesNoTrace) {
+  const test::TempDir temp;
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  const test::DiskScene disk(/*distorted=*/false, options);
+  const Scene clean_without_masks = disk.load();
+  const fs::path source = clean_without_masks.source_path;
+  const std::size_t n_train = clean_without_masks.train.size();
+  for (std::size_t i = 0; i < n_train; ++i) {
+    const View& view = clean_without_masks.train[i];
+    Image8 mask(view.camera.width, view.camera.height, 1);
+    std::fill(mask.pixels.begin(), mask.pixels.end(), std::uint8_t{255});
+    draw_object(mask, i, 0);
+    write_image(source / "masks" / view.name, mask);
+  }
+  const test::Trained clean = test::train(short_config(), disk.load(), temp / "clean");
+  for (std::size_t i = 0; i < n_train; ++i) {
+    Image8 photograph = *clean_without_masks.train[i].image->read();
+    draw_object(photograph, i, 255);
+    write_image(disk.image_file(clean_without_masks.train[i]), photograph);
+  }
+  const test::Trained masked = test::train(short_config(), disk.load(), temp / "masked");
+  EXPECT_TRUE(masked.ply == clean.ply);
+  remove_tree(source / "masks");
+  const Scene painted = disk.load();
+  EXPECT_EQ(painted.train[0].valid, nullptr);
+  const test::Trained unmasked = test::train(short_config(), painted, temp / "unmasked");
+  EXPECT_FALSE(unmasked.ply == clean.ply);
+  EXPECT_LT(mean_psnr(unmasked, clean_without_masks), mean_psnr(masked, clean_without_masks) - 1);
+}
+
+// Alpha of the model where View::empty is set, mean over these pixels of the views.
+double mean_empty_alpha(const std::string& ply, const std::vector<View>& views) {
+  Rasterizer rasterizer(torch::kCPU);
+  const GaussianTensors model = to_tensors(read_splat_ply(ply), 0, torch::kCPU);
+  double sum = 0, n = 0;
+  for (const View& view : views) {
+    const torch::Tensor alpha = rasterizer.forward(model, to_pinhole_view(view.camera), {}).alpha.contiguous();
+    for (std::size_t i = 0; i < view.empty->pixels.size(); ++i) {
+      if (view.empty->pixels[i] == 0) continue;
+      sum += alpha.data_ptr<float>()[i];
+      n += 1;
+    }
+  }
+  return sum / n;
+}
+
+// An object in front of a grey wall that the masks leave out; half of the initial points are in the wall's place.
+Scene segmented_scene() {
+  test::TinySceneOptions options;
+  options.n_gaussians = 60;
+  GaussianTensors truth;
+  Scene scene = test::make_tiny_scene(options, &truth);
+  Rasterizer rasterizer(torch::kCPU);
+  for (std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (View& view : *views) {
+      const torch::Tensor alpha = rasterizer.forward(truth, to_pinhole_view(view.camera), {}).alpha.contiguous();
+      auto valid = std::make_shared<Image8>(view.camera.width, view.camera.height, 1);
+      auto empty = std::make_shared<Image8>(view.camera.width, view.camera.height, 1);
+      Image8 image = *view.image->read();
+      for (std::size_t i = 0; i < valid->pixels.size(); ++i) {
+        const bool is_object = alpha.data_ptr<float>()[i] > 0;
+        valid->pixels[i] = is_object ? 255 : 0;
+        empty->pixels[i] = is_object ? 0 : 255;
+        for (std::size_t c = 0; c < 3 && !is_object; ++c) image.pixels[3 * i + c] = 150;
+      }
+      view.valid = valid;
+      view.empty = empty;
+      view.image = std::make_shared<ViewImage>(std::move(image));
+    }
+  }
+  for (int i = 0; i < 60; ++i) {
+    const auto place = random_normal({5, RandomStream::kSplit, 0}, static_cast<std::uint64_t>(i));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      scene.points.positions.push_back(1.2f * place[axis]);
+      scene.points.colors.push_back(150);
+    }
+  }
+  return scene;
+}
+
+TEST(MaskTraining, SegmentedBackgroundBecomesEmpty) {
+  const test::TempDir temp;
+  const Scene scene = segmented_scene();
+  TrainConfig config = short_config();
+  config.iterations = config.position_lr_max_steps = 300;
+  config.densify_from_iter = 1000;
+  const test::Trained ignored = test::train(config, scene, temp / "ignored");
+  config.mask_mode = "segment";
+  const test::Trained segmented = test::train(config, scene, temp / "segmented");
+  const double before = mean_empty_alpha(ignored.result.ply, scene.test);
+  const double after = mean_empty_alpha(segmented.result.ply, scene.test);
+  EXPECT_GT(before, 0.05);  // floaters, which no photograph contradicts
+  EXPECT_LT(after, 0.01);
+  EXPECT_GT(mean_psnr(segmented, scene), mean_psnr(ignored, scene) - 0.5);  // the object is still there
+}
+
+TEST(MaskTraining, SegmentModeWorksFromCoarseToFineAndInBatches) {
+  const test::TempDir temp;
+  const Scene scene = segmented_scene();
+  TrainConfig config = short_config();
+  config.iterations = config.position_lr_max_steps = 200;
+  config.densify_from_iter = 1000;
+  config.coarse_scale = 2;
+  config.coarse_until = 150;
+  config.batch = 2;
+  const test::Trained ignored = test::train(config, scene, temp / "ignored");
+  config.mask_mode = "segment";
+  const test::Trained segmented = test::train(config, scene, temp / "segmented");
+  EXPECT_LT(mean_empty_alpha(segmented.result.ply, scene.test), 0.5 * mean_empty_alpha(ignored.result.ply, scene.test));
+}
+
+}  // namespace
+}  // namespace b3dgs
