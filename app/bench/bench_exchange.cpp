@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -172,16 +171,19 @@ int run_bench_exchange(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   line.apply(config);
   if (config.mib.empty()) input_error("--mib needs at least one value");
-  const std::optional<RankPlace> place = choose_rank_place(config.ranks);
-  if (!place) {
+  if (config.device == "auto" && config.ranks > count_gpus()) config.device = "cpu";
+  RankOptions options;
+  options.ranks = config.ranks;
+  const RankPlan plan = plan_ranks(options, config.device);
+  if (plan.n_to_start > 0) {
     std::vector<std::string> all{"bench", "exchange"};
     all.insert(all.end(), words.begin(), words.end());
-    return start_ranks(config.ranks, all);
+    return start_ranks(plan.n_to_start, all);
   }
-  if (place->size == 1) input_error("bench exchange needs at least two ranks: add --ranks 2");
+  if (plan.place.size == 1) input_error("bench exchange needs at least two ranks: add --ranks 2");
 
-  const JoinedRank joined = join_ranks(config.device, *place);
-  run_as_rank(*joined.ranks, [&] { time_exchanges(*joined.ranks, config, *place, joined.device); });
+  const JoinedRank joined = join_ranks(plan.device_name, plan.place);
+  run_as_rank(*joined.ranks, [&] { time_exchanges(*joined.ranks, config, plan.place, joined.device); });
   return 0;
 }
 

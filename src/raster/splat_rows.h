@@ -36,6 +36,23 @@ struct alignas(16) SplatGradSum {
 };
 static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 
+/// What the gradient with respect to the camera's pose depends on besides splats.
+struct CameraPartsView {
+  GaussianArrays gaussians{};
+  PinholeView view{};
+  int sh_degree = 0;
+  bool antialiasing = false;
+};
+
+/// What each splat adds to the gradient with respect to the camera's pose (math/camera_grad.h).
+struct CameraPartsArgs {
+  CameraPartsView of{};
+  std::int64_t n_splats = 0;           // M
+  const Splat* splats = nullptr;       // [M] as projected
+  const SplatGradSum* sums = nullptr;  // [M]
+  float* out = nullptr;                // [M, kCameraGradients] out
+};
+
 /// Keeps the sums of splats that were drawn elsewhere, for a later backward projection.
 struct KeepSplatsArgs {
   std::int64_t n_gaussians = 0;        // N

@@ -55,10 +55,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       poses(this->config, scene, state.poses),
       recorder({this->config, this->folder, this->hooks, state, time, *memory, timer},
                is_distributed() ? torch::Device(torch::kCPU) : device) {  // gathered rows are in host memory
-  if (is_distributed()) {
-    check_options_of_ranks();
-    splats.emplace(*ranks);
-  }
+  if (is_distributed()) splats.emplace(*ranks);
   if (config.antialiasing) {
     std::vector<PinholeView> views;
     for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
@@ -254,7 +251,11 @@ int Trainer::iteration() const {
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   Impl& impl = *impl_;
   B3DGS_CHECK(impl.has_begun, "evaluate() before run_until()");
-  if (!impl.is_distributed()) impl.read_loss();
+  if (impl.is_distributed()) {
+    impl.poses.finish_step();
+  } else {
+    impl.read_loss();
+  }
   const std::vector<View> refined = with_refined_poses(views, impl.scene.train, impl.state.poses);
   Evaluation evaluation;
   const auto evaluate = [&] {

@@ -4,7 +4,8 @@
 // the views' gradients and takes the Adam step. What falls on one of the iterations and is not part of a step (density
 // control, evaluation, files) comes after the step.
 //
-// What is learned of each photograph (appearance, pose) takes a step for each view, as with one view in a step.
+// What is learned of each photograph (appearance, pose) takes a step for each view, as with one view in a step. Of
+// several ranks, the one that draws a view tells the others these gradients, and all learn the same.
 
 #include <cmath>
 #include <utility>
@@ -41,7 +42,9 @@ void Trainer::Impl::keep_view(const TrainView& view, bool is_filter_due) {
   const ViewStatistics statistics =
       stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, state.iteration));
   if (compared.refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
-  if (state.background.is_defined()) background_gradient.add_to_sum(place == 0);
+  if (state.background.is_defined()) {
+    background_gradient.add_to_sum(background_gradient.coefficients(), place == 0);
+  }
   if (compared.plan.statistics) {
     timer.begin(Stage::kDensify);
     save_statistics();
@@ -110,6 +113,51 @@ void Trainer::Impl::take_batched_step() {
   if (learned_views.empty()) return timer.cancel();
   learn_from_kept_views();
   timer.finish(state.step_iterations);
+}
+
+std::int64_t Trainer::Impl::n_shared_columns() const {
+  std::int64_t n = config.pose_opt ? kCameraColumns : 0;
+  if (state.background.is_defined()) n += state.background.coefficients.numel();
+  if (appearance) n += appearance->grad().numel();
+  return n + n % 2;  // rows of doubles
+}
+
+torch::Tensor Trainer::Impl::shared_gradients() const {
+  torch::Tensor row = torch::zeros({n_shared_columns()}, torch::dtype(torch::kFloat32).device(device));
+  std::int64_t begin = config.pose_opt ? kCameraColumns : 0;
+  const auto append = [&](const torch::Tensor& values) {
+    row.slice(0, begin, begin + values.numel()).copy_(values.flatten());
+    begin += values.numel();
+  };
+  if (state.background.is_defined()) append(background_gradient.coefficients());
+  if (appearance) append(appearance->grad());
+  return row;
+}
+
+void Trainer::Impl::keep_shared_gradients(const std::vector<LearnedView>& learned,
+                                          const std::vector<torch::Tensor>& drawn) {
+  const auto options = torch::dtype(torch::kFloat32).device(device);
+  const torch::Tensor own = drawn.empty() ? torch::empty({0, n_shared_columns()}, options) : torch::stack(drawn);
+  const torch::Tensor rows = gather_view_rows(*ranks, own, drawers_of(step_plan));
+  for (std::size_t v = 0; v < learned.size(); ++v) {
+    const torch::Tensor row = rows.select(0, static_cast<std::int64_t>(v));
+    const std::size_t place = learned_views.size() + v;
+    std::int64_t begin = config.pose_opt ? kCameraColumns : 0;
+    const auto next_like = [&](const torch::Tensor& values) {
+      begin += values.numel();
+      return row.slice(0, begin - values.numel(), begin).view(values.sizes());
+    };
+    if (poses.refines(learned[v].index, learned[v].iteration)) {
+      poses.add_gradient(learned[v].index, learned[v].iteration, row.slice(0, 0, kCameraColumns).view(torch::kFloat64));
+    }
+    if (state.background.is_defined()) {
+      background_gradient.add_to_sum(next_like(state.background.coefficients), place == 0);
+    }
+    if (appearance) {
+      appearance->set_place(static_cast<int>(place));
+      appearance->grad().copy_(next_like(appearance->grad()));
+    }
+  }
 }
 
 }  // namespace b3dgs

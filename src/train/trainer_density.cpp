@@ -2,6 +2,7 @@
 // Gaussians is held and training continues with the existing ones.
 
 #include <algorithm>
+#include <limits>
 
 #include "core/text.h"
 #include "train/ranks/sharded_row_edit.h"
@@ -37,13 +38,17 @@ GaussianMemory Trainer::Impl::memory_of_gaussian() {
 }
 
 std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
-  const std::optional<std::int64_t> limit = memory->limit();
-  if (!limit) return std::nullopt;
-  const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes() + stepper.kept_bytes();
-  const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
-  const std::int64_t count = largest_count(limits, memory_of_gaussian());
+  std::optional<std::int64_t> count;
+  if (const std::optional<std::int64_t> limit = memory->limit()) {
+    const std::int64_t counted = state_bytes(state) + rasterizer.memory_bytes() + stepper.kept_bytes();
+    const CountLimits limits{*limit, std::max<std::int64_t>(0, memory->use().in_use - counted)};
+    count = largest_count(limits, memory_of_gaussian());
+  }
+  if (!is_distributed()) return count;
   // The rank with the least memory decides.
-  return is_distributed() ? -ranks->max("room", -count) * ranks->size() : count;
+  constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
+  const std::int64_t least = -ranks->max("room", -count.value_or(kUnlimited));
+  return least == kUnlimited ? std::nullopt : std::optional(least * ranks->size());
 }
 
 void Trainer::Impl::hold_count(std::int64_t count) {
@@ -68,6 +73,43 @@ bool Trainer::Impl::can_grow_again(std::int64_t room) const {
   return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
 }
 
+void Trainer::Impl::try_room_for(const RowEdit& edit) {
+  const std::int64_t n_before = state.gaussians.size(), n_after = shards().n_local(edit.sources.size(0));
+  const torch::TensorOptions options = state.gaussians.means.options();
+  const std::int64_t n_floats = state_row_bytes(state) / static_cast<std::int64_t>(sizeof(float));
+  // The largest tensor is there twice; all of them have grown by then.
+  const std::int64_t n_widest = std::max<std::int64_t>(4, state.gaussians.shN.size(1) * 3);
+  const torch::Tensor largest = memory->allocate({n_after, n_widest}, options);
+  const torch::Tensor growth = memory->allocate({std::max<std::int64_t>(0, n_after - n_before), n_floats}, options);
+  const torch::Tensor pieces = memory->allocate(
+      {2, std::min(kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float)), n_after * n_widest)}, options);
+}
+
+void Trainer::Impl::allocate_together(const std::function<void()>& work) {
+  std::string failure;
+  try {
+    work();
+  } catch (const OutOfMemoryError& error) {
+    failure = error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    failure = error.what_without_backtrace();
+  }
+  const std::vector<std::string> failures = ranks->exchange("memory", failure);
+  for (std::size_t r = 0; r < failures.size(); ++r) {
+    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
+  }
+}
+
+void Trainer::Impl::throw_out_of_memory(int rank, const std::string& reason) {
+  has_failed_together = true;
+  throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks->size(), ": ", reason));
+}
+
+MemoryRemedy Trainer::Impl::together(MemoryRemedy remedy) {
+  if (!is_distributed()) return remedy;
+  return [this, remedy = std::move(remedy)] { return ranks->max("remedy", remedy() ? 1 : 0) != 0; };
+}
+
 void Trainer::Impl::plan_and_apply_round(int iteration) {
   const std::int64_t before = state.n_gaussians();
   const std::int64_t room = room_for_gaussians().value_or(0);
@@ -80,6 +122,7 @@ void Trainer::Impl::plan_and_apply_round(int iteration) {
   if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
   if (is_distributed()) {
+    allocate_together([&] { try_room_for(round.edit); });
     is_consistent = false;
     apply_row_edit(*ranks, round.edit, before, state.gaussians, state.adam, state.statistics);
     state.n_of_all_ranks = round.edit.sources.size(0);
@@ -106,15 +149,16 @@ void Trainer::Impl::plan_and_apply_round(int iteration) {
 
 void Trainer::Impl::run_density_round(int iteration) {
   view_ratios.begin_round();
-  if (is_distributed()) return plan_and_apply_round(iteration);  // ranks would disagree on a repetition
+  const std::vector<MemoryRemedy> remedies{together(wait_for_files()), together(free_scratch())};
   try {
-    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(iteration); });
+    with_remedies(remedies, [&] { plan_and_apply_round(iteration); });
   } catch (const OutOfMemoryError&) {
     growth_has_failed = true;
-    hold_count(state.gaussians.size());
+    hold_count(state.n_gaussians());
     // Once more without growth: pruning still takes place.
-    with_remedies({wait_for_files(), free_scratch()}, [&] { plan_and_apply_round(iteration); });
+    with_remedies(remedies, [&] { plan_and_apply_round(iteration); });
   }
+  has_failed_together = false;
   trim_memory();
 }
 

@@ -27,6 +27,12 @@ bool is_out_of_memory(const std::exception& error) {
          std::strstr(error.what(), "out of memory") != nullptr;
 }
 
+/// Whether an error, perhaps of another rank, says where training can be resumed.
+bool names_checkpoint(const char* error) {
+  return std::strstr(error, "; last checkpoint: ") != nullptr ||
+         std::strstr(error, " is saved, continue with ") != nullptr;
+}
+
 std::string first_line(const char* text) {
   return {text, std::strcspn(text, "\n")};  // LibTorch appends a stack trace
 }
@@ -81,10 +87,21 @@ void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) 
                                " so far): ", reason));
 }
 
+std::string Trainer::Impl::resume_words(const std::filesystem::path& checkpoint) const {
+  return "continue with " + (hooks.resume_command.empty() ? "--resume " + checkpoint.string() : hooks.resume_command);
+}
+
+std::string Trainer::Impl::last_checkpoint_of_ranks() const {
+  const std::vector<int> iterations = folder.checkpoint_iterations();
+  if (iterations.empty()) return "; last checkpoint: none was written";
+  const std::filesystem::path last = folder.checkpoint(iterations.back());
+  return "; last checkpoint: " + last.string() + ", " + resume_words(last);
+}
+
 /// The end of the error message: where training can be resumed.
 std::string Trainer::Impl::save_last_state() {
+  if (is_distributed()) return has_failed_together ? save_together() : last_checkpoint_of_ranks();
   if (!recorder.is_log_open() || state.iteration == 0) return "";
-  if (is_distributed()) return recorder.last_checkpoint();  // the other ranks may not be there any more
   read_loss();
   if (!is_consistent) return recorder.last_checkpoint();
   recorder.set_ending(true);
@@ -92,9 +109,19 @@ std::string Trainer::Impl::save_last_state() {
   if (const std::vector<WrittenFile>& failed = recorder.failed_files(); !failed.empty()) {
     return kNoCheckpoint + failed.back().error + recorder.last_checkpoint();
   }
-  return detail::concat(
-      "; iteration ", state.iteration, " is saved, continue with ",
-      hooks.resume_command.empty() ? "--resume " + recorder.outputs().checkpoint.string() : hooks.resume_command);
+  return detail::concat("; iteration ", state.iteration, " is saved, ", resume_words(recorder.outputs().checkpoint));
+}
+
+std::string Trainer::Impl::save_together() {
+  has_failed_together = false;
+  if (state.iteration == 0) return "";
+  if (!is_consistent) return last_checkpoint_of_ranks();
+  free_scratch()();  // rows are exchanged through memory of the device
+  recorder.set_ending(true);
+  write_checkpoint();
+  if (!has_written_files()) return detail::concat(kNoCheckpoint, "see rank 0", last_checkpoint_of_ranks());
+  return detail::concat("; iteration ", state.iteration, " is saved, ",
+                        resume_words(folder.checkpoint(state.iteration)));
 }
 
 void Trainer::Impl::end_with_checkpoint() {
@@ -109,6 +136,8 @@ void Trainer::Impl::end_with_checkpoint() {
   }
   try {
     std::rethrow_exception(cause);
+  } catch (const PeerError& error) {
+    throw PeerError(error, names_checkpoint(error.what()) ? "" : saved);
   } catch (const InputError& error) {
     throw InputError(error.what() + saved);
   } catch (const IoError& error) {

@@ -135,7 +135,8 @@ struct Trainer::Impl {
   void prepare_appearance();
   /// How views are to be compared: with their exposures as learned so far.
   ColorEvaluation color_evaluation() const;
-  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed.
+  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed. All ranks call it
+  /// together.
   void update_filters(bool is_due);
 
   // trainer_batch.cpp
@@ -155,21 +156,36 @@ struct Trainer::Impl {
   bool is_distributed() const { return ranks != nullptr && ranks->size() > 1; }
   /// Whether this process writes the files: one of several does.
   bool writes_files() const { return !is_distributed() || ranks->is_first(); }
-  /// @throws InputError for options that several ranks do not support
-  void check_options_of_ranks() const;
   /// Of a model that is whole on every rank, keeps the rows of this one, on its device.
   void keep_own_rows();
-  /// The state with the rows of all ranks: on rank 0, in host memory; on the others without rows.
-  TrainState gathered_state();
+  /// The Gaussians of all ranks: on rank 0, in host memory; undefined on the others.
+  GaussianTensors gathered_gaussians();
+  /// Rank 0 writes the rows of all ranks as they come, piece by piece.
+  void write_checkpoint_of_ranks();
   void take_distributed_step();
+  struct LearnedView;
+  static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
+  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known.
+  std::vector<LearnedView> next_views_of_step(int last);
+  /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
+  /// `from`, `last`: the iteration before this part of the step, and the step's last one.
+  void keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last, bool is_filter_due);
+  /// Views that this rank will probably draw after this part of the step. Plans the next steps, on all ranks alike.
+  std::vector<std::int32_t> own_views_ahead();
+  /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of
+  /// n_shared_columns() floats; and those of all views of a part of the step, from which every rank learns the same.
+  std::int64_t n_shared_columns() const;
+  torch::Tensor shared_gradients() const;
+  void keep_shared_gradients(const std::vector<LearnedView>& learned, const std::vector<torch::Tensor>& drawn);
   /// The view of an iteration that this rank draws; `next`: the views of the iterations that follow.
   TrainView take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next);
   /// The camera of a view, as take_view() has it.
   PinholeView camera_of(std::int32_t index, int iteration);
-  /// Plans who draws the next views, and returns those of this rank, beginning with the step after this iteration.
-  std::vector<std::int32_t> plan_drawing(const std::vector<std::int32_t>& next);
-  /// Who draws the views of the step after iteration `from`, the first of `views`.
-  const StepPlan& planned_step(const std::vector<std::int32_t>& views, int from, int last);
+  /// Who draws these views, which are those of the step after iteration `from`, or of a part of it.
+  StepPlan planned_step(int from, const std::vector<LearnedView>& views);
+  struct UnreadLoss;
+  /// Adds the loss of a view to the average. @throws LossError if it is not finite
+  void add_loss(const UnreadLoss& of, double value);
   /// Whether the exchanges of the step after iteration `from` are timed; the same on all ranks.
   bool times_exchanges(int from, int last) const;
   /// Says once if one process would be about as fast.
@@ -178,7 +194,6 @@ struct Trainer::Impl {
   void read_losses_of_ranks();
   void read_own_loss();
   /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
-  struct UnreadLoss;
   DrawnParts take_drawn();
   void add_drawn(const std::vector<DrawnParts>& of_ranks);
   /// The work of the views that were drawn, for the plans to come.
@@ -197,6 +212,13 @@ struct Trainer::Impl {
   /// Which rows of the model this rank has.
   RowShards shards() const { return is_distributed() ? shards_of(*ranks) : RowShards{}; }
   DensityRound plan_round_of_ranks(int iteration, std::int64_t limit);
+  /// Allocates what apply_row_edit() will need, and frees it again.
+  void try_room_for(const RowEdit& edit);
+  /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
+  void allocate_together(const std::function<void()>& work);
+  [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
+  /// A remedy that counts as successful on all ranks if it is on one.
+  MemoryRemedy together(MemoryRemedy remedy);
   /// Removes the Gaussian of this row of the model, and others that are invalid. Returns their number.
   std::int64_t remove_invalid_rows(std::int64_t row);
 
@@ -250,6 +272,12 @@ struct Trainer::Impl {
   /// Writes a checkpoint if the state is consistent, and rethrows the current exception with the checkpoint's path.
   [[noreturn]] void end_with_checkpoint();
   std::string save_last_state();
+  /// The same on several ranks, if all of them have failed in the same place.
+  std::string save_together();
+  /// How to continue from a checkpoint.
+  std::string resume_words(const std::filesystem::path& checkpoint) const;
+  /// The newest one in the model folder, which rank 0 writes.
+  std::string last_checkpoint_of_ranks() const;
 
   const TrainConfig config;
   const Scene& scene;
@@ -314,7 +342,8 @@ struct Trainer::Impl {
   RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
   RankTotals own_totals;
   ExchangeTimer exchange_timer{make_stage_clock(device)};
-  bool renders_on_first = false;  // within on_first_rank()
+  bool renders_on_first = false;     // within on_first_rank()
+  bool has_failed_together = false;  // the exception that is under way was thrown by all ranks
 
   /// What a step changes before it changes the Gaussians, for roll_back().
   struct StepStart {

@@ -8,6 +8,7 @@
 #include "model/training_id.h"
 #include "train/appearance/exposure_json.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/ranks/scene_agreement.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -31,8 +32,9 @@ void Trainer::Impl::claim_folder() {
 /// Prepares the first step of this session. Does nothing when called again.
 void Trainer::Impl::begin() {
   if (std::exchange(has_begun, true)) return;
-  if (state.n_gaussians() == 0) initialize_model();
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
+  if (is_distributed()) check_same_scene(*ranks, scene, fingerprint.at("photographs"));
+  if (state.n_gaussians() == 0) initialize_model();
   claim_folder();
   if (writes_files()) {
     folder.write_inputs(config, scene);
@@ -131,12 +133,12 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
 
 void Trainer::Impl::write_ply() {
   recorder.report_progress("saving");
-  if (state.appearance.exposures.defined()) {
+  if (state.appearance.exposures.defined() && writes_files()) {
     recorder.write_exposures(named_exposures(state.appearance.exposures, scene.train));
   }
   if (is_distributed()) {
-    const TrainState whole = gathered_state();
-    if (writes_files()) recorder.write_ply(whole.gaussians, state.background);
+    const GaussianTensors whole = gathered_gaussians();
+    if (writes_files()) recorder.write_ply(whole, state.background);
   } else {
     recorder.write_ply(flushed_state().gaussians, state.background);
   }
@@ -152,12 +154,8 @@ void Trainer::Impl::write_checkpoint() {
   recorder.report_progress("checkpoint");
   read_loss();
   state.elapsed_s = recorder.elapsed_s();
-  if (is_distributed()) {
-    const TrainState whole = gathered_state();
-    if (writes_files()) recorder.write_checkpoint(whole, fingerprint);
-  } else {
-    recorder.write_checkpoint(flushed_state(), fingerprint);
-  }
+  if (is_distributed()) return write_checkpoint_of_ranks();
+  recorder.write_checkpoint(flushed_state(), fingerprint);
 }
 
 }  // namespace b3dgs

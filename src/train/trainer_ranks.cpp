@@ -10,13 +10,14 @@
 // project their Gaussians on its request.
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
+#include <set>
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
 #include "raster/math/project_splat.h"
 #include "raster/torch/splat_owner.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/density/invalid_gaussians.h"
 #include "train/optimizer/lr_schedule.h"
 #include "train/ranks/sharded_row_edit.h"
@@ -32,7 +33,8 @@ struct StepRecord {
   DrawnRecord drawn{};               // of the step before
   std::int64_t n_seen[kMaxBatch]{};  // splats of each view
   std::int32_t stop = 0;
-  std::int32_t write_checkpoint = 0, check_kernels = 0;  // rank 0's count
+  std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used
+  std::int32_t is_out_of_memory = 0;
 };
 
 /// What rank 0 asks of the others in on_first_rank().
@@ -80,6 +82,16 @@ void visit_rows(TrainState& state, Visit&& visit) {
   for (torch::Tensor* column : state.statistics.all()) visit(*column);
 }
 
+/// Tensors on the device that are whole on every rank, and the same.
+template <class Visit>
+void visit_shared(TrainState& state, Visit&& visit) {
+  visit_appearance(state.appearance, [&](const char*, torch::Tensor& tensor) { visit(tensor); });
+  if (!state.background.is_defined()) return;
+  for (torch::Tensor* tensor : {&state.background.coefficients, &state.background.m, &state.background.v}) {
+    visit(*tensor);
+  }
+}
+
 /// @throws InvalidGaussianError, on all ranks, if one of them has found an invalid Gaussian
 template <class Record>
 void check_valid(const std::vector<Record>& records) {
@@ -92,33 +104,49 @@ void check_valid(const std::vector<Record>& records) {
 
 }  // namespace
 
-void Trainer::Impl::check_options_of_ranks() const {
-  const std::pair<bool, const char*> unsupported[]{
-      {config.pose_opt, "--pose_opt"},
-      {config.exposure, "--exposure"},
-      {config.bilateral_grid, "--bilateral_grid"},
-      {learned_background_degree(config) >= 0, "--background learned or sky"},
-      {config.skip_share > 0, "--skip_share"},
-  };
-  for (const auto& [is_set, option] : unsupported) {
-    if (is_set) input_error(option, ": not supported with several ranks (--ranks, --gpus); leave out one of them");
-  }
-}
-
 void Trainer::Impl::keep_own_rows() {
   state.n_of_all_ranks = state.gaussians.size();
   visit_rows(state, [&](torch::Tensor& tensor) {
     if (tensor.defined()) tensor = own_rows(tensor, shards()).to(device);
   });
+  visit_shared(state, [&](torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
-TrainState Trainer::Impl::gathered_state() {
-  TrainState whole = flushed_state();
-  visit_rows(whole, [&](torch::Tensor& tensor) {
+GaussianTensors Trainer::Impl::gathered_gaussians() {
+  GaussianTensors whole = flushed_state().gaussians;
+  const auto gather = [&](torch::Tensor& tensor) {
     if (tensor.defined()) tensor = gather_rows_on_first(*ranks, tensor, state.n_gaussians());
-  });
-  whole.n_of_all_ranks.reset();
+  };
+  for (torch::Tensor* tensor : whole.all()) gather(*tensor);
+  gather(whole.filters);
   return whole;
+}
+
+void Trainer::Impl::write_checkpoint_of_ranks() {
+  using TakeBytes = std::function<void(const void*, std::size_t)>;
+  const TrainState& own = flushed_state();
+  std::set<const void*> rows;  // tensors of which each rank has a part
+  visit_rows(state, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) rows.insert(tensor.unsafeGetTensorImpl());
+  });
+  const TakeBytes ignore = [](const void*, std::size_t) {};
+  std::vector<OutputWriter::TensorPieces> tensors;
+  std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
+  for (const auto& [name, tensor] : checkpoint_tensors(own)) {
+    const bool has_part = rows.count(tensor.unsafeGetTensorImpl()) > 0;
+    TensorEntry entry{name, tensor.scalar_type(), tensor.sizes().vec()};
+    if (has_part) entry.shape[0] = state.n_gaussians();
+    tensors.push_back({entry, [this, has_part, &n_read, part = tensor](const TakeBytes& take) {
+                         ++n_read;
+                         const auto take_rows = [&](const torch::Tensor& piece) {
+                           take(piece.data_ptr(), piece.nbytes());
+                         };
+                         if (has_part) return stream_rows_to_first(*ranks, part, state.n_gaussians(), take_rows);
+                         take_rows(part.cpu());
+                       }});
+  }
+  if (writes_files()) recorder.write_checkpoint(checkpoint_header(config, own, fingerprint), tensors);
+  while (n_read < tensors.size()) tensors[n_read].read(ignore);
 }
 
 PinholeView Trainer::Impl::camera_of(std::int32_t index, int iteration) {
@@ -135,54 +163,121 @@ TrainView Trainer::Impl::take_own_view(int iteration, std::int32_t index, const 
 }
 
 void Trainer::Impl::take_distributed_step() {
-  const int from = state.iteration, last = step_end(config.batch, config.iterations, from);
-  const auto n_views = static_cast<std::size_t>(last - from), size = static_cast<std::size_t>(ranks->size());
-  const bool is_filter_due = begin_step_of_views(last);
-  const std::size_t n_ahead = images.n_upcoming_wanted();
-  const std::size_t n_upcoming = n_views + (n_ahead + 1) * std::max(size, static_cast<std::size_t>(config.batch));
-  const std::vector<std::int32_t> next = state.view_order.upcoming(
-      config.seed, images.size(), std::max(n_upcoming, kPlannedSteps * static_cast<std::size_t>(config.batch)));
-  const std::vector<std::int32_t> own_next = plan_drawing(next);  // in this step and later
-  const StepPlan plan = planned_step(next, from, last);
-  if (times_exchanges(from, last)) exchange_timer.start();
+  const int last = step_end(config.batch, config.iterations, state.iteration);
+  bool is_filter_due = begin_step_of_views(last);
+  if (times_exchanges(state.iteration, last)) exchange_timer.start();
+  do {
+    const int from = state.iteration;
+    const std::vector<LearnedView> views = next_views_of_step(last);
+    keep_views_of_ranks(from, views, last, std::exchange(is_filter_due, false));
+  } while (state.iteration < last);
+  if (learned_views.empty()) {
+    exchange_timer.cancel();
+    return timer.cancel();
+  }
+  learn_from_kept_views();
+  timer.finish(state.step_iterations);
+  exchange_timer.finish();
+}
+
+std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int last) {
+  std::vector<LearnedView> views;
+  while (state.iteration < last) {
+    const int iteration = state.iteration + 1;
+    const std::int32_t index = state.view_order.upcoming(config.seed, images.size(), 1).front();
+    if (may_skip_step(iteration)) {
+      // The same view twice, at the end of an epoch: whether it is skipped depends on its first loss.
+      const auto is_same = [&](std::int32_t other) { return other == index; };
+      if (std::any_of(views.begin(), views.end(), [&](const auto& view) { return is_same(view.index); })) break;
+      if (std::any_of(unread_losses.begin(), unread_losses.end(),
+                      [&](const auto& unread) { return is_same(unread.view_index); })) {
+        read_losses_of_ranks();
+      }
+    }
+    const bool is_skipped = skip_step(iteration);
+    state.iteration = iteration;
+    state.view_order.next(config.seed, images.size());
+    if (!is_skipped) views.push_back({index, iteration});
+  }
+  return views;
+}
+
+std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
+  // How many views are read ahead differs between ranks, but plans must not: a few steps are planned, others guessed.
+  const std::size_t batch = static_cast<std::size_t>(config.batch), n_wanted = images.n_upcoming_wanted();
+  const std::size_t n_views =
+      std::max((n_wanted + 1) * std::max(static_cast<std::size_t>(ranks->size()), batch), kPlannedSteps * batch);
+  const std::vector<std::int32_t> upcoming =
+      state.view_order.upcoming(config.seed, images.size(), n_views * (config.skip_share > 0 ? 2 : 1));
+  ViewSkips skips = state.view_skips;
+  std::vector<std::int32_t> own;
+  int iteration = state.iteration;
+  auto view = upcoming.begin();
+  for (std::size_t n_steps = 0; view != upcoming.end() && iteration < config.iterations; ++n_steps) {
+    const int from = iteration, last = step_end(config.batch, config.iterations, from);
+    std::vector<LearnedView> step;
+    for (; view != upcoming.end() && iteration < last; ++view) {
+      ++iteration;
+      if (may_skip_step(iteration) && skips.skip(*view, iteration - config.skip_from_iter, config.skip_share)) continue;
+      step.push_back({*view, iteration});
+    }
+    const StepPlan plan =
+        n_steps + 1 < kPlannedSteps ? planned_step(from, step) : whole_views(equal_drawers(step.size(), ranks->size()));
+    for (const DrawnPart& part : plan) {
+      if (part.rank == ranks->rank()) own.push_back(step[part.view].index);
+    }
+  }
+  return own;
+}
+
+void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last,
+                                        bool is_filter_due) {
+  const std::size_t n_views = learned.size();
+  draw_plan.forget_before(from);
+  const StepPlan plan = planned_step(from, learned);
 
   // Every view's projection.
   struct View {
-    int iteration;
     DensityPlan plan;
     PinholeView camera;
     RenderSettings settings;
     ViewSplats own;
     std::int64_t n_splats = 0;  // on all ranks
+    bool refines_pose = false;
   };
+  const int last_of_part = state.iteration;
   std::vector<View> views(n_views);
   std::vector<ViewSplats> own;
-  std::vector<std::int64_t> n_splats(plan.size());
+  std::vector<std::int64_t> n_splats(plan.size());  // for each part
   StepRecord record;
+  if (n_views > 0) update_filters(is_filter_due);
   try {
     for (std::size_t v = 0; v < n_views; ++v) {
       View& view = views[v];
-      view.iteration = state.iteration = from + 1 + static_cast<int>(v);
-      state.view_order.next(config.seed, images.size());
-      view.plan = density->plan(view.iteration);
-      view.camera = camera_of(next[v], view.iteration);
+      state.iteration = learned[v].iteration;
+      view.plan = density->plan(state.iteration);
+      view.refines_pose = poses.refines(learned[v].index, state.iteration);
+      view.camera = camera_of(learned[v].index, state.iteration);
       view.settings = step_settings();
       view.settings.absolute_gradient = view.plan.absolute_gradients;
       view.own = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-        update_filters(is_filter_due && v == 0);
         return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
       });
+      record.n_seen[v] = view.own.size();
       own.push_back(view.own);
     }
-    n_splats = splats->begin(plan, own, views[0].settings.tile.height);
+    if (n_views > 0) n_splats = splats->begin(plan, own, views[0].settings.tile.height);
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = shards().global_row(error.row());
+  } catch (const OutOfMemoryError&) {
+    record.is_out_of_memory = 1;
   }
+  state.iteration = last_of_part;
   record.stop = is_stopped();
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
-  for (std::size_t v = 0; v < n_views; ++v) record.n_seen[v] = views[v].own.size();
-  DrawnParts drawn_here = take_drawn();
+  poses.finish_step();  // of the step before: the device has finished it by now
+  const DrawnParts drawn_here = take_drawn();
   record.drawn = drawn_here.record;
   std::vector<std::int64_t> numbers = n_splats;
   numbers.insert(numbers.end(), drawn_here.rows.begin(), drawn_here.rows.end());
@@ -203,28 +298,44 @@ void Trainer::Impl::take_distributed_step() {
   agreed.write_checkpoint = records[0].write_checkpoint != 0;
   agreed.check_kernels = records[0].check_kernels != 0;
   add_drawn(drawn_before);
-  step_start.loss_average = state.loss_average;
+  if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   check_valid(records);
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
+  }
+  if (n_views == 0) return;
   step_plan = plan;
   tile_height = views[0].settings.tile.height;
 
-  // The views that this rank draws.
+  // The views, or bands of them, that this rank draws.
   const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(counts); });
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
+  const bool refines_poses =
+      std::any_of(views.begin(), views.end(), [](const View& view) { return view.refines_pose; });
+  std::vector<std::int32_t> own_next;
+  for (const DrawnPart& part : plan) {
+    if (part.rank == ranks->rank()) own_next.push_back(learned[part.view].index);
+  }
+  for (std::size_t v = 0; v < n_views; ++v) {
+    if (appearance) appearance->begin_step(learned[v].index, learned[v].iteration, state.appearance);
+  }
+  const std::vector<std::int32_t> ahead = own_views_ahead();
+  own_next.insert(own_next.end(), ahead.begin(), ahead.end());
   const bool is_exact = splats->is_banded() && (device.is_cpu() || (config.deterministic && !depth_priors));
   const std::int64_t n_image_columns = depth_priors ? 4 : 3;
-  std::vector<torch::Tensor> drawn_sums, drawn_scores;
+  std::vector<torch::Tensor> drawn_sums, drawn_scores, drawn_shared, drawn_orders;
   std::vector<SplatPairs> drawn_pairs;
-  std::size_t place = 0;
   for (const DrawnPart& part : plan) {
     const std::size_t v = part.view;
     const View& own_view = views[v];
     if (part.rank == ranks->rank()) {
-      state.iteration = own_view.iteration;
+      const std::size_t place = drawn_sums.size();
+      state.iteration = learned[v].iteration;
       timer.begin(Stage::kUpload);
       const auto begin = own_next.begin() + static_cast<std::ptrdiff_t>(place) + 1;
-      const std::ptrdiff_t n_next = std::min(static_cast<std::ptrdiff_t>(n_ahead), own_next.end() - begin);
-      const TrainView view = take_own_view(state.iteration, next[v], {begin, begin + n_next});
+      const auto n_ahead = static_cast<std::ptrdiff_t>(images.n_upcoming_wanted());
+      const std::ptrdiff_t n_next = std::min(n_ahead, own_next.end() - begin);
+      const TrainView view = take_own_view(state.iteration, learned[v].index, {begin, begin + n_next});
       timer.end();
       ComparedView compared;
       compared.plan = own_view.plan;
@@ -243,21 +354,21 @@ void Trainer::Impl::take_distributed_step() {
       std::vector<torch::Tensor> images{compared.rendered.color};
       if (depth_priors) images.push_back(compared.rendered.depth);
       exchange_timer.time([&] { return splats->share_rows(images, n_image_columns); });
+      if (appearance) appearance->set_place(static_cast<int>(learned_views.size() + v));
       compare_with_photograph(view, compared);
-      drawn_sums.push_back(rasterizer.backward_splats(compared.grad).clone());
+      drawn_sums.push_back(rasterizer.backward_splats(compared.grad));
       if (is_exact) drawn_pairs.push_back(rasterizer.backward_pairs(splats->crossing(place)));
+      if (refines_poses) drawn_orders.push_back(rasterizer.order_of_splats());
+      if (n_shared_columns() > 0) drawn_shared.push_back(shared_gradients());
       if (has_scores) {
-        torch::Tensor scores = rasterizer.score_splats(
-            compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha));
-        drawn_scores.push_back(scores.clone());
+        drawn_scores.push_back(rasterizer.score_splats(
+            compared.plan.score ? error_image.error() : torch::zeros_like(compared.rendered.alpha)));
       }
-      ++place;
     }
   }
-  if (place == 0) exchange_timer.time([&] { return splats->share_rows({}, n_image_columns); });
-  for (std::size_t v = 0; v < n_views; ++v) {
-    const View& own_view = views[v];
-    unread_losses.push_back({own_view.iteration, scene.train[static_cast<std::size_t>(next[v])].name, next[v]});
+  if (drawn_sums.empty()) exchange_timer.time([&] { return splats->share_rows({}, n_image_columns); });
+  for (const LearnedView& view : learned) {
+    unread_losses.push_back({view.iteration, scene.train[static_cast<std::size_t>(view.index)].name, view.index});
   }
 
   // The Gaussians of this rank.
@@ -269,59 +380,50 @@ void Trainer::Impl::take_distributed_step() {
   }
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
-    state.iteration = view.iteration;
+    state.iteration = learned[v].iteration;
     const ViewStatistics statistics =
         stepper.keep_splats(view.own, sums[v], view.camera, view.settings, state.gaussians, view.n_splats,
-                            regularization_weights(config, view.iteration));
+                            regularization_weights(config, state.iteration));
     if (view.plan.statistics) {
       timer.begin(Stage::kDensify);
       make_room_for_statistics();
       save_statistics();
-      DensityStep step{view.iteration, statistics, view.camera.width, view.camera.height};
+      DensityStep step{state.iteration, statistics, view.camera.width, view.camera.height};
       if (view.plan.score) {
         step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
       }
       density->after_view(step, state.statistics);
       timer.end();
     }
-    learned_views.push_back({next[v], view.iteration});
   }
-  learn_from_kept_views();
-  timer.finish(state.step_iterations);
-  exchange_timer.finish();
-}
-
-const StepPlan& Trainer::Impl::planned_step(const std::vector<std::int32_t>& views, int from, int last) {
-  const std::int32_t tile_rows_height = step_settings().tile.height;
-  std::vector<DrawPlan::PlannedView> planned;
-  for (int iteration = from + 1; iteration <= last; ++iteration) {
-    const std::int32_t index = views.at(static_cast<std::size_t>(iteration - from - 1));
-    const std::int32_t height = camera_of(index, iteration).height;
-    planned.push_back({index, (height + tile_rows_height - 1) / tile_rows_height});
-  }
-  return draw_plan.plan(from, planned, /*may_cut=*/true);
-}
-
-std::vector<std::int32_t> Trainer::Impl::plan_drawing(const std::vector<std::int32_t>& next) {
-  draw_plan.forget_before(state.iteration);
-  std::vector<std::int32_t> own;
-  int from = state.iteration;
-  std::size_t n_planned = 0;
-  for (std::size_t n_steps = 0; n_planned < next.size(); ++n_steps) {
-    const int last = step_end(config.batch, config.iterations, from);
-    const std::size_t end = std::min(n_planned + static_cast<std::size_t>(last - from), next.size());
-    const std::vector<std::int32_t> views(next.begin() + static_cast<std::ptrdiff_t>(n_planned),
-                                          next.begin() + static_cast<std::ptrdiff_t>(end));
-    // Beyond some steps, a guess: how many views are read ahead differs between ranks, but plans must not.
-    const StepPlan plan = n_steps < kPlannedSteps ? planned_step(views, from, last)
-                                                  : whole_views(equal_drawers(views.size(), ranks->size()));
-    for (const DrawnPart& part : plan) {
-      if (part.rank == ranks->rank()) own.push_back(views[part.view]);
+  if (refines_poses) {
+    // What each splat adds to the gradient of the camera, added up where the view was drawn, in its order.
+    std::vector<torch::Tensor> parts;
+    for (std::size_t v = 0; v < n_views; ++v) {
+      parts.push_back(camera_parts(state.gaussians, views[v].own, sums[v], views[v].camera, views[v].settings));
     }
-    n_planned = end;
-    from = last;
+    parts = splats->columns_to_drawers(parts, kCameraGradients, torch::kFloat32);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      torch::Tensor ordered = torch::empty_like(parts[i]).index_copy_(0, drawn_orders[i], parts[i]);
+      drawn_shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(ordered).view(torch::kFloat32));
+    }
   }
-  return own;
+  if (n_shared_columns() > 0) keep_shared_gradients(learned, drawn_shared);
+  learned_views.insert(learned_views.end(), learned.begin(), learned.end());
+  state.iteration = last_of_part;
+}
+
+StepPlan Trainer::Impl::planned_step(int from, const std::vector<LearnedView>& views) {
+  if (views.empty()) return {};
+  const std::int32_t height_of_tile = step_settings().tile.height;
+  std::vector<DrawPlan::PlannedView> planned;
+  for (const LearnedView& view : views) {
+    const std::int32_t height = camera_of(view.index, view.iteration).height;
+    planned.push_back({view.index, (height + height_of_tile - 1) / height_of_tile});
+  }
+  // What is learned with the view, and the loss of masked regions, need the whole image of one rank.
+  const bool may_cut = n_shared_columns() == 0 && config.mask_mode != "segment";
+  return draw_plan.plan(from, planned, may_cut);
 }
 
 bool Trainer::Impl::times_exchanges(int from, int last) const {
@@ -418,18 +520,14 @@ void Trainer::Impl::add_drawn(const std::vector<DrawnParts>& of_ranks) {
   rank_load.set_totals(totals);
   for (std::size_t v = 0; v < unread.size(); ++v) {
     const auto part = std::find_if(step_plan.begin(), step_plan.end(), [&](const auto& p) { return p.view == v; });
-    const double value = of_ranks[static_cast<std::size_t>(part->rank)].record.losses[v];
-    if (!std::isfinite(value)) {
-      throw LossError(detail::concat("iteration ", unread[v].iteration, ", view ", unread[v].view, ": the loss is ",
-                                     value, recorder.last_checkpoint()));
-    }
-    state.loss_average = unread[v].iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+    add_loss(unread[v], of_ranks[static_cast<std::size_t>(part->rank)].record.losses[v]);
   }
 }
 
 void Trainer::Impl::on_first_rank(const std::function<void()>& work) {
   if (!is_distributed()) return work();
   read_losses_of_ranks();
+  update_filters(/*is_due=*/false);  // all ranks together
   if (!ranks->is_first()) return serve_renders();
   renders_on_first = true;
   work();
@@ -511,13 +609,20 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
   GaussianTensors gaussians;
   const GaussianTensors& own = state.gaussians;
   const std::int64_t n = state.n_gaussians();
+  allocate_together([&] {
+    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
+    const auto n_columns = static_cast<std::int64_t>(state.statistics.all().size());
+    const torch::Tensor room = memory->allocate({(kFloats + n_columns) * n}, own.means.options());
+  });
   gaussians.means = gather_rows(*ranks, own.means, n);
   gaussians.log_scales = gather_rows(*ranks, own.log_scales, n);
   gaussians.quats = gather_rows(*ranks, own.quats, n);
   gaussians.logit_opacities = gather_rows(*ranks, own.logit_opacities, n);
   DensityStatistics statistics = state.statistics;
   for (torch::Tensor* column : statistics.all()) *column = gather_rows(*ranks, *column, n);
-  return density->plan_round(gaussians, statistics, iteration, limit);
+  DensityRound round;
+  allocate_together([&] { round = density->plan_round(gaussians, statistics, iteration, limit); });
+  return round;
 }
 
 std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {

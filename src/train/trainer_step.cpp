@@ -49,25 +49,34 @@ RenderSettings Trainer::Impl::step_settings() {
 }
 
 void Trainer::Impl::read_loss() {
-  if (is_distributed()) return read_losses_of_ranks();
   poses.finish_step();
+  if (is_distributed()) return read_losses_of_ranks();
   if (!unread_loss) return;
-  const auto [iteration, view, view_index] = *std::exchange(unread_loss, std::nullopt);
-  const double value = loss.value().loss;
+  const UnreadLoss read = *std::exchange(unread_loss, std::nullopt);
+  add_loss(read, loss.value().loss);
+}
+
+void Trainer::Impl::add_loss(const UnreadLoss& of, double value) {
   if (!std::isfinite(value)) {
-    throw LossError(
-        detail::concat("iteration ", iteration, ", view ", view, ": the loss is ", value, recorder.last_checkpoint()));
+    throw LossError(detail::concat("iteration ", of.iteration, ", view ", of.view, ": the loss is ", value,
+                                   recorder.last_checkpoint()));
   }
-  state.loss_average = iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
-  if (!may_skip(config, iteration)) return;
-  ViewLoss& losses = state.view_skips.loss_of(view_index, images.size());
-  if (iteration > step_start.iteration) step_start.view_losses.emplace_back(view_index, losses);
+  state.loss_average = of.iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
+  if (!may_skip(config, of.iteration)) return;
+  ViewLoss& losses = state.view_skips.loss_of(of.view_index, images.size());
+  if (of.iteration > step_start.iteration) step_start.view_losses.emplace_back(of.view_index, losses);
   losses.add(value);
 }
 
 void Trainer::Impl::update_filters(bool is_due) {
   if (!smoothing_filter || state.n_gaussians() == 0) return;
-  if (is_due || !state.gaussians.filters.defined()) smoothing_filter->compute(state.gaussians);
+  if (!is_due && state.gaussians.filters.defined()) return;
+  if (!is_distributed()) return smoothing_filter->compute(state.gaussians);
+  smoothing_filter->compute(state.gaussians, [this](torch::Tensor& largest) {
+    torch::Tensor bits = largest.view(torch::kInt32).to(torch::kInt64);  // in the order of the values
+    ranks->all_reduce_max(bits);
+    largest = bits.to(torch::kInt32).view(torch::kFloat32);
+  });
 }
 
 void Trainer::Impl::prepare_appearance() {

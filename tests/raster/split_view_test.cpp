@@ -86,6 +86,40 @@ TEST(SplitView, OfManyGaussiansIsTheSameForAnyNumberOfThreads) {
   }
 }
 
+TEST(SplitView, HasTheCameraGradientOfAViewOfOneRasterizer) {
+  TestScene scene = large_cloud();
+  add_filters(scene);
+  for (RenderSettings settings : split_settings(settings_of(scene))) {
+    const torch::Tensor everywhere = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
+    const RenderedViewGrad grad = uneven_grad(scene.view, everywhere);
+    RenderSettings with_camera = settings;
+    with_camera.camera_gradient = true;
+    Rasterizer whole(torch::kCPU), owner(torch::kCPU), drawer(torch::kCPU);
+    whole.forward(scene.gaussians, scene.view, with_camera);
+    GaussianTensors grads;
+    const torch::Tensor expected = whole.backward(scene.gaussians, grad, grads).camera_grad.clone();
+
+    const ViewSplats all = owner.project(scene.gaussians, scene.view, settings);
+    drawer.forward_splats(all, scene.view, settings);
+    const torch::Tensor sums = drawer.backward_splats(grad);
+    std::vector<torch::Tensor> parts;  // of two owners
+    const torch::Tensor gaussians = gaussians_of(all);
+    const std::int64_t n = scene.gaussians.size(), n_first = (gaussians < n / 3).sum().item<std::int64_t>();
+    ASSERT_GT(n_first, 0);
+    for (const auto& [begin, end] : {std::pair{std::int64_t{0}, n_first}, {n_first, all.size()}}) {
+      const torch::Tensor rows = torch::arange(begin, end), own = gaussians.slice(0, begin, end);
+      ViewSplats splats = rows_of_splats(all, rows);
+      bits_of(splats.splats).select(1, 7).copy_(torch::arange(end - begin));
+      parts.push_back(camera_parts(rows_of_gaussians(scene.gaussians, own), splats, sums.slice(0, begin, end),
+                                   scene.view, settings));
+    }
+    torch::Tensor ordered = torch::empty({all.size(), kCameraGradients});
+    ordered.index_copy_(0, drawer.order_of_splats(), torch::cat(parts));
+    EXPECT_TRUE(same_bytes(sum_camera_parts(ordered), expected));
+    EXPECT_GT(expected.abs().min().item<double>(), 0);
+  }
+}
+
 TEST(SplitView, OfHostileScenesIsTheSameOrRefused) {
   int rendered = 0, refused = 0;
   for (std::uint32_t seed = 0; seed < hostile_scene_count() && !testing::Test::HasFailure(); ++seed) {

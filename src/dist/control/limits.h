@@ -24,6 +24,8 @@ class PeerError : public Error {
 
   PeerError(int rank, int size, const std::string& cause)
       : Error(detail::one_line(detail::concat("rank ", rank, " of ", size, " stopped: ", cause))), rank_(rank) {}
+  /// The same failure, with more text.
+  PeerError(const PeerError& failure, const std::string& more) : Error(failure.what() + more), rank_(failure.rank_) {}
   int rank() const { return rank_; }
 
  private:

@@ -77,5 +77,8 @@ void keep_splats(const KeepSplatsArgs& args);
 
 /// Gradient with respect to the camera's pose; args.grad is not used. `out`: [kCameraGradients].
 void camera_gradient(const ProjectBackwardArgs& args, double* out);
+/// The same in two halves, for splats that were drawn elsewhere: what each of them adds, and the sum, in their order.
+void camera_parts(const CameraPartsArgs& args);
+void sum_camera_parts(const float* parts, std::int64_t n_splats, double* out);
 
 }  // namespace b3dgs::cpu

@@ -265,8 +265,13 @@ struct CameraGradientArgs {
   std::int64_t n_splats = 0;           // M
   double* parts = nullptr;             // [kCameraGradientParts, kCameraGradients] scratch, a sum per block
   double* out = nullptr;               // [kCameraGradients] out
+  float* splat_parts = nullptr;        // [M, kCameraGradients] out: what each splat adds; null: not wanted
 };
 inline constexpr int kCameraGradientParts = 1024;
 void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context);
+
+/// The sum over splats, in their order, as camera_gradient() adds them. `parts` and `out` as there.
+void sum_camera_parts(const float* splat_parts, std::int64_t n_splats, double* parts, double* out,
+                      const LaunchContext& context);
 
 }  // namespace b3dgs::cuda

@@ -380,6 +380,11 @@ const double* Rasterizer::camera_gradient() const {
   return impl_->camera_gradients.data();
 }
 
+const std::int32_t* Rasterizer::rank_of_row() const {
+  B3DGS_CHECK(impl_->n_rows >= 0, "rank_of_row() before any forward_splats()");
+  return impl_->binned.rank_of_gaussian;
+}
+
 ScoreSums* Rasterizer::Impl::score(const float* error, const LaunchContext& context) {
   static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
   auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads.resize(n_splats, context));

@@ -83,6 +83,9 @@ class Rasterizer {
   /// a SplatGrad. In the order of splats().
   const float* splat_grads() const;
 
+  /// [n_splats()] in device memory: the place of each row of the last forward_splats() in splats().
+  const std::int32_t* rank_of_row() const;
+
   /// Device arrays of the last forward():
   const std::int32_t* radii() const;     // [N]
   const std::int32_t* last_ids() const;  // [H, W]

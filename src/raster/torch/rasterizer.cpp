@@ -364,6 +364,21 @@ SplatPairs Rasterizer::backward_pairs(const torch::Tensor& rows) const {
   return impl_->pairs_of(rows);
 }
 
+torch::Tensor Rasterizer::order_of_splats() const {
+  B3DGS_CHECK(impl_->n_rows >= 0, "order_of_splats() before any forward_splats()");
+  const torch::TensorOptions options = impl_->rendered.color.options();
+#if B3DGS_TORCH_CUDA
+  if (impl_->cuda != nullptr) {
+    B3DGS_CHECK(impl_->cuda->n_splats() == impl_->n_rows, impl_->cuda->n_splats(), " of ", impl_->n_rows,
+                " splats are drawn");
+    return torch::from_blob(const_cast<std::int32_t*>(impl_->cuda->rank_of_row()), {impl_->n_rows},
+                            options.dtype(torch::kInt32))
+        .to(torch::kInt64);
+  }
+#endif
+  return torch::arange(impl_->n_rows, options.dtype(torch::kInt64));
+}
+
 torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
   B3DGS_CHECK(impl_->n_rows >= 0, "score_splats() before any forward_splats()");
   impl_->check_error(error);

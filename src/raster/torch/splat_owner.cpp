@@ -87,4 +87,54 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
 #endif
 }
 
+torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
+                           const PinholeView& view, const RenderSettings& settings) {
+  B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
+  const torch::Device device = splats.splats.device();
+  TensorCheck check(device);
+  const SplatRows rows = rows_of(splats, check);
+  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float);
+  check.dims("sums", sums, {"M", kWords});
+  const torch::TensorOptions options = splats.splats.options();
+  const torch::Tensor parts = torch::empty({rows.n_splats, kCameraGradients}, options);
+  const CameraPartsArgs args{{arrays_of(gaussians, device), view, settings.sh_degree, settings.antialiasing},
+                             rows.n_splats,
+                             rows.splats,
+                             rows_at<SplatGradSum>("sums", sums),
+                             parts.data_ptr<float>()};
+  if (device.is_cpu()) cpu::camera_parts(args);
+#if B3DGS_TORCH_CUDA
+  if (!device.is_cpu()) {
+    cuda::ProjectBackwardCudaArgs backward;
+    backward.gaussians = args.of.gaussians;
+    backward.view = view;
+    backward.sh_degree = settings.sh_degree;
+    backward.splats = args.splats;
+    backward.splat_grads = args.sums;
+    backward.antialiasing = settings.antialiasing;
+    const torch::Tensor scratch =
+        torch::empty({cuda::kCameraGradientParts + 1, kCameraGradients}, options.dtype(torch::kFloat64));
+    double* const sum = scratch.data_ptr<double>();  // not used, like the parts of blocks behind it
+    cuda::camera_gradient({backward, args.n_splats, sum + kCameraGradients, sum, args.out}, torch_launch_context());
+  }
+#endif
+  return parts;
+}
+
+torch::Tensor sum_camera_parts(const torch::Tensor& parts) {
+  B3DGS_CHECK(parts.defined(), "parts is undefined");
+  TensorCheck(parts.device()).dims("parts", parts, {"M", kCameraGradients});
+  const torch::TensorOptions doubles = parts.options().dtype(torch::kFloat64);
+  const torch::Tensor sum = torch::empty({kCameraGradients}, doubles);
+  if (parts.is_cpu()) cpu::sum_camera_parts(parts.data_ptr<float>(), parts.size(0), sum.data_ptr<double>());
+#if B3DGS_TORCH_CUDA
+  if (!parts.is_cpu()) {
+    const torch::Tensor scratch = torch::empty({cuda::kCameraGradientParts, kCameraGradients}, doubles);
+    cuda::sum_camera_parts(parts.data_ptr<float>(), parts.size(0), scratch.data_ptr<double>(), sum.data_ptr<double>(),
+                           torch_launch_context());
+  }
+#endif
+  return sum;
+}
+
 }  // namespace b3dgs

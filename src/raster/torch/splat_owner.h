@@ -28,4 +28,15 @@ torch::Tensor sum_splat_pairs(const SplatPairs& pairs);
 /// int32 from Rasterizer::score_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
 void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out);
 
+/// What each splat adds to the gradient with respect to the camera's pose (ViewStatistics::camera_grad), a new tensor
+/// [M, 6]. `splats` is from Rasterizer::project() of these Gaussians, view and settings, `sums` [M, 12] from
+/// Rasterizer::backward_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
+torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
+                           const PinholeView& view, const RenderSettings& settings);
+
+/// Their sum over all splats of a view, a new tensor [6] double: exactly what Rasterizer::backward() would have
+/// computed if rows are in the order of Rasterizer::order_of_splats(). @throws LogicError naming a tensor that does not
+/// fit
+torch::Tensor sum_camera_parts(const torch::Tensor& parts);
+
 }  // namespace b3dgs

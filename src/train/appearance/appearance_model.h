@@ -40,6 +40,10 @@ class AppearanceModel {
   virtual void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                         torch::Tensor grad) = 0;
 
+  /// The gradient of the transform that step() takes with this place: of the last backward(), unless another one is
+  /// copied to it. The same tensor in every step.
+  virtual torch::Tensor grad() const = 0;
+
   /// One Adam step along the gradient of the last backward() with this place. Allocates nothing. `iteration` counts
   /// from 1.
   virtual void step(std::int32_t view, int iteration, AppearanceState& state) = 0;

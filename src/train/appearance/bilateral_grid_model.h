@@ -20,6 +20,7 @@ class BilateralGridModel final : public AppearanceModel {
   /// Adds the total variation of the view's grid to the loss.
   void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                 torch::Tensor grad) override;
+  torch::Tensor grad() const override { return grid_grad(); }
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
   /// Rises linearly from a hundredth of config.bilateral_grid_lr in the first thirtieth of all iterations, and falls

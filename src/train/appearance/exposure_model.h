@@ -18,6 +18,7 @@ class ExposureModel final : public AppearanceModel {
   torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) override;
   void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                 torch::Tensor grad) override;
+  torch::Tensor grad() const override { return transform_grad(); }
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
   /// dL/d(transform) of the last backward(), [3, 4].

@@ -141,9 +141,11 @@ void BackgroundGradient::step(double rate, BackgroundState& background) const {
   cpu::adam_step(args);
 }
 
-void BackgroundGradient::add_to_sum(bool is_first) {
-  if (!sum_.defined() || sum_.sizes() != grad_.sizes()) sum_ = torch::empty_like(grad_);
-  is_first ? sum_.copy_(grad_) : sum_.add_(grad_);
+void BackgroundGradient::add_to_sum(const torch::Tensor& coefficients, bool is_first) {
+  if (!sum_.defined() || sum_.sizes() != coefficients.sizes()) {
+    sum_ = torch::empty_like(coefficients, torch::MemoryFormat::Contiguous);
+  }
+  is_first ? sum_.copy_(coefficients) : sum_.add_(coefficients);
 }
 
 void BackgroundGradient::step_along_mean(double rate, int n_views, BackgroundState& background) {

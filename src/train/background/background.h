@@ -39,8 +39,9 @@ class BackgroundGradient {
   /// An Adam step along the last gradients. Does not allocate, so that it cannot fail after the step of the Gaussians.
   void step(double rate, BackgroundState& background) const;
 
-  /// For a step along several views: after the compute() of each, adds it to a sum, which `is_first` begins.
-  void add_to_sum(bool is_first);
+  /// For a step along several views: adds the coefficients() of each, in their order, to a sum, which `is_first`
+  /// begins.
+  void add_to_sum(const torch::Tensor& coefficients, bool is_first);
   /// step() along the mean of n gradients, with sqrt(n) times `rate` and the moments' decays by adam_rule().
   void step_along_mean(double rate, int n_views, BackgroundState& background);
 

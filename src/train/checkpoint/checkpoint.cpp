@@ -236,7 +236,7 @@ std::vector<std::string> changed_photographs(const Json& header, const Json& fin
 
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
   Json header{{"iteration", state.iteration},
-              {"n_gaussians", state.gaussians.size()},
+              {"n_gaussians", state.n_gaussians()},
               {"sh_degree", state.sh_degree},
               {"adam_steps", state.adam.steps},
               {"view_order", {{"n_refills", state.view_order.n_refills}, {"remaining", state.view_order.remaining}}},

@@ -25,7 +25,7 @@ SmoothingFilter::SmoothingFilter(const std::vector<PinholeView>& views, float ne
   largest_ = torch::zeros({1}, torch::TensorOptions(torch::kFloat32).device(device));
 }
 
-void SmoothingFilter::compute(GaussianTensors& gaussians) {
+void SmoothingFilter::compute(GaussianTensors& gaussians, const FindLargest& find_largest) {
   constexpr std::int64_t kSparePart = 8, kGrain = 1024;
   place_tensor(gaussians.filters, storage_, {gaussians.size()}, gaussians.means.options(), kSparePart);
   SmoothingFilterArgs args;
@@ -37,13 +37,21 @@ void SmoothingFilter::compute(GaussianTensors& gaussians) {
   args.filters = gaussians.filters.data_ptr<float>();
   args.largest = largest_.data_ptr<float>();
 #if B3DGS_TORCH_CUDA
-  if (gaussians.means.is_cuda()) return cuda::compute_filters(args, torch_launch_context().stream);
+  if (gaussians.means.is_cuda()) {
+    const cudaStream_t stream = torch_launch_context().stream;
+    cuda::find_finest_pixels(args, stream);
+    if (find_largest) find_largest(largest_);
+    args.largest = largest_.data_ptr<float>();
+    return cuda::size_filters(args, stream);
+  }
 #endif
   parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) args.filters[i] = finest_pixel(args, i);
   });
   float* const end = args.filters + args.n_gaussians;
-  const float largest = args.n_gaussians > 0 ? *std::max_element(args.filters, end) : 0;
+  *args.largest = args.n_gaussians > 0 ? *std::max_element(args.filters, end) : 0;
+  if (find_largest) find_largest(largest_);
+  const float largest = *largest_.data_ptr<float>();
   std::transform(args.filters, end, args.filters, [&](float finest) { return filter_size(finest, largest); });
 }
 

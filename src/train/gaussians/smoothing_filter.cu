@@ -27,11 +27,13 @@ __global__ void __launch_bounds__(kThreads) filter_size_kernel(const SmoothingFi
 
 }  // namespace
 
-void compute_filters(const SmoothingFilterArgs& args, cudaStream_t stream) {
-  if (args.n_gaussians == 0) return;
+void find_finest_pixels(const SmoothingFilterArgs& args, cudaStream_t stream) {
   B3DGS_CUDA_CHECK(cudaMemsetAsync(args.largest, 0, sizeof(float), stream));
-  launch_rows<kThreads>(finest_pixel_kernel, args, args.n_gaussians, stream);
-  launch_rows<kThreads>(filter_size_kernel, args, args.n_gaussians, stream);
+  if (args.n_gaussians > 0) launch_rows<kThreads>(finest_pixel_kernel, args, args.n_gaussians, stream);
+}
+
+void size_filters(const SmoothingFilterArgs& args, cudaStream_t stream) {
+  if (args.n_gaussians > 0) launch_rows<kThreads>(filter_size_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "raster/torch/gaussian_tensors.h"
@@ -15,8 +16,12 @@ class SmoothingFilter {
   /// `near_plane`: world units.
   SmoothingFilter(const std::vector<PinholeView>& views, float near_plane, torch::Device device);
 
-  /// Sets `gaussians.filters` [N], world units. Asynchronous on a GPU.
-  void compute(GaussianTensors& gaussians);
+  /// Replaces [1] float, not negative, by its maximum over all ranks.
+  using FindLargest = std::function<void(torch::Tensor& largest)>;
+
+  /// Sets `gaussians.filters` [N], world units. Asynchronous on a GPU. Gaussians that no view sees get the filter of
+  /// the largest pixel of all: if `gaussians` is a part of the model, `find_largest` is that of all parts.
+  void compute(GaussianTensors& gaussians, const FindLargest& find_largest = {});
 
  private:
   float near_plane_;

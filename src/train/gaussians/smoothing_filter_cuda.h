@@ -7,7 +7,8 @@
 
 namespace b3dgs::cuda {
 
-/// Asynchronous.
-void compute_filters(const SmoothingFilterArgs& args, cudaStream_t stream);
+/// The two halves: pixel sizes and the largest of them, then filters. Asynchronous.
+void find_finest_pixels(const SmoothingFilterArgs& args, cudaStream_t stream);
+void size_filters(const SmoothingFilterArgs& args, cudaStream_t stream);
 
 }  // namespace b3dgs::cuda

@@ -252,6 +252,24 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_j
   impl_->write(file, open, arrays, may_copy);
 }
 
+void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
+                                    const std::vector<TensorPieces>& tensors) {
+  try {
+    std::vector<TensorEntry> entries;
+    for (const TensorPieces& tensor : tensors) entries.push_back(tensor.entry);
+    const auto content = std::make_shared<CheckpointFileWriter>(file.path, std::move(header), entries);
+    for (const TensorPieces& tensor : tensors) {
+      tensor.read([&](const void* piece, std::size_t bytes) { content->append(piece, bytes); });
+    }
+    content->finish();
+    impl_->add({file, [content] { content->commit(); }});
+  } catch (const IoError& error) {
+    WrittenFile failed = file;
+    failed.error = error.what();
+    impl_->note(failed);
+  }
+}
+
 void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
                              const std::filesystem::path& obsolete) {
   std::vector<Bytes> arrays;

@@ -42,6 +42,14 @@ class OutputWriter {
   /// written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
                         const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
+  /// The same with tensors that are never whole in memory: read(take) passes the bytes of one, piece by piece. Each is
+  /// read on the calling thread, in order, unless the file cannot be written.
+  struct TensorPieces {
+    TensorEntry entry;
+    std::function<void(const std::function<void(const void*, std::size_t)>& take)> read;
+  };
+  void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
+                        const std::vector<TensorPieces>& tensors);
   /// Removes `obsolete`, a file that belongs to an older PLY of that name, once this one is in its place.
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
                  const std::filesystem::path& obsolete = {});

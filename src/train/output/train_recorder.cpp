@@ -145,6 +145,17 @@ void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::or
   collect_files();
 }
 
+void TrainRecorder::write_checkpoint(const nlohmann::ordered_json& header,
+                                     const std::vector<OutputWriter::TensorPieces>& tensors) {
+  checkpoint_s_ = source_.time.train_s();
+  const int iteration = source_.state.iteration;
+  writer_.write_checkpoint({WrittenFile::Kind::kCheckpoint, iteration, source_.folder.checkpoint(iteration), ""},
+                           header, tensors);
+  if (!is_end()) return;
+  writer_.wait();
+  collect_files();
+}
+
 bool TrainRecorder::is_checkpoint_due() const {
   const double interval_s = 60 * source_.config.checkpoint_minutes;
   return interval_s > 0 && !writer_.is_busy() && source_.time.train_s() - checkpoint_s_ >= interval_s;

@@ -86,6 +86,8 @@ class TrainRecorder {
   void use_existing_ply() { outputs_.ply = source_.folder.ply(source_.state.iteration); }
   /// `whole` is the state without deferred updates, with the elapsed time.
   void write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint);
+  /// The same for a state whose rows come in pieces; `header` is checkpoint_header().
+  void write_checkpoint(const nlohmann::ordered_json& header, const std::vector<OutputWriter::TensorPieces>& tensors);
   /// --checkpoint_minutes have passed since the last checkpoint, and no file is being written.
   bool is_checkpoint_due() const;
   bool is_writing() const { return writer_.is_busy(); }

@@ -42,6 +42,12 @@ std::vector<std::int64_t> work_of_ranks(const std::vector<int>& drawers, const s
   return sums;
 }
 
+std::vector<int> drawers_of(const StepPlan& plan) {
+  std::vector<int> drawers;
+  for (const DrawnPart& part : plan) drawers.push_back(part.rank);
+  return drawers;
+}
+
 StepPlan whole_views(const std::vector<int>& drawers) {
   StepPlan plan;
   for (std::size_t v = 0; v < drawers.size(); ++v) plan.push_back({v, drawers[v], {}});

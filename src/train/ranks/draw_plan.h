@@ -39,6 +39,8 @@ struct DrawnPart {
 using StepPlan = std::vector<DrawnPart>;
 
 StepPlan whole_views(const std::vector<int>& drawers);
+/// The rank of each part.
+std::vector<int> drawers_of(const StepPlan& plan);
 inline bool is_banded(const StepPlan& plan) {
   return std::any_of(plan.begin(), plan.end(), [](const DrawnPart& part) { return part.is_band(); });
 }

@@ -32,12 +32,6 @@ std::vector<std::size_t> parts_of(const StepPlan& plan, int rank) {
   return parts;
 }
 
-std::vector<int> drawers_of(const StepPlan& plan) {
-  std::vector<int> drawers;
-  for (const DrawnPart& part : plan) drawers.push_back(part.rank);
-  return drawers;
-}
-
 }  // namespace
 
 torch::Tensor touches_band(const ViewSplats& splats, const TileRowSpan& rows, std::int32_t tile_height) {
@@ -191,6 +185,12 @@ std::vector<torch::Tensor> PartExchange::scores_to_owners(const std::vector<torc
   }
   for (torch::Tensor& view : views) view = view.view(torch::kInt32);
   return views;
+}
+
+std::vector<torch::Tensor> PartExchange::columns_to_drawers(const std::vector<torch::Tensor>& own,
+                                                            std::int64_t n_columns, torch::ScalarType type) {
+  B3DGS_CHECK(!is_banded_, "columns for the drawers of bands");
+  return splats_.columns_to_drawers(own, n_columns, type);
 }
 
 }  // namespace b3dgs

@@ -51,6 +51,10 @@ class PartExchange {
   /// Scores [M, 6] int32 of the parts drawn here, as Rasterizer::score_splats() returns them, likewise.
   std::vector<torch::Tensor> scores_to_owners(const std::vector<torch::Tensor>& scores);
 
+  /// Of whole views: SplatExchange::columns_to_drawers().
+  std::vector<torch::Tensor> columns_to_drawers(const std::vector<torch::Tensor>& own, std::int64_t n_columns,
+                                                torch::ScalarType type);
+
   bool is_banded() const { return is_banded_; }
   std::int64_t sent_bytes() const { return splats_.sent_bytes() + sent_bytes_; }
   std::int64_t received_bytes() const { return splats_.received_bytes() + received_bytes_; }

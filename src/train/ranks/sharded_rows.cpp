@@ -3,6 +3,7 @@
 #include <torch/torch.h>
 
 #include <algorithm>
+#include <exception>
 #include <utility>
 
 #include "core/check.h"
@@ -91,23 +92,64 @@ torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::
   return global;
 }
 
-torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
-                                   std::int64_t piece_bytes) {
+void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                          const std::function<void(const torch::Tensor& rows)>& take, std::int64_t piece_bytes) {
   check_local_rows(ranks, local, n_global);
-  if (ranks.size() == 1) return local.cpu();
-  torch::Tensor global;
-  if (ranks.is_first()) {
-    global = torch::empty(sizes_with_rows(local, n_global), local.options().device(torch::kCPU));
-  }
+  if (ranks.size() == 1) return take(local.cpu());
+  std::exception_ptr fault;
   const std::vector<std::int64_t> none(static_cast<std::size_t>(ranks.size()), 0);
-  for (const Piece& piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
+  for (Piece piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
     const torch::Tensor rows = rows_of_rank(piece, local, ranks.rank());
     std::vector<std::int64_t> send = none;
     send[0] = rows.size(0);
     const torch::Tensor received = ranks.all_to_all_rows(rows, send, ranks.is_first() ? piece.counts : none);
-    if (ranks.is_first()) put_in_order(piece, received.cpu(), global);
+    if (!ranks.is_first() || fault) continue;
+    torch::Tensor ordered = torch::empty(sizes_with_rows(local, received.size(0)), local.options().device(torch::kCPU));
+    piece.end -= std::exchange(piece.begin, 0);
+    put_in_order(piece, received.cpu(), ordered);
+    try {
+      take(ordered);
+    } catch (...) {
+      fault = std::current_exception();  // the other ranks do not know
+    }
   }
+  if (fault) std::rethrow_exception(fault);
+}
+
+torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                                   std::int64_t piece_bytes) {
+  if (ranks.size() == 1) {
+    check_local_rows(ranks, local, n_global);
+    return local.cpu();
+  }
+  torch::Tensor global;
+  std::int64_t n_taken = 0;
+  if (ranks.is_first() && local.defined() && local.dim() >= 1) {
+    global = torch::empty(sizes_with_rows(local, n_global), local.options().device(torch::kCPU));
+  }
+  stream_rows_to_first(
+      ranks, local, n_global,
+      [&](const torch::Tensor& rows) {
+        global.slice(0, n_taken, n_taken + rows.size(0)).copy_(rows);
+        n_taken += rows.size(0);
+      },
+      piece_bytes);
   return global;
+}
+
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers) {
+  std::vector<std::int64_t> counts(static_cast<std::size_t>(ranks.size()), 0), places;
+  for (const int drawer : drawers) places.push_back(counts.at(static_cast<std::size_t>(drawer))++);
+  const std::int64_t n_own = counts[static_cast<std::size_t>(ranks.rank())];
+  B3DGS_CHECK(drawn.size(0) == n_own, drawn.size(0), " rows of ", n_own, " views that this rank draws");
+  if (ranks.size() == 1) return drawn;
+  const std::int64_t n_most = *std::max_element(counts.begin(), counts.end());  // parts of one size are faster
+  torch::Tensor part = torch::zeros(sizes_with_rows(drawn, n_most), drawn.options());
+  part.slice(0, 0, n_own).copy_(drawn);
+  std::fill(counts.begin(), counts.end(), n_most);
+  const torch::Tensor all = ranks.all_gather_rows(part, counts);
+  for (std::size_t v = 0; v < drawers.size(); ++v) places[v] += drawers[v] * n_most;
+  return all.index_select(0, torch::tensor(places, torch::kInt64).to(all.device()));
 }
 
 std::int64_t bytes_per_row(const torch::Tensor& rows) {

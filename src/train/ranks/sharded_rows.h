@@ -7,6 +7,7 @@
 #include <torch/types.h>
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -32,9 +33,19 @@ inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
 torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 
+/// The same piece by piece: on rank 0, calls take() with the rows in global order, in host memory, which holds two
+/// pieces of each rank at a time. An exception of take() is thrown when all pieces have been exchanged.
+void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+                          const std::function<void(const torch::Tensor& rows)>& take,
+                          std::int64_t piece_bytes = kExchangePieceBytes);
+
 /// The same in the host memory of rank 0; undefined on the other ranks. GPU memory holds one piece at a time.
 torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                                    std::int64_t piece_bytes = kExchangePieceBytes);
+
+/// What the rank that draws a view tells all ranks: view v is drawn by rank drawers[v]. `drawn` has a row for each view
+/// that this rank draws, in their order. Returns a row for each view. One exchange.
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers);
 
 /// Bytes of one row. Contiguous tensors of any type and shape.
 std::int64_t bytes_per_row(const torch::Tensor& rows);

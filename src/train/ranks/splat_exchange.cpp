@@ -42,6 +42,30 @@ void pack(const ViewSplats& splats, const RowShards& shards, const torch::Tensor
   rows.add_(blocks, (shards.size - 1) * RowShards::kBlock).add_(shards.rank * RowShards::kBlock);
 }
 
+/// Lists of rows, each ascending, no row twice. Returns the places of their concatenation in ascending order.
+torch::Tensor merge_order(const std::vector<torch::Tensor>& lists) {
+  // With few lists, looking each row up in the others is less work than a sort.
+  constexpr std::size_t kFewLists = 3;
+  const torch::Tensor rows = torch::cat(lists);
+  if (lists.size() > kFewLists) return std::get<1>(torch::sort(rows, /*stable=*/true, /*dim=*/0, /*descending=*/false));
+  const torch::TensorOptions options = rows.options().dtype(torch::kInt64);
+  std::vector<torch::Tensor> merged;  // where each row comes
+  std::int64_t begin = 0;
+  for (std::size_t i = 0; i < lists.size(); ++i) {
+    const torch::Tensor own = rows.slice(0, begin, begin + lists[i].size(0));
+    torch::Tensor place = torch::arange(own.size(0), options);
+    std::int64_t other_begin = 0;
+    for (std::size_t j = 0; j < lists.size(); ++j) {
+      const torch::Tensor other = rows.slice(0, other_begin, other_begin + lists[j].size(0));
+      other_begin += lists[j].size(0);
+      if (j != i && other.size(0) > 0) place.add_(torch::searchsorted(other, own));
+    }
+    begin += own.size(0);
+    merged.push_back(place);
+  }
+  return torch::empty({rows.size(0)}, options).index_copy_(0, torch::cat(merged), torch::arange(rows.size(0), options));
+}
+
 ViewSplats unpack(const torch::Tensor& words, const torch::Tensor& places) {
   return {words.slice(1, 0, kSplatWords).index_select(0, places).view(torch::kFloat32),
           words.slice(1, kExtent, kRadius).index_select(0, places).view(torch::kFloat32),
@@ -108,8 +132,7 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
       rows.push_back(received.select(1, kGaussian).slice(0, begin, next[r]));
       places.push_back(all_places.slice(0, begin, next[r]));
     }
-    const torch::Tensor order =
-        std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
+    const torch::Tensor order = merge_order(rows);
     DrawnView& view = drawn_.emplace_back();
     view.places = torch::cat(places).index_select(0, order);
     view.n_splats = view.places.size(0);
@@ -203,6 +226,29 @@ std::vector<SplatPairs> SplatExchange::pairs_to_owners(const std::vector<SplatPa
     }
   }
   return own;
+}
+
+std::vector<torch::Tensor> SplatExchange::columns_to_drawers(const std::vector<torch::Tensor>& own,
+                                                             std::int64_t n_columns, torch::ScalarType type) {
+  B3DGS_CHECK(own.size() == own_counts_.size(), own.size(), " tensors for ", own_counts_.size(), " views");
+  for (std::size_t v = 0; v < own.size(); ++v) {
+    const torch::Tensor& rows = own[v];
+    B3DGS_CHECK(rows.defined() && rows.sizes() == torch::IntArrayRef({own_counts_[v], n_columns}) &&
+                    rows.scalar_type() == type && rows.device() == device_,
+                "tensor ", v, " for the drawers of views: expected [", own_counts_[v], ", ", n_columns, "] ", type,
+                " on ", device_.str());
+  }
+  if (own.empty()) return {};
+  if (shards_.size == 1) return own;
+  const auto size = static_cast<std::size_t>(shards_.size);
+  std::vector<torch::Tensor> parts;
+  for (std::size_t drawer = 0; drawer < size; ++drawer) {
+    for (const std::size_t v : views_of_[drawer]) parts.push_back(own[v]);
+  }
+  const torch::Tensor received = exchange(torch::cat(parts), send_, receive_);
+  std::vector<torch::Tensor> drawn;
+  for (const DrawnView& view : drawn_) drawn.push_back(received.index_select(0, view.places));
+  return drawn;
 }
 
 }  // namespace b3dgs

@@ -13,8 +13,8 @@
 
 namespace b3dgs {
 
-/// The exchange of one step. Every rank calls to_drawers() once, then to_owners() as often as needed. With one rank,
-/// the tensors are passed through as they are. On a GPU, the host does not wait.
+/// The exchange of one step. Every rank calls to_drawers() once, then to_owners() and columns_to_drawers() as often as
+/// needed. With one rank, the tensors are passed through as they are. On a GPU, the host does not wait.
 class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
@@ -37,6 +37,12 @@ class SplatExchange {
   /// those of the rows of own[v] for every view v, in its order. The host waits. @throws LogicError naming a tensor
   /// that does not fit
   std::vector<SplatPairs> pairs_to_owners(const std::vector<SplatPairs>& drawn, std::int64_t n_columns);
+
+  /// The way back: own[v] is [size of own[v] in to_drawers(), n_columns] of `type`. Returns for each view that this
+  /// rank draws a new tensor with a row for each splat, in the order of to_drawers()'s result.
+  /// @throws LogicError naming a tensor that does not fit
+  std::vector<torch::Tensor> columns_to_drawers(const std::vector<torch::Tensor>& own, std::int64_t n_columns,
+                                                torch::ScalarType type);
 
   /// Of the tensors of this step.
   const torch::Device& device() const { return device_; }

@@ -2,6 +2,7 @@
 // have the bytes of what each of them computes alone on whole tensors, which are the same on all ranks.
 #include <torch/torch.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <memory>
 #include <string>
@@ -266,11 +267,32 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
       for (std::size_t v = 0; v < views.size(); ++v) {
         expect_same(received[v], sums[v].index_select(0, places_of(views[v], shards)), "sums at the owner");
       }
+      const std::vector<torch::Tensor> returned = exchange.columns_to_drawers(received, n_columns, type);
+      expect(returned.size() == from_here.size(), "views at the drawer");
+      for (std::size_t v = 0; v < returned.size(); ++v) expect_same(returned[v], from_here[v], "sums at the drawer");
     }
   }
 }
 
+void check_view_rows(Communicator& ranks) {
+  for (std::size_t n_views = 0; n_views <= 9; ++n_views) {
+    std::vector<int> uneven(n_views, 0);  // all but one view on rank 0
+    if (n_views > 2) uneven[2] = ranks.size() - 1;
+    for (const std::vector<int>& drawers : {equal_drawers(n_views, ranks.size()), uneven}) {
+      const torch::Tensor all = random_words({static_cast<std::int64_t>(n_views), 5}).view(torch::kFloat32);
+      std::vector<std::int64_t> own;
+      for (std::size_t v = 0; v < n_views; ++v) {
+        if (drawers[v] == ranks.rank()) own.push_back(static_cast<std::int64_t>(v));
+      }
+      const torch::Tensor drawn = all.index_select(0, torch::tensor(own, torch::kInt64));
+      expect_same(gather_view_rows(ranks, drawn, drawers), all, "rows of views");
+    }
+  }
+  expect_failure("rows of", [&] { gather_view_rows(ranks, torch::empty({2, 5}), {0}); });
+}
+
 void check_splats(Communicator& ranks) {
+  check_view_rows(ranks);
   for (const std::int64_t n_global : {0, 700, 9000}) {
     for (std::size_t n_views = 0; n_views <= 5; ++n_views) {
       const std::vector<int> in_turn = equal_drawers(n_views, ranks.size());

@@ -6,18 +6,23 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <iostream>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/check.h"
 #include "dist/communicator.h"
 #include "support/rank_program.h"
 #include "support/temp_dir.h"
+#include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/ranks/sharded_rows.h"
 
 namespace b3dgs {
 namespace {
@@ -239,18 +244,222 @@ void check_stop(Communicator& ranks) {
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
 }
 
-void check_unsupported(Communicator& ranks) {
+/// What is learned with the Gaussians, for each photograph or for all: a resumed training has it, too.
+void check_learned(const std::vector<void (*)(TrainConfig&)>& options, Communicator& ranks) {
+  Scene scene = test::make_tiny_scene();
+  scene.test.assign(scene.train.begin(), scene.train.begin() + 3);
+  for (std::size_t i = 0; i < options.size(); ++i) {
+    for (const int batch : {1, 3, 5}) {
+      TrainConfig config = config_of("default");
+      config.batch = batch;
+      config.test_iterations = {17};
+      config.save_iterations = {9};
+      config.checkpoint_interval = 11;
+      config.keep_checkpoints = 10;
+      options[i](config);
+      const std::string what = "options " + std::to_string(i) + ", batch " + std::to_string(batch);
+      const SharedFolder folder(ranks);
+      const Files alone = train_alone(config, scene, folder / "alone", ranks);
+      expect_same(train(config, scene, folder / "together", &ranks), alone, what, ranks);
+      if (batch != 3) continue;
+      const fs::path half = ModelFolder(folder / "alone").checkpoint(12);
+      expect_same(train(config, scene, folder / "later", &ranks, half), alone, what + ", resumed", ranks);
+      if (!ranks.is_first()) continue;
+      for (const char* const name : {"exposures.json", "poses.json", "cameras.json"}) {
+        expect(fs::exists(folder / "alone" / name) == fs::exists(folder / "together" / name), name);
+        if (!fs::exists(folder / "alone" / name)) continue;
+        expect(test::read_bytes(folder / "alone" / name) == test::read_bytes(folder / "together" / name), name);
+      }
+    }
+  }
+}
+
+void check_appearance(Communicator& ranks) {
+  check_learned(
+      {[](TrainConfig& config) { config.exposure = true; }, [](TrainConfig& config) { config.bilateral_grid = true; }},
+      ranks);
+}
+
+void check_background(Communicator& ranks) {
+  check_learned({[](TrainConfig& config) {
+                   config.random_background = false;
+                   config.background = "learned";
+                 },
+                 [](TrainConfig& config) {
+                   config.random_background = false;
+                   config.background = "sky";
+                   config.exposure = config.pose_opt = true;  // all in one exchange
+                   config.pose_opt_from_iter = 5;
+                 }},
+                ranks);
+}
+
+void check_poses(Communicator& ranks) {
+  check_learned({[](TrainConfig& config) {
+                   config.pose_opt = true;
+                   config.pose_opt_from_iter = 2;
+                 },
+                 [](TrainConfig& config) {
+                   config.pose_opt = config.antialiasing = true;
+                   config.pose_opt_from_iter = 2;
+                 }},
+                ranks);
+}
+
+/// Steps, parts of them and all of their views are skipped; views come twice in a step.
+void check_skips(Communicator& ranks) {
+  for (const auto& [n_views, batch] : {std::pair{8, 1}, {8, 3}, {3, 5}, {5, 4}}) {
+    test::TinySceneOptions options;
+    options.n_views = n_views;
+    const Scene scene = test::make_tiny_scene(options);
+    TrainConfig config = config_of("default");
+    config.iterations = 61;
+    config.densify_until_iter = 16;
+    config.skip_share = 0.5;
+    config.skip_from_iter = 8;
+    config.checkpoint_interval = 30;
+    config.batch = batch;
+    config.exposure = batch == 5;
+    const std::string what = std::to_string(n_views) + " views, batch " + std::to_string(batch);
+    const SharedFolder folder(ranks);
+    const Files alone = train_alone(config, scene, folder / "alone", ranks);
+    expect_same(train(config, scene, folder / "together", &ranks), alone, what, ranks);
+    if (!ranks.is_first()) continue;
+    const auto header = read_checkpoint_header(alone.result.checkpoint);
+    expect(header.at("view_skips").at("n_skipped").get<int>() > 5, what + ": steps are skipped");
+  }
+}
+
+/// A rank without memory for more Gaussians: all hold their number, as one process does.
+void check_memory(Communicator& ranks) {
+  const Scene scene = test::make_tiny_scene();
+  const SharedFolder folder(ranks);
+  const TrainConfig config = config_of("default");
+  const bool is_last = ranks.rank() == ranks.size() - 1;
+  Files alone;
+  if (ranks.is_first()) {
+    TrainHooks hooks;
+    const auto memory = std::make_shared<test::ShortMemory>();
+    memory->rows_that_fit = 120;  // there are 120 at the start
+    hooks.memory = memory;
+    alone = train(config, scene, folder / "alone", nullptr, {}, hooks);
+    expect(alone.result.n_gaussians <= 120, "alone, the number is held");
+  }
+  ranks.barrier("trained alone");
+  const auto memory = std::make_shared<test::ShortMemory>();
+  if (is_last) memory->rows_that_fit = shards_of(ranks).n_local(120);
+  std::string messages;
+  TrainHooks hooks;
+  hooks.memory = memory;
+  hooks.on_message = [&](const std::string& message) { messages += message + "\n"; };
+  expect_same(train(config, scene, folder / "together", &ranks, {}, hooks), alone, "held", ranks);
+  expect(messages.find("held at 120 Gaussians: GPU memory\n") != std::string::npos, "held: " + messages);
+  expect(memory->n_releases > 0, "all ranks free memory first");
+
+  // One that frees memory, and one that knows its limit.
+  const Files whole = train_alone(config, scene, folder / "whole", ranks);
+  hooks.memory = std::make_shared<test::ShortMemory>();
+  if (is_last) dynamic_cast<test::ShortMemory&>(*hooks.memory).n_failures = 1;
+  expect_same(train(config, scene, folder / "freed", &ranks, {}, hooks), whole, "freed", ranks);
+  hooks.memory = std::make_shared<test::ShortMemory>();
+  if (is_last) dynamic_cast<test::ShortMemory&>(*hooks.memory).bytes = 100000;
+  const Files limited = train(config, scene, folder / "limited", &ranks, {}, hooks);
+  const auto counts = ranks.exchange_record("counts", limited.result.n_gaussians);
+  for (const std::int64_t count : counts) expect(count == counts[0], "all ranks have one number");
+  expect(!ranks.is_first() || counts[0] < whole.result.n_gaussians, "the limit of one rank holds all");
+}
+
+/// A rank without memory even for what there is: all end with a checkpoint, from which training goes on.
+void check_exhausted(Communicator& ranks) {
+  const Scene scene = test::make_tiny_scene();
+  const SharedFolder folder(ranks);
+  const TrainConfig config = config_of("default");
+  TrainHooks hooks;
+  hooks.memory = std::make_shared<test::ShortMemory>();
+  if (ranks.rank() == ranks.size() - 1) dynamic_cast<test::ShortMemory&>(*hooks.memory).rows_that_fit = 2;
+  const fs::path checkpoint = ModelFolder(folder / "together").checkpoint(12);
+  try {
+    train(config, scene, folder / "together", &ranks, {}, hooks);
+    expect(false, "a rank without memory");
+  } catch (const OutOfMemoryError& error) {
+    expect(std::string(error.what()) ==
+               "out of memory after iteration 12, with 120 Gaussians; iteration 12 is saved, "
+               "continue with --resume " +
+                   checkpoint.string(),
+           error.what());
+  }
+  const Files alone = train_alone(config, scene, folder / "alone", ranks, checkpoint);
+  expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
+}
+
+/// A rank that fails alone: the others say which one, why, and where to continue.
+void check_failure(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
   TrainConfig config = config_of("default");
-  config.exposure = true;
-  if (ranks.size() == 1) return;
+  config.checkpoint_interval = 6;
+  const int last = ranks.size() - 1;
+  TrainHooks hooks;
+  hooks.wait_for_files = true;
+  hooks.on_progress = [&](const TrainProgress& progress) {
+    const bool fails = progress.iteration == 15 && std::string(progress.activity) == "training";
+    if (fails && ranks.rank() == last) input_error("view4.png: cannot be opened");
+  };
+  const std::string checkpoint = ModelFolder(folder / "together").checkpoint(12).string();
+  const std::string expected =
+      "view4.png: cannot be opened; last checkpoint: " + checkpoint + ", continue with --resume " + checkpoint;
+  std::string found;
   try {
-    train(config, scene, folder / "model", &ranks);
+    run_as_rank(ranks, [&] { train(config, scene, folder / "together", &ranks, {}, hooks); });
+  } catch (const PeerError& error) {
+    expect(error.rank() == last && ranks.rank() != last, "the rank that failed");
+    found = error.what();
   } catch (const InputError& error) {
-    return expect(std::string(error.what()).find("--exposure: not supported with several ranks") == 0, error.what());
+    found = error.what();
   }
-  expect(false, "--exposure is refused");
+  const std::string whose =
+      ranks.rank() == last ? "" : detail::concat("rank ", last, " of ", ranks.size(), " stopped: ");
+  if (found != whose + expected) {
+    std::cerr << "expected " << whose << expected << "\nfound " << found << "\n";
+    throw test::Exit{1};
+  }
+}
+
+/// Ranks that read different scenes.
+void check_scenes(Communicator& ranks) {
+  struct Change {
+    std::string part;  // of the message
+    void (*apply)(Scene&);
+  };
+  const std::vector<Change> changes{
+      {"5 train views there, 6 on rank 0", [](Scene& scene) { scene.train.pop_back(); }},
+      {"3 test views there, 2 on rank 0", [](Scene& scene) { scene.test.push_back(scene.train[0]); }},
+      {"train view 3 (other.png) is ", [](Scene& scene) { scene.train[3].name = "other.png"; }},
+      {" has another focal length, principal point or pose",
+       [](Scene& scene) { scene.train[5].camera.cam_from_world.translation[1] += 1e-9; }},
+      {"119 points there, 120 on rank 0",
+       [](Scene& scene) {
+         scene.points.positions.resize(357);
+         scene.points.colors.resize(357);
+       }},
+      {"positions or colours of the points", [](Scene& scene) { scene.points.colors[8] ^= 1; }}};
+  const SharedFolder folder(ranks);
+  const int last = ranks.size() - 1;
+  for (const Change& change : changes) {
+    Scene scene = test::make_tiny_scene();
+    if (ranks.rank() == last) change.apply(scene);
+    try {
+      train(config_of("default"), scene, folder / "model", &ranks);
+      expect(false, change.part);
+    } catch (const InputError& error) {
+      const std::string message = error.what();
+      expect(message.find(detail::concat("rank ", last, " of ", ranks.size(), " and rank 0 read different scenes: ")) ==
+                     0 &&
+                 message.find(change.part) != std::string::npos,
+             message);
+    }
+  }
+  expect(!fs::exists(folder / "model" / "train.jsonl"), "nothing is written");
 }
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
@@ -260,7 +469,14 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "resume") return check_resume(ranks);
   if (scenario == "invalid") return check_invalid(ranks);
   if (scenario == "stop") return check_stop(ranks);
-  if (scenario == "unsupported") return check_unsupported(ranks);
+  if (scenario == "appearance") return check_appearance(ranks);
+  if (scenario == "background") return check_background(ranks);
+  if (scenario == "poses") return check_poses(ranks);
+  if (scenario == "skips") return check_skips(ranks);
+  if (scenario == "memory") return check_memory(ranks);
+  if (scenario == "exhausted") return check_exhausted(ranks);
+  if (scenario == "failure") return check_failure(ranks);
+  if (scenario == "scenes") return check_scenes(ranks);
   check_strategy(config_of(scenario), test::make_tiny_scene(), ranks);
 }
 

@@ -4,6 +4,8 @@
 //     kernel, of one block, adds the sums of the blocks.
 //   Shared memory: a sum per warp.
 //   Barriers: one in the first kernel, one per halving in the second.
+// For splats that were drawn elsewhere, the first kernel also stores what each splat adds; add_parts_kernel, in its
+// place, adds these numbers in the same order.
 // All sums are in double and in an order that follows from the number of splats alone.
 
 #include "raster/cuda/launch.cuh"
@@ -17,22 +19,9 @@ namespace {
 constexpr int kThreads = 128;
 constexpr int kWarps = kThreads / kWarpSize;
 
-template <int kShDegree, bool kAntialiasing>
-__global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_constant__ CameraGradientArgs args) {
+/// Writes the sum over the block's threads.
+__device__ __forceinline__ void add_block(double (&sums)[kCameraGradients], double* parts) {
   __shared__ double warp_sums[kWarps][kCameraGradients];
-  const ProjectBackwardCudaArgs& backward = args.backward;
-  const ViewTransform<float> view = make_view_transform<float>(backward.view);
-  double sums[kCameraGradients]{};
-  for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < args.n_splats;
-       m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
-    const Splat& splat = backward.splats[m];
-    const CameraGrad part = camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, backward.view.center,
-                                                       kShDegree, backward.splat_grads[m].sum, splat.clamped);
-    const float values[kCameraGradients]{part.rotation.x,    part.rotation.y,    part.rotation.z,
-                                         part.translation.x, part.translation.y, part.translation.z};
-#pragma unroll
-    for (int k = 0; k < kCameraGradients; ++k) sums[k] += values[k];
-  }
 #pragma unroll
   for (int k = 0; k < kCameraGradients; ++k) {
 #pragma unroll
@@ -45,8 +34,41 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
   if (threadIdx.x < kCameraGradients) {
     double sum = 0;
     for (int warp = 0; warp < kWarps; ++warp) sum += warp_sums[warp][threadIdx.x];
-    args.parts[static_cast<std::int64_t>(blockIdx.x) * kCameraGradients + threadIdx.x] = sum;
+    parts[static_cast<std::int64_t>(blockIdx.x) * kCameraGradients + threadIdx.x] = sum;
   }
+}
+
+template <int kShDegree, bool kAntialiasing>
+__global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_constant__ CameraGradientArgs args) {
+  const ProjectBackwardCudaArgs& backward = args.backward;
+  const ViewTransform<float> view = make_view_transform<float>(backward.view);
+  double sums[kCameraGradients]{};
+  for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < args.n_splats;
+       m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
+    const Splat& splat = backward.splats[m];
+    const CameraGrad part = camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, backward.view.center,
+                                                       kShDegree, backward.splat_grads[m].sum, splat.clamped);
+    const float values[kCameraGradients]{part.rotation.x,    part.rotation.y,    part.rotation.z,
+                                         part.translation.x, part.translation.y, part.translation.z};
+#pragma unroll
+    for (int k = 0; k < kCameraGradients; ++k) sums[k] += values[k];
+    if (args.splat_parts != nullptr) {
+#pragma unroll
+      for (int k = 0; k < kCameraGradients; ++k) args.splat_parts[m * kCameraGradients + k] = values[k];
+    }
+  }
+  add_block(sums, args.parts);
+}
+
+__global__ void __launch_bounds__(kThreads)
+    add_parts_kernel(const float* splat_parts, std::int64_t n_splats, double* parts) {
+  double sums[kCameraGradients]{};
+  for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < n_splats;
+       m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
+#pragma unroll
+    for (int k = 0; k < kCameraGradients; ++k) sums[k] += splat_parts[m * kCameraGradients + k];
+  }
+  add_block(sums, parts);
 }
 
 __global__ void __launch_bounds__(kThreads) sum_parts_kernel(const double* parts, int n_parts, double* out) {
@@ -69,11 +91,15 @@ __global__ void __launch_bounds__(kThreads) sum_parts_kernel(const double* parts
   }
 }
 
+int blocks_for(std::int64_t n_splats) {
+  const std::int64_t n_wanted = (n_splats + kThreads - 1) / kThreads;
+  return static_cast<int>(n_wanted < kCameraGradientParts ? n_wanted : kCameraGradientParts);
+}
+
 }  // namespace
 
 void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context) {
-  const std::int64_t n_wanted = (args.n_splats + kThreads - 1) / kThreads;
-  const int blocks = static_cast<int>(n_wanted < kCameraGradientParts ? n_wanted : kCameraGradientParts);
+  const int blocks = blocks_for(args.n_splats);
   if (blocks > 0) {
     with_sh_degree(args.backward.sh_degree, [&](auto degree) {
       const auto kernel = args.backward.antialiasing ? camera_gradient_kernel<degree.value, true>
@@ -83,6 +109,17 @@ void camera_gradient(const CameraGradientArgs& args, const LaunchContext& contex
     B3DGS_CUDA_CHECK_LAUNCH();
   }
   sum_parts_kernel<<<1, kThreads, 0, context.stream>>>(args.parts, blocks, args.out);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+void sum_camera_parts(const float* splat_parts, std::int64_t n_splats, double* parts, double* out,
+                      const LaunchContext& context) {
+  const int blocks = blocks_for(n_splats);
+  if (blocks > 0) {
+    add_parts_kernel<<<blocks, kThreads, 0, context.stream>>>(splat_parts, n_splats, parts);
+    B3DGS_CUDA_CHECK_LAUNCH();
+  }
+  sum_parts_kernel<<<1, kThreads, 0, context.stream>>>(parts, blocks, out);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
