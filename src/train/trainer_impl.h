@@ -147,7 +147,7 @@ struct Trainer::Impl {
   void keep_view(const TrainView& view, bool is_filter_due);
   /// The step along the gradients of the views that were kept. Cannot fail, and allocates nothing.
   void learn_from_kept_views();
-  /// The part of a step before its views, up to iteration `last`. Returns whether filters for anti-aliasing are due.
+  /// Begins a step of the views up to iteration `last`. Returns whether filters for anti-aliasing are due.
   bool begin_step_of_views(int last);
   /// First iteration of the last step.
   int first_of_step() const { return state.iteration - state.step_iterations + 1; }
@@ -156,7 +156,8 @@ struct Trainer::Impl {
   bool is_distributed() const { return ranks != nullptr && ranks->size() > 1; }
   /// Whether this process writes the files: one of several does.
   bool writes_files() const { return !is_distributed() || ranks->is_first(); }
-  /// Of a model that is whole on every rank, keeps the rows of this one, on its device.
+  /// Drops the rows of other ranks from a model that every rank holds whole in host memory, and moves its own to the
+  /// device.
   void keep_own_rows();
   /// The Gaussians of all ranks: on rank 0, in host memory; undefined on the others.
   GaussianTensors gathered_gaussians();
@@ -177,7 +178,7 @@ struct Trainer::Impl {
   std::int64_t n_shared_columns() const;
   torch::Tensor shared_gradients() const;
   void keep_shared_gradients(const std::vector<LearnedView>& learned, const std::vector<torch::Tensor>& drawn);
-  /// The view of an iteration that this rank draws; `next`: the views of the iterations that follow.
+  /// The view of an iteration that this rank draws. `next`: those that it draws after it, to be read ahead.
   TrainView take_own_view(int iteration, std::int32_t index, const std::vector<std::int32_t>& next);
   /// The camera of a view, as take_view() has it.
   PinholeView camera_of(std::int32_t index, int iteration);
@@ -190,8 +191,9 @@ struct Trainer::Impl {
   bool times_exchanges(int from, int last) const;
   /// Says once if one process would be about as fast.
   void advise_on_ranks();
-  /// Losses and counted work of the last step's views, in their order.
+  /// Exchanges what was drawn in the last step, and adds its losses to the average. All ranks call it together.
   void read_losses_of_ranks();
+  /// Waits for the loss of the view drawn last, if it has not been read.
   void read_own_loss();
   /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
   DrawnParts take_drawn();
@@ -201,11 +203,12 @@ struct Trainer::Impl {
   /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
   void on_first_rank(const std::function<void()>& work);
   void serve_renders();
-  /// A view of the whole model: of several ranks, on rank 0 within on_first_rank(). @throws InvalidGaussianError
+  /// Renders the whole model. With several ranks: on rank 0 only, within on_first_rank(). @throws InvalidGaussianError
   RenderedView render(const PinholeView& view, const RenderSettings& settings);
   RenderedView project_and_draw(const PinholeView& view, const RenderSettings& settings);
   void adopt_kernels_of_first_rank();
-  /// At the start of a session, what rank 0 finds in the model folder; and whether kernels are to be checked.
+  /// At the start of a session, replaces the arguments by those of rank 0, and agrees whether kernels are to be
+  /// checked.
   void agree_on_start(bool& lacks_ply, bool& lacks_checkpoint);
   /// Whether all files of the last iteration could be written; the same on all ranks.
   bool has_written_files();
@@ -356,7 +359,7 @@ struct Trainer::Impl {
   };
   StepStart step_start;
 
-  /// A view of a step of several, which has been kept.
+  /// A view of a step whose splat gradients have been kept.
   struct LearnedView {
     std::int32_t index = 0;
     int iteration = 0;
