@@ -28,8 +28,9 @@ double psnr(const Image8& a, const Image8& b) {
   double sum = 0;
   for (int row = 0; row < b.height; ++row) {
     for (int i = 0; i < b.width * b.channels; ++i) {
-      const double difference = double{a.pixels[static_cast<std::size_t>(row * a.width * a.channels + i)]} -
-                                b.pixels[static_cast<std::size_t>(row * b.width * b.channels + i)];
+      const int in_a = a.pixels[static_cast<std::size_t>(row * a.width * a.channels + i)],
+                in_b = b.pixels[static_cast<std::size_t>(row * b.width * b.channels + i)];
+      const double difference = in_a - in_b;
       sum += difference * difference;
     }
   }

@@ -45,7 +45,7 @@ TEST(DrawPlan, RanksDifferByAtMostAView) {
   }
 }
 
-Ranks drawers_of(const StepPlan& plan) {
+Ranks whole_drawers_of(const StepPlan& plan) {
   Ranks ranks;
   for (std::size_t v = 0; v < plan.size(); ++v) {
     EXPECT_EQ(plan[v].view, v);
@@ -63,24 +63,24 @@ std::vector<DrawPlan::PlannedView> views_of(const std::vector<std::int32_t>& ind
 
 TEST(DrawPlan, ViewsWithoutACountAreExpectedToBeAverage) {
   DrawPlan plan(2);
-  EXPECT_EQ(drawers_of(plan.plan(0, views_of({4, 5, 6}), true)), (Ranks{0, 1, 0})) << "nothing is known";
+  EXPECT_EQ(whole_drawers_of(plan.plan(0, views_of({4, 5, 6}), true)), (Ranks{0, 1, 0})) << "nothing is known";
   plan.set_work(1, 10);
   plan.set_work(2, 30);
   // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
-  EXPECT_EQ(drawers_of(plan.plan(3, views_of({1, 9, 2}), true)), (Ranks{1, 1, 0}));
+  EXPECT_EQ(whole_drawers_of(plan.plan(3, views_of({1, 9, 2}), true)), (Ranks{1, 1, 0}));
 }
 
 TEST(DrawPlan, AStepKeepsItsAnswerUntilItIsForgotten) {
   DrawPlan plan(2);
   const auto views = views_of({0, 1, 2});
-  const Ranks first = drawers_of(plan.plan(6, views, true));
+  const Ranks first = whole_drawers_of(plan.plan(6, views, true));
   plan.set_work(0, 1), plan.set_work(1, 1), plan.set_work(2, 100);
-  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), first) << "it has been read ahead for";
+  EXPECT_EQ(whole_drawers_of(plan.plan(6, views, true)), first) << "it has been read ahead for";
   plan.forget_before(6);
-  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), first) << "the step after iteration 6 is not before it";
-  EXPECT_EQ(drawers_of(plan.plan(9, views, true)), (Ranks{1, 1, 0}));
+  EXPECT_EQ(whole_drawers_of(plan.plan(6, views, true)), first) << "the step after iteration 6 is not before it";
+  EXPECT_EQ(whole_drawers_of(plan.plan(9, views, true)), (Ranks{1, 1, 0}));
   plan.forget_before(9);
-  EXPECT_EQ(drawers_of(plan.plan(6, views, true)), (Ranks{1, 1, 0}));
+  EXPECT_EQ(whole_drawers_of(plan.plan(6, views, true)), (Ranks{1, 1, 0}));
 }
 
 TEST(DrawPlan, OtherViewsAreDecidedAnew) {
