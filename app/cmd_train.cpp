@@ -406,7 +406,7 @@ void check_view_options(const CommandLine& line, const TrainCommandOptions& opti
 }  // namespace
 
 int run_train(const std::vector<std::string>& words) {
-  CommandLine line("train", "Train a COLMAP scene.", "b3dgs train scenes/garden -m output/garden --eval");
+  CommandLine line("train", "Train a scene.", "b3dgs train scenes/garden -m output/garden --eval");
   TrainCommandOptions options;
   line.add(options, "Run");
   line.add(TrainConfig{}, "Training", {"source_path"});

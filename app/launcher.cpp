@@ -23,7 +23,7 @@ enum ExitCode { kDone = 0, kFailed = 1, kBadInput = 2 };
 
 std::string general_help() {
   std::string text = std::string("Balanced3DGS ") + version() +
-                     ": 3D Gaussian Splatting from COLMAP scenes\n\n"
+                     ": 3D Gaussian Splatting\n\n"
                      "Usage: b3dgs COMMAND [OPTIONS]\n\nCommands:\n";
   for (const CommandName& command : kCommandNames) {
     text += "  " + std::string(command.name) + std::string(13 - std::strlen(command.name), ' ') + command.help + "\n";

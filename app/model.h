@@ -29,13 +29,13 @@ struct ModelOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"model_path", 'm', {"result_dir"}}, c.model_path, Any{}, "model folder");
+  field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{}, "model folder");
   field(Option{"iteration"}, c.iteration, AtLeast{-1}, "saved iteration to load (-1 = the last)");
-  field(Option{"source_path", 's', {"data_dir", "data_path"}}, c.source_path, Any{},
+  field(Option{"source_path", 's', {"data_dir", "data_path"}}.common(), c.source_path, Any{},
         "COLMAP scene folder, if not the one used for training");
-  field(Option{"resolution", 'r', {"data_factor"}}, c.resolution, AtLeast{-1},
+  field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
         "image size, as in b3dgs train (0 = as in training)");
-  field(Option{"device", '\0', {"data_device"}}, c.device, OneOf{{"auto", "cpu", "cuda"}},
+  field(Option{"device", '\0', {"data_device"}}.common(), c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to render; auto: on a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");

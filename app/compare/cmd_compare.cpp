@@ -212,7 +212,7 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
 int run_compare(const std::vector<std::string>& words) {
   CommandLine line(
       "compare",
-      "Train a COLMAP scene with several configurations, taking turns, and compare time and quality. "
+      "Train a scene with several configurations, taking turns, and compare time and quality. "
       "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
       "first of --configs is the baseline; `original` stands for the options that are closest to the "
       "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",

@@ -29,12 +29,13 @@ struct CameraOptions {
 
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CameraOptions>> visit_fields(Config& c, Visitor&& field) {
-  field(Option{"path"}, c.path, OneOf{{"test", "train", "interpolated", "orbit", "turntable"}},
+  field(Option{"path"}.common(), c.path, OneOf{{"test", "train", "interpolated", "orbit", "turntable"}},
         "test or training views, a path through the training views, or around the scene");
-  field(Option{"cameras"}, c.cameras, Any{}, "cameras from this file: cameras.json, camera path or transforms.json");
-  field(Option{"frames"}, c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
-  field(Option{"width"}, c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
-  field(Option{"height"}, c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
+  field(Option{"cameras"}.common(), c.cameras, Any{},
+        "cameras from this file: cameras.json, camera path or transforms.json");
+  field(Option{"frames"}.common(), c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
+  field(Option{"width"}.common(), c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
+  field(Option{"height"}.common(), c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
   field(Option{"fov"}, c.fov, InRange{0, 170},
         "vertical angle of view of orbit and turntable, degrees (0 = that of the cameras)");
   field(Option{"elevation"}, c.elevation, InRange{-89, 89},

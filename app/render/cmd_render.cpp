@@ -47,18 +47,20 @@ struct RenderOptions {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"ply"}, c.ply, Any{}, "render this file of Gaussians instead of a model folder");
-  field(Option{"output"}, c.output, Any{}, "output folder (default MODEL/PATH/ours_N, or FILE_PATH next to the file)");
+  field(Option{"output"}.common(), c.output, Any{},
+        "output folder (default MODEL/PATH/ours_N, or FILE_PATH next to the file)");
   field(Option{"depth"}, c.depth, Any{},
         "write depth/: inverse depth in turbo colours, red is near, one range for all");
-  field(Option{"depth_format"}, c.depth_format, OneOf{{"color", "png16", "exr"}},
+  field(Option{"depth_format"}.common(), c.depth_format, OneOf{{"color", "png16", "exr"}},
         "depth/ as colours, as 16-bit inverse depth, or as OpenEXR in world units");
   field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: accumulated opacity as grey");
-  field(Option{"video"}.group("Video (needs ffmpeg)"), c.video, Any{},
+  field(Option{"video"}.common().group("Video (needs ffmpeg)"), c.video, Any{},
         "write this .mp4, .webm or .gif instead of images; with --output, both");
   field(Option{"video_of"}, c.video_of, OneOf{{"color", "depth", "alpha"}}, "what the video shows");
-  field(Option{"fps"}, c.fps, InRange{0.01, 1000}, "frames per second; a camera path may have its own default");
+  field(Option{"fps"}.common(), c.fps, InRange{0.01, 1000},
+        "frames per second; a camera path may have its own default");
   field(Option{"crf"}, c.crf, InRange{-1, 63}, "quality, lower is better (-1 = 18 for .mp4, 30 for .webm)");
-  field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing video; images are always replaced");
+  field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing video; images are always replaced");
 }
 
 /// Interprets a file in place of the model folder like that of --ply. The PLY of a model folder selects that model's

@@ -14,8 +14,8 @@ struct CommandName {
 };
 
 inline constexpr CommandName kCommandNames[] = {
-    {"reconstruct", "make a scene from photographs or a video, by COLMAP", false},
-    {"train", "train a COLMAP scene"},
+    {"reconstruct", "make a scene from photographs or a video, with COLMAP", false},
+    {"train", "train a scene"},
     {"eval", "compute PSNR and SSIM of a trained model"},
     {"render", "render colour, depth and alpha images of a model"},
     {"export", "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss"},

@@ -22,9 +22,19 @@ std::string header(std::int64_t count) {
 
 }  // namespace
 
-void refuse_compressed_ply(const PlyReader& reader) {
-  if (!reader.vertices().find("packed_position")) return;
-  input_error(reader.name(), ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY");
+void refuse_other_ply(const PlyReader& reader) {
+  const PlyElement& vertices = reader.vertices();
+  if (vertices.find("packed_position")) {
+    input_error(reader.name(),
+                ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY, or "
+                "use splat-transform IN.compressed.ply OUT.ply");
+  }
+  if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
+    input_error(
+        reader.name(),
+        ": expected scale_0, scale_1 and scale_2 of 3D Gaussian Splatting, found two scales: it is a model of 2D "
+        "Gaussian Splatting");
+  }
 }
 
 void write_point_ply(const std::filesystem::path& path, const PointCloud& points) {
@@ -55,7 +65,7 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
 
 PointCloud read_point_ply(FileReader& file) {
   PlyReader reader(file);
-  refuse_compressed_ply(reader);
+  refuse_other_ply(reader);
   const PlyElement& vertices = reader.vertices();
   std::vector<std::string> columns{"x", "y", "z"};
   const PlyProperty* red = vertices.find("red");

@@ -18,7 +18,7 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 PointCloud read_point_ply(const std::filesystem::path& path);
 PointCloud read_point_ply(FileReader& file);
 
-/// @throws InputError for SuperSplat's compressed PLY, whose columns are not those of points or Gaussians
-void refuse_compressed_ply(const PlyReader& reader);
+/// @throws InputError for SuperSplat's compressed PLY and models of 2D Gaussian Splatting, whose columns differ
+void refuse_other_ply(const PlyReader& reader);
 
 }  // namespace b3dgs

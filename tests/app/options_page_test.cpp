@@ -49,8 +49,8 @@ TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
 }
 
 TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
-  const std::vector<Words> commands{{"reconstruct"}, {"train"},         {"eval"},          {"render"},
-                                    {"info"},        {"synth"},         {"compare"},       {"report"},
+  const std::vector<Words> commands{{"reconstruct"}, {"train"},         {"eval"},          {"render"},  {"export"},
+                                    {"view"},        {"info"},          {"synth"},         {"compare"}, {"report"},
                                     {"bench"},       {"bench", "step"}, {"bench", "sweep"}};
   for (Words words : commands) {
     const std::string name = words.size() == 1 ? words[0] : words[0] + " " + words[1];

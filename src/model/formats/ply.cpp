@@ -63,17 +63,6 @@ std::string header(std::int64_t count, const std::vector<std::pair<std::string, 
 }
 
 /// @throws InputError for formats of other programs that resemble a PLY of Gaussians
-void refuse_other_formats(const PlyReader& reader) {
-  refuse_compressed_ply(reader);
-  const PlyElement& vertices = reader.vertices();
-  if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
-    input_error(
-        reader.name(),
-        ": expected scale_0, scale_1 and scale_2 of 3D Gaussian Splatting, found two scales: it is a model of 2D "
-        "Gaussian Splatting");
-  }
-}
-
 int sh_degree_of(const PlyReader& reader) {
   const PlyElement& vertices = reader.vertices();
   const auto n_rest = static_cast<int>(
@@ -163,7 +152,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
 bool is_splat_ply(const std::filesystem::path& path) {
   FileReader file(path);
   const PlyReader reader(file);
-  refuse_other_formats(reader);
+  refuse_other_ply(reader);
   return reader.vertices().find("f_dc_0") && reader.vertices().find("opacity");
 }
 
@@ -174,7 +163,7 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
 
 SplatCloud read_splat_ply(FileReader& file) {
   PlyReader reader(file);
-  refuse_other_formats(reader);
+  refuse_other_ply(reader);
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
   const std::vector<std::string>& comments = reader.comments();
