@@ -80,7 +80,7 @@ void require_scene(const fs::path& file, const ModelOptions& options) {
   if (!options.source_path.empty()) return;
   input_error("no cameras for ", file.string(),
               "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
-              "--cameras, or --path turntable)");
+              "--cameras or --path turntable)");
 }
 
 /// The views used for training, from cameras.json.

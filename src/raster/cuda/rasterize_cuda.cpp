@@ -415,9 +415,6 @@ const SplatGradSum* Rasterizer::pair_grads() const {
   B3DGS_CHECK(impl_->deterministic, "sums of pairs without RenderSettings::deterministic");
   return impl_->pair_grads.data();
 }
-const std::int32_t* Rasterizer::rank_of_row() const {
-  return impl_->binned.rank_of_gaussian;
-}
 
 const std::int32_t* Rasterizer::radii() const {
   return impl_->radii.data();

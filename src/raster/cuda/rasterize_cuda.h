@@ -54,7 +54,7 @@ class Rasterizer {
   /// What the last backward_splats() summed, by the slots of bins(): [n_pairs], device memory. With
   /// settings.deterministic only.
   const SplatGradSum* pair_grads() const;
-  /// [M] of the last forward_splats(): place of each row in splats(), for rows with radii() above 0.
+  /// [M] of the last forward_splats(), device memory: place of each row in splats(), for rows with radii() above 0.
   const std::int32_t* rank_of_row() const;
 
   /// score() of the last forward_splats(): sums of each row, [M] out, device memory; padding is 0.
@@ -82,9 +82,6 @@ class Rasterizer {
   /// [M, 12] floats in device memory: the splats' sums of the last backward blend, of which the first 10 are
   /// a SplatGrad. In the order of splats().
   const float* splat_grads() const;
-
-  /// [n_splats()] in device memory: the place of each row of the last forward_splats() in splats().
-  const std::int32_t* rank_of_row() const;
 
   /// Device arrays of the last forward():
   const std::int32_t* radii() const;     // [N]
