@@ -125,6 +125,7 @@ class SpawnSettings {
   /// @return the error number, or 0
   int spawn(const std::string& program, std::vector<std::string> words, pid_t& pid) const {
     std::vector<char*> pointers;
+    pointers.reserve(words.size() + 1);
     for (std::string& word : words) pointers.push_back(word.data());
     pointers.push_back(nullptr);
     return posix_spawn(&pid, program.c_str(), &actions_, &attributes_, pointers.data(), environ);
@@ -271,7 +272,7 @@ class Child {
   SteadyClock::time_point kill_at_{};
 };
 
-ChildInput::ChildInput(const std::vector<std::string>& argv, OnChildLine on_line, const std::atomic<int>* stop)
+ChildInput::ChildInput(const std::vector<std::string>& argv, const OnChildLine& on_line, const std::atomic<int>* stop)
     : child_(std::make_unique<Child>(argv, on_line, OnBytes(), stop, /*has_input=*/true)) {}
 
 ChildInput::~ChildInput() = default;

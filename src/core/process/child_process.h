@@ -49,7 +49,7 @@ class ChildInput {
  public:
   /// Starts it; arguments, signals and errors as for run_program_lines(). `on_line` is called from write() and
   /// finish().
-  explicit ChildInput(const std::vector<std::string>& argv, OnChildLine on_line = {},
+  explicit ChildInput(const std::vector<std::string>& argv, const OnChildLine& on_line = {},
                       const std::atomic<int>* stop = nullptr);
   /// Kills the program and its children, unless finish() has been called.
   ~ChildInput();

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kBoxNumbers = 6, kSphereNumbers = 4;
 
-std::size_t shN_floats(int degree) {
+std::size_t sh_rest_floats(int degree) {
   return 3 * static_cast<std::size_t>(sh_coefficient_count(degree) - 1);
 }
 
@@ -29,7 +29,7 @@ void visit_arrays(SplatCloud& cloud, Visit&& visit) {
   visit(cloud.quats, std::size_t{4});
   visit(cloud.logit_opacities, std::size_t{1});
   visit(cloud.sh0, std::size_t{3});
-  visit(cloud.shN, shN_floats(cloud.sh_degree));
+  visit(cloud.shN, sh_rest_floats(cloud.sh_degree));
 }
 
 }  // namespace
@@ -112,7 +112,7 @@ std::vector<double> opacity_times_area(const SplatCloud& cloud) {
 
 void limit_sh_degree(int degree, SplatCloud& cloud) {
   if (degree >= cloud.sh_degree) return;
-  const std::size_t from = shN_floats(cloud.sh_degree), to = shN_floats(degree);
+  const std::size_t from = sh_rest_floats(cloud.sh_degree), to = sh_rest_floats(degree);
   for (std::size_t row = 0; row < static_cast<std::size_t>(cloud.size()); ++row) {
     std::copy_n(cloud.shN.begin() + static_cast<std::ptrdiff_t>(row * from), to,
                 cloud.shN.begin() + static_cast<std::ptrdiff_t>(row * to));

@@ -127,8 +127,7 @@ void decode_halves(std::uint64_t row, const std::uint8_t* bytes, float* xyz, con
 
 void decode_fixed(const std::uint8_t* bytes, int fractional_bits, float* xyz) {
   for (std::size_t axis = 0; axis < 3; ++axis, bytes += 3) {
-    const std::int32_t top = static_cast<std::int8_t>(bytes[2]);
-    const std::int32_t fixed = top * 65536 + bytes[1] * 256 + bytes[0];
+    const std::int32_t fixed = (bytes[2] << 16 | bytes[1] << 8 | bytes[0]) - (bytes[2] < 128 ? 0 : 1 << 24);
     xyz[axis] = kAxisSigns[axis] * std::ldexp(static_cast<float>(fixed), -fractional_bits);
   }
 }
