@@ -67,6 +67,7 @@ std::vector<std::pair<Record, std::vector<std::int64_t>>> exchange_with_numbers(
     auto& [other_record, other_numbers] = all.emplace_back();
     std::memcpy(&other_record, other.data(), sizeof(Record));
     other_numbers.resize((other.size() - sizeof(Record)) / sizeof(std::int64_t));
+    if (other_numbers.empty()) continue;  // memcpy() wants no null pointer
     std::memcpy(other_numbers.data(), other.data() + sizeof(Record), other_numbers.size() * sizeof(std::int64_t));
   }
   return all;
