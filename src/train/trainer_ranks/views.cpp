@@ -4,6 +4,7 @@
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
+#include "train/loss/loss_weights.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -86,7 +87,7 @@ StepPlan Trainer::Impl::planned_step(int from, const std::vector<LearnedView>& v
     planned.push_back({view.index, (height + height_of_tile - 1) / height_of_tile});
   }
   // What is learned with the view, and the loss of masked regions, need the whole image of one rank.
-  const bool may_cut = n_shared_columns() == 0 && config.mask_mode != "segment";
+  const bool may_cut = n_shared_columns() == 0 && loss_weights(config, views.front().iteration).alpha == 0;
   return draw_plan.plan(from, planned, may_cut);
 }
 
