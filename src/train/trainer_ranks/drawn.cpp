@@ -10,12 +10,12 @@ namespace b3dgs {
 
 namespace {
 
-// Exchanges are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
+// Phases are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
 constexpr int kWarmUp = 20, kMeasured = 40, kTimedInterval = 10;
 
 }  // namespace
 
-bool Trainer::Impl::times_exchanges(int from, int last) const {
+bool Trainer::Impl::times_phases(int from, int last) const {
   const int n_done = from - result.first_iteration;  // in this session
   return n_done >= kWarmUp && (n_done < kWarmUp + kMeasured || from / kTimedInterval != last / kTimedInterval);
 }
@@ -29,6 +29,22 @@ void Trainer::Impl::advise_on_ranks() {
 
 void Trainer::Impl::read_own_loss() {
   if (!own_parts.empty() && !own_parts.back().loss) own_parts.back().loss = loss.value().loss;
+}
+
+void Trainer::Impl::add_phase_times() {
+  for (const auto& step : step_phases.take()) {
+    ++own_totals.n_timed;
+    own_totals.step_ms += step.wall_ms;
+    for (std::size_t i = 0; i < step.ms.size(); ++i) {
+      own_totals.phase_ms[i] += step.ms[i];
+      if (is_exchange(static_cast<StepPhase>(i))) own_totals.exchange_ms += step.ms[i];
+    }
+  }
+  for (const auto& round : round_phases.take()) {
+    ++own_totals.n_rounds;
+    own_totals.round_ms += round.wall_ms;
+    for (std::size_t i = 0; i < round.ms.size(); ++i) own_totals.round_phase_ms[i] += round.ms[i];
+  }
 }
 
 DrawnParts Trainer::Impl::take_drawn() {
@@ -48,11 +64,7 @@ DrawnParts Trainer::Impl::take_drawn() {
       drawn.rows.push_back(entries.slice(0, top, bottom).sum().item<std::int64_t>());
     }
   }
-  for (const ExchangeTimer::Times& step : exchange_timer.take()) {
-    ++own_totals.n_timed;
-    own_totals.exchange_ms += step.exchange_ms;
-    own_totals.step_ms += step.step_ms;
-  }
+  add_phase_times();
   own_totals.sent_bytes = splats->sent_bytes();
   own_totals.received_bytes = splats->received_bytes();
   record.totals = own_totals;
