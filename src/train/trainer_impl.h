@@ -39,10 +39,10 @@
 #include "train/poses/pose_refiner.h"
 #include "train/ranks/draw_plan.h"
 #include "train/ranks/part_exchange.h"
-#include "train/ranks/phase_timer.h"
 #include "train/ranks/rank_load.h"
 #include "train/ranks/sharded_rows.h"
 #include "train/selection/kernel_chooser.h"
+#include "train/timing/phase_timer.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
 #include "train/trainer.h"
@@ -186,7 +186,9 @@ struct Trainer::Impl {
   void read_losses_of_ranks();
   /// Waits for the loss of the view drawn last, if it has not been read.
   void read_own_loss();
-  /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
+  /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
+  torch::Tensor queue_row_entries() const;
+  /// What this rank has drawn in the last step and exchanged so far. Waits for the loss of the view drawn last.
   DrawnParts take_drawn();
   void add_drawn(const std::vector<DrawnParts>& of_ranks);
   /// The work of the views that were drawn, for the plans to come.
@@ -328,7 +330,7 @@ struct Trainer::Impl {
   struct OwnPart {
     DrawnPart part;
     std::optional<double> loss;
-    torch::Tensor entries;  // Rasterizer::row_entries()
+    torch::Tensor entries;  // queue_row_entries()
   };
   std::vector<OwnPart> own_parts;
   std::optional<PartExchange> splats;

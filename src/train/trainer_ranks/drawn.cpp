@@ -3,6 +3,7 @@
 #include <torch/torch.h>
 
 #include <algorithm>
+#include <numeric>
 
 #include "train/trainer_impl.h"
 
@@ -47,21 +48,28 @@ void Trainer::Impl::add_phase_times() {
   }
 }
 
+torch::Tensor Trainer::Impl::queue_row_entries() const {
+  const torch::Tensor entries = rasterizer.row_entries();
+  if (device.is_cpu()) return entries;
+  torch::Tensor on_host = torch::empty(entries.sizes(), torch::dtype(torch::kInt64).pinned_memory(true));
+  return on_host.copy_(entries, /*non_blocking=*/true);
+}
+
 DrawnParts Trainer::Impl::take_drawn() {
-  read_own_loss();
+  read_own_loss();  // queued behind the entries, which are there, too
   DrawnParts drawn;
   DrawnRecord& record = drawn.record;
   for (const OwnPart& own : std::exchange(own_parts, {})) {
     record.losses[own.part.view] = *own.loss;
+    const auto* const entries = own.entries.data_ptr<std::int64_t>();
+    const std::int64_t height = own.entries.size(0);
     if (!own.part.is_band() && !is_banded(step_plan)) {
-      record.entries[own.part.view] = own.entries.sum().item<std::int64_t>();
+      record.entries[own.part.view] = std::accumulate(entries, entries + height, std::int64_t{0});
       continue;
     }
-    const torch::Tensor entries = own.entries.cpu();
-    const std::int64_t height = entries.size(0);
     for (std::int64_t row = own.part.rows.begin; row < own.part.rows.end && row * tile_height < height; ++row) {
       const std::int64_t top = row * tile_height, bottom = std::min(top + tile_height, height);
-      drawn.rows.push_back(entries.slice(0, top, bottom).sum().item<std::int64_t>());
+      drawn.rows.push_back(std::accumulate(entries + top, entries + bottom, std::int64_t{0}));
     }
   }
   add_phase_times();

@@ -48,6 +48,8 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
   };
   const int last_of_part = state.iteration;
   std::vector<View> views(n_views);
+  std::vector<PinholeView> cameras;
+  std::vector<RenderSettings> settings;
   std::vector<ViewSplats> own;
   std::vector<std::int64_t> n_splats(plan.size());  // for each part
   StepRecord record;
@@ -61,11 +63,14 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
       view.camera = camera_of(learned[v].index, state.iteration);
       view.settings = step_settings();
       view.settings.absolute_gradient = view.plan.absolute_gradients;
-      view.own = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-        return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
-      });
-      record.n_seen[v] = view.own.size();
-      own.push_back(view.own);
+      cameras.push_back(view.camera);
+      settings.push_back(view.settings);
+    }
+    own = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
+                        [&] { return stepper.project_views(state.gaussians, state.adam, cameras, settings); });
+    for (std::size_t v = 0; v < n_views; ++v) {
+      views[v].own = own[v];
+      record.n_seen[v] = own[v].size();
     }
     if (n_views > 0) n_splats = splats->begin(plan, own, views[0].settings.tile.height);
   } catch (const InvalidGaussianError& error) {
@@ -153,7 +158,7 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
       }
       note_view_size();
       read_own_loss();  // of the view before: the next loss takes its place
-      own_parts.push_back({part, std::nullopt, rasterizer.row_entries()});
+      own_parts.push_back({part, std::nullopt, queue_row_entries()});
       std::vector<torch::Tensor> images{compared.rendered.color};
       if (depth_priors) images.push_back(compared.rendered.depth);
       step_phases.time(StepPhase::kRows, [&] { return splats->share_rows(images, n_image_columns); });
