@@ -82,9 +82,11 @@ run_parity() {
   OMP_NUM_THREADS=2 ctest --test-dir "$build" -L gpu --output-on-failure --no-tests=error --parallel "$(($(nproc) < 8 ? $(nproc) : 8))" \
     >"$log" 2>&1
   status=$?
-  detail=$(sed -n 's/.*tests passed, \([0-9]*\) tests failed out of \([0-9]*\)/\1 of \2 tests failed/p' "$log")
+  detail=$(sed -n 's/.*tests passed, \([0-9]*\) tests failed out of \([0-9]*\)/\1 of \2 suites failed/p' "$log")
   detail+=$(sed -nE '/tests FAILED:/,$ s/^[[:space:]]+[0-9]+ - (.*) \([A-Za-z* ]+\).*/\1/p' "$log" |
-    sed -E 's/ +# GetParam.*//; s/^/; /' | head -n 12 | tr -d '\n')
+    sed 's/^/; /' | head -n 12 | tr -d '\n')
+  detail+=$(sed -nE 's/^\[  FAILED  \] ([A-Za-z0-9_\/]+\.[A-Za-z0-9_\/]+).*/\1/p' "$log" | sort -u |
+    sed 's/^/; /' | head -n 12 | tr -d '\n')
   ((status == 0)) || tail -n 60 "$log"
   add_row "GPU tests" "$( ((status == 0)) && echo passed || echo FAILED)" $((SECONDS - start)) "${detail:-see $log}"
 }

@@ -196,7 +196,7 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   EXPECT_EQ(both.position_lr_max_steps, 20000);
 }
 
-TEST(Resume, TheSameCommandLineChangesNothing) {
+TEST(ResumedOptions, TheSameCommandLineChangesNothing) {
   for (const Words& words : {Words{}, Words{"--preset", "fast"}, Words{"--preset", "fast", "--iterations", "10000"},
                              Words{"--preset", "quality", "--iterations", "9", "--steps_scaler", "0.3", "--eval"},
                              Words{"--steps_scaler", "0.3", "--iterations", "1000"}}) {
@@ -207,7 +207,7 @@ TEST(Resume, TheSameCommandLineChangesNothing) {
   }
 }
 
-TEST(Resume, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
+TEST(ResumedOptions, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
   TrainConfig config = resolved({"--preset", "fast"});
   const int max_steps = config.position_lr_max_steps;
   apply_at_resume(config, given({"--iterations", "12000"}));

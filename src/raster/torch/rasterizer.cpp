@@ -48,6 +48,8 @@ struct Rasterizer::Impl {
   std::int64_t n_rows = -1;        // of the last forward_splats(); -1: none
   bool absolute_gradient = false;  // of its settings
   bool camera_gradient = false;
+  double seen_share = 0;  // largest share of the Gaussians that a view of project_views() has seen
+  static constexpr double kSeenMargin = 1.1;
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                        cuda::ColorPass* colors) {
@@ -69,13 +71,9 @@ struct Rasterizer::Impl {
     const GaussianArrays arrays = arrays_of(gaussians, device);
     n_gaussians = n_rows = -1;
     ViewSplats out;
-    const SplatAllocator allocate = [&](std::int64_t n) -> SplatRowArrays {
-      constexpr std::int64_t kWords = sizeof(Splat) / sizeof(float);
-      const torch::TensorOptions floats = gaussians.means.options();
-      out = {torch::empty({n, kWords}, floats), torch::empty({n, 2}, floats),
-             torch::empty({n}, floats.dtype(torch::kInt32))};
-      return {rows_at<Splat>("splats", out.splats), rows_at<Vec2f>("extents", out.extents),
-              out.radii.data_ptr<std::int32_t>()};
+    const SplatAllocator allocate = [&](std::int64_t n) {
+      out = allocate_splats(gaussians, n);
+      return row_arrays_of(out);
     };
     if (device.is_cpu()) {
       B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
@@ -85,6 +83,55 @@ struct Rasterizer::Impl {
     if (!device.is_cpu()) on_gpu().project(arrays, view, settings, allocate, torch_launch_context(), colors);
 #endif
     return out;
+  }
+
+  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<PinholeView>& views,
+                                        const std::vector<RenderSettings>& settings, cuda::ColorPass* colors) {
+    B3DGS_CHECK(settings.size() == views.size(), "settings for ", settings.size(), " views of ", views.size());
+    std::vector<ViewSplats> all;
+#if B3DGS_TORCH_CUDA
+    if (!device.is_cpu() && seen_share > 0) {
+      const GaussianArrays arrays = arrays_of(gaussians, device);
+      n_gaussians = n_rows = -1;
+      const auto n = static_cast<double>(arrays.n_gaussians);
+      const std::int64_t room =
+          std::min(arrays.n_gaussians, static_cast<std::int64_t>(kSeenMargin * seen_share * n) + 1);
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        all.push_back(allocate_splats(gaussians, room));
+        on_gpu().queue_projection(v, arrays, views[v], settings[v], row_arrays_of(all[v]), room, torch_launch_context(),
+                                  colors);
+      }
+      const std::vector<std::int64_t> n_splats = on_gpu().wait_for_projections();
+      for (std::size_t v = 0; v < views.size(); ++v) {
+        note_seen(n_splats[v], arrays.n_gaussians);
+        all[v] =
+            n_splats[v] <= room ? first_rows(all[v], n_splats[v]) : project(gaussians, views[v], settings[v], colors);
+      }
+      return all;
+    }
+#endif
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      all.push_back(project(gaussians, views[v], settings[v], colors));
+      note_seen(all[v].size(), gaussians.size());
+    }
+    return all;
+  }
+
+  static ViewSplats allocate_splats(const GaussianTensors& gaussians, std::int64_t n) {
+    constexpr std::int64_t kWords = sizeof(Splat) / sizeof(float);
+    const torch::TensorOptions floats = gaussians.means.options();
+    return {torch::empty({n, kWords}, floats), torch::empty({n, 2}, floats),
+            torch::empty({n}, floats.dtype(torch::kInt32))};
+  }
+  static SplatRowArrays row_arrays_of(const ViewSplats& splats) {
+    return {rows_at<Splat>("splats", splats.splats), rows_at<Vec2f>("extents", splats.extents),
+            splats.radii.data_ptr<std::int32_t>()};
+  }
+  static ViewSplats first_rows(const ViewSplats& splats, std::int64_t n) {
+    return {splats.splats.slice(0, 0, n), splats.extents.slice(0, 0, n), splats.radii.slice(0, 0, n)};
+  }
+  void note_seen(std::int64_t n_seen, std::int64_t n) {
+    if (n > 0) seen_share = std::max(seen_share, static_cast<double>(n_seen) / static_cast<double>(n));
   }
 
   RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {
@@ -340,6 +387,12 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
   return statistics;
 }
 
+std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussians,
+                                                  const std::vector<PinholeView>& views,
+                                                  const std::vector<RenderSettings>& settings) {
+  return impl_->project_views(gaussians, views, settings, nullptr);
+}
+
 ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeView& view,
                                const RenderSettings& settings) {
   return impl_->project(gaussians, view, settings, nullptr);
@@ -397,6 +450,12 @@ RenderedView FusedStep::forward(const GaussianTensors& gaussians, const PinholeV
 ViewSplats FusedStep::project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                               cuda::ColorPass* colors) {
   return rasterizer_.impl_->project(gaussians, view, settings, colors);
+}
+
+std::vector<ViewSplats> FusedStep::project_views(const GaussianTensors& gaussians,
+                                                 const std::vector<PinholeView>& views,
+                                                 const std::vector<RenderSettings>& settings, cuda::ColorPass* colors) {
+  return rasterizer_.impl_->project_views(gaussians, views, settings, colors);
 }
 
 ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
