@@ -19,6 +19,7 @@ const std::vector<OptionRow>& presets() {
         {"prune_until_iter", "4667"},
         {"pixels_per_gaussian", "160"},
         {"abs_grad_threshold", "0.0006"},
+        {"lr_final_scale", "1"},
         {"split", "moments"},
         {"score_views", "10"},
         {"scaling_lr", "0.01"},
@@ -38,7 +39,6 @@ const std::vector<OptionRow>& presets() {
         {"sh_increase_interval", "800"},
         {"prune_interval", "2400"},
         {"prune_until_iter", "22400"},
-        {"lr_final_scale", "0.1"},
         {"lr_decay_from_iter", "6000"},
         {"abs_grad_threshold", "0.0006"},
         {"pixels_per_gaussian", "45"},
@@ -69,6 +69,8 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"opacity_lr", "0.05"},
         {"opacity_reg", "0.005"},
         {"scale_reg", "0.01"},
+        {"lr_final_scale", "0.1"},
+        {"lr_decay_from_iter", "7500"},
         {"noise_lr", "0"}}},
   };
   return kStrategyDefaults;
