@@ -183,6 +183,7 @@ void PartExchange::share_rows(const std::vector<torch::Tensor>& images, std::int
 std::vector<torch::Tensor> PartExchange::sums_to_owners(const std::vector<torch::Tensor>& sums,
                                                         const std::vector<SplatPairs>& pairs, bool is_exact) {
   const std::vector<torch::Tensor> by_part = splats_.to_owners(sums, kSums, torch::kFloat32);
+  drawn_.clear();  // nobody asks what crosses any more
   if (!is_banded_) return by_part;
   std::vector<torch::Tensor> views;
   for (const std::int64_t n : n_own_) {
