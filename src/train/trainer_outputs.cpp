@@ -33,7 +33,7 @@ void Trainer::Impl::claim_folder() {
 void Trainer::Impl::begin() {
   if (std::exchange(has_begun, true)) return;
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
-  if (is_distributed()) check_same_scene(*ranks, scene, fingerprint.at("photographs"));
+  if (is_distributed()) check_same_scene(*ranks, scene, fingerprint);
   if (state.n_gaussians() == 0) initialize_model();
   claim_folder();
   if (writes_files()) {
@@ -54,7 +54,7 @@ void Trainer::Impl::begin() {
                         {"backward_kernel", kernels.backward_name()},
                         {"changed_options", changed_options}});
   }
-  if (is_batched()) {
+  if (config.batch > 1) {
     const double root = std::sqrt(config.batch);
     recorder.say(detail::concat("steps of ", config.batch, " views: mean gradient, learning rates x ", root,
                                 ", Adam's epsilon / ", root, ", betas to the power of ", config.batch));
