@@ -192,7 +192,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
-        "photographs kept in host memory, GB; rest read from disk (-1 = 80 % of available)");
+        "photographs in host memory, GB per rank (-1 = ranks share 80 %); rest read from disk");
 
   field(Option{"sh_degree"}.group("Model and image"), c.sh_degree, InRange{0, 3},
         "highest degree of the spherical harmonics");
@@ -212,7 +212,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "multiply all options counted in iterations by X, --iterations included");
   field(Option{"iterations", '\0', {"max_steps"}}.common().in_steps(), c.iterations, AtLeast{1}, "training iterations");
   field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
-        "views per step: mean gradient, learning rates x sqrt(B); an iteration stays a view");
+        "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
   field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations,
         AtLeast{1}, "evaluate the test views after these iterations, and at the end");
@@ -353,7 +353,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},
         "same result every run; turns off kernel auto-selection, slower on a GPU");
-  field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
+  field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0},
+        "CPU threads (0 = all cores, or with ranks this rank's share of the machine's)");
 
   field(Option{"stats_interval"}.in_steps(Steps::kOutput).group("Schedule"), c.stats_interval, AtLeast{0},
         "log how evenly tiles and pixels are loaded every N iterations (0 = never)");

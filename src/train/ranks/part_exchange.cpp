@@ -3,18 +3,24 @@
 #include <torch/torch.h>
 
 #include <algorithm>
-#include <cstddef>
 #include <numeric>
 #include <utility>
 
 #include "core/check.h"
+#include "core/parallel.h"
 #include "raster/splat_rows.h"
 #include "raster/torch/splat_owner.h"
+#include "raster/torch/tensor_arrays.h"
+#include "train/ranks/splats/splat_words.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/ranks/splats/splat_words_cuda.h"
+#endif
 
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kMeanY = offsetof(Splat, mean_y) / sizeof(float);
 constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
 constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
 
@@ -34,15 +40,32 @@ std::vector<std::size_t> parts_of(const StepPlan& plan, int rank) {
 
 }  // namespace
 
-torch::Tensor touches_band(const ViewSplats& splats, const TileRowSpan& rows, std::int32_t tile_height) {
-  // In double, with a margin that is far above the rounding of the exact test (raster/math/tiling.h).
-  const torch::Tensor mean = splats.splats.select(1, kMeanY).to(torch::kFloat64);
-  const torch::Tensor reach =
-      torch::maximum(splats.extents.select(1, 1).to(torch::kFloat64), splats.radii.to(torch::kFloat64));
-  const torch::Tensor margin = (mean.abs() + reach) * 1e-5 + 1;
-  const double top = static_cast<double>(rows.begin) * tile_height,
-               bottom = static_cast<double>(rows.end) * tile_height;
-  return (mean + reach + margin >= top).logical_and_(mean - reach - margin < bottom);
+torch::Tensor touches_bands(const ViewSplats& splats, const std::vector<TileRowSpan>& bands, std::int32_t tile_height) {
+  TensorCheck check(splats.splats.device());
+  const SplatRows rows = rows_of(splats, check);
+  const auto n_bands = static_cast<std::int64_t>(bands.size());
+  const torch::Tensor touches = torch::empty({n_bands, rows.n_splats}, splats.radii.options().dtype(torch::kBool));
+  for (std::int64_t first = 0; first < n_bands; first += TouchBandsArgs::kMaxBands) {
+    TouchBandsArgs args{rows.n_splats, rows.splats, rows.extents, rows.radii};
+    args.n_bands = static_cast<int>(std::min<std::int64_t>(TouchBandsArgs::kMaxBands, n_bands - first));
+    for (int band = 0; band < args.n_bands; ++band) {
+      const TileRowSpan& span = bands[static_cast<std::size_t>(first + band)];
+      args.top[band] = static_cast<double>(span.begin) * tile_height;
+      args.bottom[band] = static_cast<double>(span.end) * tile_height;
+    }
+    args.touches = touches.data_ptr<bool>() + first * rows.n_splats;
+#if B3DGS_TORCH_CUDA
+    if (touches.is_cuda()) {
+      cuda::find_touched_bands(args, torch_launch_context().stream);
+      continue;
+    }
+#endif
+    constexpr std::int64_t kGrain = 4096;
+    parallel_chunks(rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t m = begin; m < end; ++m) find_touched_bands(args, m);
+    });
+  }
+  return touches;
 }
 
 std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::vector<ViewSplats>& views,
@@ -55,32 +78,50 @@ std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::v
   rows_.clear();
   std::vector<std::int64_t> counts;
   for (const ViewSplats& view : views) n_own_.push_back(view.size());
-  for (const DrawnPart& part : plan_) {
-    const ViewSplats& view = views.at(part.view);
-    if (is_banded_) {
-      rows_.push_back(touches_band(view, part.rows, tile_height).nonzero().flatten());
-      own_.push_back(select(view, rows_.back()));
-    } else {
-      own_.push_back(view);
+  if (!is_banded_) {
+    for (const DrawnPart& part : plan_) {
+      own_.push_back(views.at(part.view));
+      counts.push_back(own_.back().size());
     }
-    counts.push_back(own_.back().size());
+    splats_.pack(own_, drawers_of(plan_));
+    return counts;
   }
+  for (std::size_t p = 0; p < plan_.size();) {  // the parts of a view together
+    const ViewSplats& view = views.at(plan_[p].view);
+    const torch::Tensor touches = touches_bands(view, bands_of(plan_[p].view), tile_height);
+    const torch::Tensor found = touches.nonzero();  // by band, rows ascending
+    const torch::Tensor n_rows = touches.sum(1).cpu(), rows = found.select(1, 1).contiguous();
+    const ViewSplats selected = select(view, rows);
+    std::int64_t begin = 0;
+    for (std::int64_t band = 0; band < n_rows.size(0); ++band, ++p) {
+      const std::int64_t end = begin + n_rows.data_ptr<std::int64_t>()[band];
+      rows_.push_back(rows.slice(0, begin, end));
+      own_.push_back({selected.splats.slice(0, begin, end), selected.extents.slice(0, begin, end),
+                      selected.radii.slice(0, begin, end)});
+      counts.push_back(end - begin);
+      begin = end;
+    }
+  }
+  splats_.pack(own_, drawers_of(plan_));
   return counts;
 }
 
 std::vector<ViewSplats> PartExchange::to_drawers(const std::vector<std::vector<std::int64_t>>& counts) {
-  std::vector<ViewSplats> drawn = splats_.to_drawers(own_, counts, drawers_of(plan_));
-  drawn_crossing_.clear();
-  if (!is_banded_) return drawn;
-  const std::vector<std::size_t> parts = parts_of(plan_, ranks_.rank());
-  for (std::size_t i = 0; i < drawn.size(); ++i) {
-    torch::Tensor n_bands = torch::zeros({drawn[i].size()}, drawn[i].radii.options());
-    for (const DrawnPart& other : plan_) {
-      if (other.view == plan_[parts[i]].view) n_bands.add_(touches_band(drawn[i], other.rows, tile_height_));
-    }
-    drawn_crossing_.push_back((n_bands > 1).nonzero().flatten());
+  drawn_ = splats_.to_drawers(counts);
+  return drawn_;
+}
+
+std::vector<TileRowSpan> PartExchange::bands_of(std::size_t view) const {
+  std::vector<TileRowSpan> bands;
+  for (const DrawnPart& part : plan_) {
+    if (part.view == view) bands.push_back(part.rows);
   }
-  return drawn;
+  return bands;
+}
+
+torch::Tensor PartExchange::crossing(std::size_t i) const {
+  const std::size_t view = plan_[parts_of(plan_, ranks_.rank()).at(i)].view;
+  return (touches_bands(drawn_.at(i), bands_of(view), tile_height_).sum(0) > 1).nonzero().flatten();
 }
 
 void PartExchange::share_rows(const std::vector<torch::Tensor>& images, std::int64_t n_columns) {
@@ -142,6 +183,7 @@ void PartExchange::share_rows(const std::vector<torch::Tensor>& images, std::int
 std::vector<torch::Tensor> PartExchange::sums_to_owners(const std::vector<torch::Tensor>& sums,
                                                         const std::vector<SplatPairs>& pairs, bool is_exact) {
   const std::vector<torch::Tensor> by_part = splats_.to_owners(sums, kSums, torch::kFloat32);
+  drawn_.clear();  // nobody asks what crosses any more
   if (!is_banded_) return by_part;
   std::vector<torch::Tensor> views;
   for (const std::int64_t n : n_own_) {

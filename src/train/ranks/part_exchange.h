@@ -13,8 +13,9 @@
 
 namespace b3dgs {
 
-/// Which of the splats may touch a band, [M] bool: all that do, and a few more. The same bits on every rank.
-torch::Tensor touches_band(const ViewSplats& splats, const TileRowSpan& rows, std::int32_t tile_height);
+/// Which of the M splats may touch each band, [bands, M] bool: all that do, and a few more. The same bits on every
+/// rank.
+torch::Tensor touches_bands(const ViewSplats& splats, const std::vector<TileRowSpan>& bands, std::int32_t tile_height);
 
 /// Between views and parts of them: a splat goes to every rank whose band it may touch, and what the bands say about it
 /// comes back as one row. With whole views, SplatExchange and nothing else.
@@ -46,7 +47,7 @@ class PartExchange {
   std::vector<torch::Tensor> sums_to_owners(const std::vector<torch::Tensor>& sums,
                                             const std::vector<SplatPairs>& pairs, bool is_exact);
   /// Rows of part i drawn here, ascending, that other bands may draw, too: [K] int64.
-  torch::Tensor crossing(std::size_t i) const { return drawn_crossing_.at(i); }
+  torch::Tensor crossing(std::size_t i) const;
 
   /// Scores [M, 6] int32 of the parts drawn here, as Rasterizer::score_splats() returns them, likewise.
   std::vector<torch::Tensor> scores_to_owners(const std::vector<torch::Tensor>& scores);
@@ -60,15 +61,18 @@ class PartExchange {
   std::int64_t received_bytes() const { return splats_.received_bytes() + received_bytes_; }
 
  private:
+  /// Of the parts of a view, in their order.
+  std::vector<TileRowSpan> bands_of(std::size_t view) const;
+
   Communicator& ranks_;
   SplatExchange splats_;
   StepPlan plan_;
   bool is_banded_ = false;
   std::int32_t tile_height_ = 1;
-  std::vector<std::int64_t> n_own_;            // of each view
-  std::vector<ViewSplats> own_;                // by part
-  std::vector<torch::Tensor> rows_;            // by part: rows of the view's own splats that go there, if banded
-  std::vector<torch::Tensor> drawn_crossing_;  // by part drawn here
+  std::vector<std::int64_t> n_own_;  // of each view
+  std::vector<ViewSplats> own_;      // by part
+  std::vector<torch::Tensor> rows_;  // by part: rows of the view's own splats that go there, if banded
+  std::vector<ViewSplats> drawn_;    // by part drawn here
   std::int64_t sent_bytes_ = 0, received_bytes_ = 0;
 };
 

@@ -6,19 +6,11 @@
 #include <utility>
 
 #include "core/check.h"
-#include "core/parallel.h"
 #include "train/ranks/sharded_rows.h"
-#include "train/ranks/splats/splat_words.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/ranks/splats/splat_words_cuda.h"
-#endif
+#include "train/ranks/splats/merge_splats.h"
 
 namespace b3dgs {
 namespace {
-
-constexpr std::int64_t kGrain = 4096;
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
@@ -35,135 +27,75 @@ void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, co
               splats.size());
 }
 
-const std::int32_t* words_of(const torch::Tensor& rows) {
-  return static_cast<const std::int32_t*>(rows.data_ptr());
-}
-
-/// Writes the splats as rows of words.
-void pack(const ViewSplats& splats, const RowShards& shards, const torch::Tensor& words) {
-  const PackSplatsArgs args{
-      splats.size(), words_of(splats.splats),       words_of(splats.extents), words_of(splats.radii),
-      shards,        words.data_ptr<std::int32_t>()};
-#if B3DGS_TORCH_CUDA
-  if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
-#endif
-  parallel_chunks(args.n_splats * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t k = begin; k < end; ++k) pack_splat_word(args, k);
-  });
-}
-
-/// Splats of a view from the lists of the ranks, lists[r] being their rows in `words`; and which row each is.
-struct MergedSplats {
-  ViewSplats splats;
-  torch::Tensor places;  // [M] int64
-};
-
-MergedSplats merge_few(const torch::Tensor& words, const std::vector<std::pair<std::int64_t, std::int64_t>>& lists) {
-  MergeSplatsArgs args;
-  std::int64_t n = 0;
-  for (const auto& [begin, end] : lists) {
-    args.begin[args.n_lists] = begin;
-    args.end[args.n_lists++] = end;
-    n += end - begin;
-  }
-  const torch::TensorOptions floats = words.options().dtype(torch::kFloat32);
-  MergedSplats merged{
-      {torch::empty({n, kSplatWords}, floats), torch::empty({n, 2}, floats), torch::empty({n}, words.options())},
-      torch::empty({n}, words.options().dtype(torch::kInt64))};
-  args.words = words.data_ptr<std::int32_t>();
-  args.splats = static_cast<std::int32_t*>(merged.splats.splats.data_ptr());
-  args.extents = static_cast<std::int32_t*>(merged.splats.extents.data_ptr());
-  args.radii = merged.splats.radii.data_ptr<std::int32_t>();
-  args.places = merged.places.data_ptr<std::int64_t>();
-#if B3DGS_TORCH_CUDA
-  if (words.is_cuda()) {
-    cuda::merge_splats(args, n, torch_launch_context().stream);
-    return merged;
-  }
-#endif
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) merge_splat(args, i);
-  });
-  return merged;
-}
-
-/// With many lists, a sort is less work than looking each row up in all of them.
-MergedSplats merge_many(const torch::Tensor& words, const std::vector<std::pair<std::int64_t, std::int64_t>>& lists) {
-  const torch::Tensor all = torch::arange(words.size(0), words.options().dtype(torch::kInt64));
-  std::vector<torch::Tensor> rows, places;
-  for (const auto& [begin, end] : lists) {
-    rows.push_back(words.select(1, kGaussianColumn).slice(0, begin, end));
-    places.push_back(all.slice(0, begin, end));
-  }
-  const torch::Tensor order =
-      std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
-  MergedSplats merged;
-  merged.places = torch::cat(places).index_select(0, order);
-  merged.splats = {words.slice(1, 0, kSplatWords).index_select(0, merged.places).view(torch::kFloat32),
-                   words.slice(1, kExtentColumn, kRadiusColumn).index_select(0, merged.places).view(torch::kFloat32),
-                   words.select(1, kRadiusColumn).index_select(0, merged.places)};
-  return merged;
-}
-
 }  // namespace
 
 SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks), shards_(shards_of(ranks)) {}
 
-std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>& own,
-                                                  const std::vector<std::vector<std::int64_t>>& counts,
-                                                  const std::vector<int>& drawers) {
-  const auto size = static_cast<std::size_t>(shards_.size), rank = static_cast<std::size_t>(shards_.rank);
+void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers) {
+  const auto size = static_cast<std::size_t>(shards_.size);
   const std::size_t n_views = own.size();
-  B3DGS_CHECK(counts.size() == size, "numbers of splats from ", counts.size(), " ranks of ", size);
-  for (const std::vector<std::int64_t>& of_rank : counts) {
-    B3DGS_CHECK(of_rank.size() == n_views, "numbers of splats of ", of_rank.size(), " views of ", n_views);
-  }
   B3DGS_CHECK(drawers.size() == n_views, "drawers of ", drawers.size(), " views of ", n_views);
-  own_counts_ = counts[rank];
-  drawn_.clear();
+  own_counts_.clear();
   views_of_.assign(size, {});
   for (std::size_t v = 0; v < n_views; ++v) {
     B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ",
                 size);
     views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
+    own_counts_.push_back(own[v].size());
   }
-  if (n_views == 0) return {};
+  own_ = own;
+  send_.assign(size, 0);
+  if (n_views == 0) return;
   B3DGS_CHECK(own[0].splats.defined(), "splats of view 0 of the step are undefined");
   device_ = own[0].splats.device();
   for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, own_counts_[v], device_);
-  if (size == 1) {
-    for (const std::int64_t n : own_counts_) drawn_.push_back({n, {}});
-    return own;
-  }
-
-  send_.assign(size, 0);
-  receive_.assign(size, 0);
-  const auto words_type = torch::dtype(torch::kInt32).device(device_);
-  const torch::Tensor sent = torch::empty({sum_of(own_counts_), kRowWords}, words_type);
+  if (size == 1) return;
+  packed_ = torch::empty({sum_of(own_counts_), kRowWords}, torch::dtype(torch::kInt32).device(device_));
   std::int64_t n_packed = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
     for (const std::size_t v : views_of_[drawer]) {
-      pack(own[v], shards_, sent.slice(0, n_packed, n_packed + own_counts_[v]));
+      pack_splats(own[v], shards_, packed_.slice(0, n_packed, n_packed + own_counts_[v]));
       n_packed += own_counts_[v];
       send_[drawer] += own_counts_[v];
     }
   }
+}
+
+std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<std::int64_t>>& counts) {
+  const auto size = static_cast<std::size_t>(shards_.size), rank = static_cast<std::size_t>(shards_.rank);
+  const std::size_t n_views = own_counts_.size();
+  B3DGS_CHECK(counts.size() == size, "numbers of splats from ", counts.size(), " ranks of ", size);
+  for (const std::vector<std::int64_t>& of_rank : counts) {
+    B3DGS_CHECK(of_rank.size() == n_views, "numbers of splats of ", of_rank.size(), " views of ", n_views);
+  }
+  for (std::size_t v = 0; v < n_views; ++v) {
+    B3DGS_CHECK(counts[rank][v] == own_counts_[v], "splats of view ", v, " of the step: expected ", counts[rank][v],
+                " rows, found ", own_counts_[v]);
+  }
+  drawn_.clear();
+  if (n_views == 0) return {};
+  if (size == 1) {
+    for (const std::int64_t n : own_counts_) drawn_.push_back({n, {}});
+    return std::exchange(own_, {});
+  }
+  own_.clear();
+  receive_.assign(size, 0);
   for (std::size_t r = 0; r < size; ++r) {
     for (const std::size_t v : views_of_[rank]) receive_[r] += counts[r][v];
   }
-  const torch::Tensor received = exchange(sent, send_, receive_);
+  const torch::Tensor received = exchange(std::exchange(packed_, {}), send_, receive_);
 
   // Rows come by rank, those of a rank by view.
   std::vector<std::int64_t> next(size, 0);  // place of the next row of each rank
   std::exclusive_scan(receive_.begin(), receive_.end(), next.begin(), std::int64_t{0});
   std::vector<ViewSplats> drawn;
   for (const std::size_t v : views_of_[rank]) {
-    std::vector<std::pair<std::int64_t, std::int64_t>> lists;
+    std::vector<RowRange> lists;
     for (std::size_t r = 0; r < size; ++r) {
       const std::int64_t begin = std::exchange(next[r], next[r] + counts[r][v]);
-      lists.emplace_back(begin, next[r]);
+      lists.push_back({begin, next[r]});
     }
-    MergedSplats merged = size > MergeSplatsArgs::kMaxLists ? merge_many(received, lists) : merge_few(received, lists);
+    MergedSplats merged = merge_splats(received, lists);
     drawn_.push_back({merged.splats.size(), merged.places});
     drawn.push_back(std::move(merged.splats));
   }

@@ -19,13 +19,21 @@ class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
 
-  /// own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = local row. counts[r][v] is
-  /// the number of splats of view v on rank r, drawers[v] the rank that draws it, both the same on all ranks. Returns
-  /// the splats of the views that this rank draws, in the order of the views, rows ascending by global row, with
-  /// Splat::gaussian = global row (< 2^31). @throws LogicError if `own`, `counts` and `drawers` disagree
+  /// Begins a step: own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = local row;
+  /// drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and does not wait for a GPU.
+  /// @throws LogicError if they disagree, or naming splats that do not fit
+  void pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers);
+
+  /// counts[r][v] is the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views
+  /// that this rank draws, in the order of the views, rows ascending by global row, with Splat::gaussian = global row
+  /// (< 2^31). @throws LogicError if they are not those of pack()
+  std::vector<ViewSplats> to_drawers(const std::vector<std::vector<std::int64_t>>& counts);
   std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
                                      const std::vector<std::vector<std::int64_t>>& counts,
-                                     const std::vector<int>& drawers);
+                                     const std::vector<int>& drawers) {
+    pack(own, drawers);
+    return to_drawers(counts);
+  }
 
   /// drawn[i] is [M_i, n_columns] of `type`, a row for each splat of result i of to_drawers(), in its order. Returns
   /// for every view v of the step the rows of own[v], in its order: contiguous parts of one tensor. n_columns and
@@ -65,6 +73,8 @@ class SplatExchange {
   Communicator& ranks_;
   RowShards shards_;
   torch::Device device_ = torch::kCPU;
+  std::vector<ViewSplats> own_;               // between pack() and to_drawers()
+  torch::Tensor packed_;                      // likewise
   std::vector<std::int64_t> own_counts_;      // of each view
   std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the drawers
   std::vector<DrawnView> drawn_;

@@ -112,6 +112,23 @@ class CudaSplit {
     return splats->to_host();
   }
 
+  /// The same for several views at once, each with room for `capacity` splats; and how many it sees.
+  std::vector<std::pair<ViewSplats, std::int64_t>> project_views(const GaussianTensors& gaussians,
+                                                                 const std::vector<PinholeView>& views,
+                                                                 const RenderSettings& settings,
+                                                                 std::int64_t capacity) {
+    const DeviceGaussians device(gaussians);
+    std::vector<DeviceSplats> splats;
+    for (std::size_t v = 0; v < views.size(); ++v) splats.emplace_back(capacity);
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      rasterizer_.queue_projection(v, device.arrays(), views[v], settings, splats[v].arrays(), capacity, context_);
+    }
+    const std::vector<std::int64_t> n_splats = rasterizer_.wait_for_projections();
+    std::vector<std::pair<ViewSplats, std::int64_t>> all;
+    for (std::size_t v = 0; v < views.size(); ++v) all.emplace_back(splats[v].to_host(), n_splats.at(v));
+    return all;
+  }
+
   std::optional<WholeView> whole(const TestScene& scene, const RenderSettings& settings, const RenderedViewGrad& grad,
                                  const torch::Tensor& error) {
     const DeviceGaussians device(scene.gaussians);
@@ -240,6 +257,32 @@ TEST(SplitViewCuda, OfHostileScenesIsTheSameOrRefused) {
   }
   EXPECT_GT(rendered, 100);
   EXPECT_GT(refused, 50);
+}
+
+TEST(SplitViewCuda, ProjectsSeveralViewsWithOneWait) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = large_cloud();
+  const RenderSettings settings = settings_of(scene);
+  PinholeView other = scene.view;
+  other.width /= 2;  // sees fewer
+  const std::vector<PinholeView> views{scene.view, other, scene.view};
+  CudaSplit split;
+  std::vector<ViewSplats> expected;
+  for (const PinholeView& view : views) expected.push_back(*split.project(scene.gaussians, view, settings));
+  ASSERT_LT(expected[1].size(), expected[0].size());
+  ASSERT_GT(expected[1].size(), 100);
+  const std::int64_t all = scene.gaussians.size();
+  for (const std::int64_t capacity : {all, expected[0].size(), std::int64_t{100}}) {
+    const auto found = split.project_views(scene.gaussians, views, settings, capacity);
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      EXPECT_EQ(found[v].second, expected[v].size()) << "also of a view that has no room";
+      const std::int64_t n = std::min(capacity, expected[v].size());
+      const ViewSplats& splats = found[v].first;
+      EXPECT_TRUE(same_bytes(splats.splats.slice(0, 0, n), expected[v].splats.slice(0, 0, n)));
+      EXPECT_TRUE(same_bytes(splats.extents.slice(0, 0, n), expected[v].extents.slice(0, 0, n)));
+      EXPECT_TRUE(same_bytes(splats.radii.slice(0, 0, n), expected[v].radii.slice(0, 0, n)));
+    }
+  }
 }
 
 // Rows that touch no tile, as of another view, are not drawn and have no sums.

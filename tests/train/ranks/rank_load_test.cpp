@@ -54,6 +54,36 @@ TEST(RankLoad, TakesWhatHappenedSinceTheLastTime) {
   EXPECT_NEAR(load.whole()->exchange_ms[1], 13 / 3.0, 1e-12);
 }
 
+TEST(RankLoad, SaysWhereTheTimeGoes) {
+  RankLoad load(2);
+  load.add_step({4, 4}, {4, 4});
+  RankTotals first{1, 1, 2, 2, 20}, second{1, 1, 2, 4, 22};
+  first.phase_ms = {4, 1, 0.5, 8, 0, 0.5, 6};
+  second.phase_ms = {6, 1, 1, 8, 0, 2, 4};
+  first.n_rounds = 3;
+  second.n_rounds = 2;  // the times of the last one are not known there yet
+  first.round_ms = 9;
+  second.round_ms = 8;
+  first.round_phase_ms = {3, 1.5, 4.5};
+  second.round_phase_ms = {2, 2, 4};
+  load.set_totals({first, second});
+  const RankFigures figures = load.take().value();
+  EXPECT_EQ(describe_steps(figures),
+            "11.00 ms: project 2.50, record 0.50, splats 0.38, draw 4.00, sums 0.62, learn 2.50");
+  EXPECT_EQ(figures.n_rounds, 2);
+  EXPECT_EQ(describe_rounds(figures), "gather 1.0, plan 0.8, edit 1.8 ms each");
+  const auto json = to_json(figures);
+  EXPECT_EQ(json.at("phases_ms").at("project"), (std::vector<double>{2, 3}));
+  EXPECT_EQ(json.at("round_ms"), (std::vector<double>{3, 4}));
+  EXPECT_EQ(json.at("round_phases_ms").at("edit"), (std::vector<double>{1.5, 2}));
+
+  load.add_step({4, 4}, {4, 4});
+  load.set_totals({first, second});
+  const RankFigures later = load.take().value();
+  EXPECT_EQ(describe_steps(later) + describe_rounds(later), "") << "nothing was timed since";
+  EXPECT_FALSE(to_json(later).contains("rounds"));
+}
+
 TEST(RankLoad, HasNoTimesUntilAllRanksHaveSome) {
   RankLoad load(2);
   load.add_step({4, 4}, {4, 4});

@@ -85,4 +85,28 @@ B3DGS_HD void merge_splat(const MergeSplatsArgs& args, std::int64_t i) {
   args.places[place] = row;
 }
 
+/// Which bands of tile rows the splats of a view may touch: all that do, and a few more.
+struct TouchBandsArgs {
+  static constexpr int kMaxBands = 32;
+
+  std::int64_t n_splats = 0;
+  const Splat* splats = nullptr;        // [n_splats]
+  const Vec2f* extents = nullptr;       // [n_splats]
+  const std::int32_t* radii = nullptr;  // [n_splats]
+  int n_bands = 0;
+  double top[kMaxBands]{}, bottom[kMaxBands]{};  // px
+  bool* touches = nullptr;                       // [n_bands, n_splats] out
+};
+
+B3DGS_HD void find_touched_bands(const TouchBandsArgs& args, std::int64_t m) {
+  // In double, with a margin that is far above the rounding of the exact test (raster/math/tiling.h).
+  const double mean = args.splats[m].mean_y, radius = args.radii[m], extent = args.extents[m].y;
+  const double reach = extent > radius ? extent : radius;
+  const double margin = ((mean < 0 ? -mean : mean) + reach) * 1e-5 + 1;
+  for (int band = 0; band < args.n_bands; ++band) {
+    args.touches[band * args.n_splats + m] =
+        mean + reach + margin >= args.top[band] && mean - reach - margin < args.bottom[band];
+  }
+}
+
 }  // namespace b3dgs

@@ -1,0 +1,83 @@
+// Splats of several ranks in the order of one, without ranks.
+#include "train/ranks/splats/merge_splats.h"
+
+#include <gtest/gtest.h>
+#include <torch/torch.h>
+
+#include <algorithm>
+#include <random>
+
+namespace b3dgs {
+namespace {
+
+/// Random splats of these Gaussians, all bits of which count.
+ViewSplats splats_of(const std::vector<std::int64_t>& gaussians) {
+  const auto n = static_cast<std::int64_t>(gaussians.size());
+  torch::Tensor words = torch::randint(-1000000, 1000000, {n, kSplatWords}, torch::kInt32);
+  words.select(1, kGaussianColumn).copy_(torch::tensor(gaussians, torch::kInt64));
+  return {words.view(torch::kFloat32), torch::randint(-1000000, 1000000, {n, 2}, torch::kInt32).view(torch::kFloat32),
+          torch::randint(0, 1000, {n}, torch::kInt32)};
+}
+
+torch::Tensor bits(const torch::Tensor& floats) {
+  return floats.view(torch::kInt32);
+}
+
+void expect_same(const ViewSplats& found, const ViewSplats& expected) {
+  EXPECT_TRUE(torch::equal(bits(found.splats), bits(expected.splats)));
+  EXPECT_TRUE(torch::equal(bits(found.extents), bits(expected.extents)));
+  EXPECT_TRUE(torch::equal(found.radii, expected.radii));
+}
+
+TEST(MergeSplats, GivesTheOrderOfOneRank) {
+  std::mt19937 random(3);
+  for (const int n_ranks : {1, 2, 3, 5, 16, 40}) {
+    torch::manual_seed(n_ranks);
+    // Of 3000 Gaussians some are seen, and those of rank 1 never are.
+    std::vector<std::vector<std::int64_t>> local(static_cast<std::size_t>(n_ranks));
+    std::vector<std::int64_t> global;
+    for (std::int64_t row = 0; row < 3000; ++row) {
+      const RowShards shards{0, n_ranks};
+      const int owner = shards.owner(row);
+      if (random() % 3 == 0 || owner == 1) continue;
+      local[static_cast<std::size_t>(owner)].push_back(shards.local_row(row));
+      global.push_back(row);
+    }
+    const ViewSplats whole = splats_of(global);
+    // What each rank sends, with rows of another view before it.
+    torch::Tensor words = torch::full({static_cast<std::int64_t>(global.size()) + 7, kRowWords}, -1, torch::kInt32);
+    std::vector<RowRange> lists;
+    std::int64_t begin = 7;
+    for (int r = 0; r < n_ranks; ++r) {
+      const std::vector<std::int64_t>& own = local[static_cast<std::size_t>(r)];
+      std::vector<std::int64_t> places;
+      for (const std::int64_t row : own) {
+        const std::int64_t of_model = RowShards{r, n_ranks}.global_row(row);
+        places.push_back(std::lower_bound(global.begin(), global.end(), of_model) - global.begin());
+      }
+      const torch::Tensor rows = torch::tensor(places, torch::kInt64);
+      ViewSplats splats{whole.splats.index_select(0, rows), whole.extents.index_select(0, rows),
+                        whole.radii.index_select(0, rows)};
+      splats.splats.view(torch::kInt32).select(1, kGaussianColumn).copy_(torch::tensor(own, torch::kInt64));
+      const auto n = static_cast<std::int64_t>(own.size());
+      pack_splats(splats, {r, n_ranks}, words.slice(0, begin, begin + n));
+      lists.push_back({begin, begin + n});
+      begin += n;
+    }
+    for (const std::size_t max_lists : {std::size_t{MergeSplatsArgs::kMaxLists}, std::size_t{0}}) {
+      const MergedSplats merged = merge_splats(words, lists, max_lists);
+      expect_same(merged.splats, whole);
+      EXPECT_TRUE(torch::equal(words.index_select(0, merged.places).select(1, kGaussianColumn).to(torch::kInt64),
+                               torch::tensor(global, torch::kInt64)))
+          << n_ranks << " ranks";
+    }
+  }
+}
+
+TEST(MergeSplats, OfNothingIsNothing) {
+  const torch::Tensor words = torch::empty({0, kRowWords}, torch::kInt32);
+  EXPECT_EQ(merge_splats(words, {{0, 0}, {0, 0}}).splats.size(), 0);
+}
+
+}  // namespace
+}  // namespace b3dgs
