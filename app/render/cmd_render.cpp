@@ -7,9 +7,9 @@
 #include <optional>
 #include <utility>
 
+#include "app/colors/depth_colors.h"
 #include "app/model.h"
 #include "app/render/camera_choice.h"
-#include "app/render/depth_colors.h"
 #include "app/render/depth_numbers.h"
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
