@@ -73,38 +73,6 @@ bool Trainer::Impl::can_grow_again(std::int64_t room) const {
   return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state.held_at);
 }
 
-void Trainer::Impl::try_room_for(const RowEdit& edit) {
-  const std::int64_t n_before = state.gaussians.size(), n_after = shards().n_local(edit.sources.size(0));
-  const torch::TensorOptions options = state.gaussians.means.options();
-  const std::int64_t n_floats = state_row_bytes(state) / static_cast<std::int64_t>(sizeof(float));
-  // The largest tensor is there twice; all of them have grown by then.
-  const std::int64_t n_widest = std::max<std::int64_t>(4, state.gaussians.shN.size(1) * 3);
-  const torch::Tensor largest = memory->allocate({n_after, n_widest}, options);
-  const torch::Tensor growth = memory->allocate({std::max<std::int64_t>(0, n_after - n_before), n_floats}, options);
-  const torch::Tensor pieces = memory->allocate(
-      {2, std::min(kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float)), n_after * n_widest)}, options);
-}
-
-void Trainer::Impl::allocate_together(const std::function<void()>& work) {
-  std::string failure;
-  try {
-    work();
-  } catch (const OutOfMemoryError& error) {
-    failure = error.what();
-  } catch (const c10::OutOfMemoryError& error) {
-    failure = error.what_without_backtrace();
-  }
-  const std::vector<std::string> failures = ranks->exchange("memory", failure);
-  for (std::size_t r = 0; r < failures.size(); ++r) {
-    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
-  }
-}
-
-void Trainer::Impl::throw_out_of_memory(int rank, const std::string& reason) {
-  has_failed_together = true;
-  throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks->size(), ": ", reason));
-}
-
 MemoryRemedy Trainer::Impl::together(MemoryRemedy remedy) {
   if (!is_distributed()) return remedy;
   return [this, remedy = std::move(remedy)] { return ranks->max("remedy", remedy() ? 1 : 0) != 0; };

@@ -1,7 +1,7 @@
 // The trainer's members, shared by its sources in the order of an iteration:
 //   trainer_step.cpp      one optimizer step, with the kernel check before it
 //   trainer_batch.cpp     a step of several views (--batch)
-//   trainer_ranks.cpp     several processes that train together: their steps, and renders of the whole model
+//   trainer_ranks/        several processes that train together
 //   trainer_outputs.cpp   what is evaluated, logged and saved after it, and at the start of a session
 //   trainer_density.cpp   density control within the memory of the device
 //   trainer_faults.cpp    what happens when a step fails
@@ -46,6 +46,7 @@
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
 #include "train/trainer.h"
+#include "train/trainer_ranks/rank_records.h"
 
 namespace b3dgs {
 
@@ -53,18 +54,6 @@ namespace b3dgs {
 class LossError : public NumericError {
  public:
   using NumericError::NumericError;
-};
-
-/// What each rank tells the others of the views that it has drawn in the last step.
-struct DrawnRecord {
-  double losses[kMaxBatch]{};
-  std::int64_t entries[kMaxBatch]{};
-  RankTotals totals{};
-};
-/// The record and, of a band that the rank has drawn, the entries of each row of tiles.
-struct DrawnParts {
-  DrawnRecord record;
-  std::vector<std::int64_t> rows;
 };
 
 struct Trainer::Impl {
@@ -152,7 +141,7 @@ struct Trainer::Impl {
   /// First iteration of the last step.
   int first_of_step() const { return state.iteration - state.step_iterations + 1; }
 
-  // trainer_ranks.cpp
+  // trainer_ranks/
   bool is_distributed() const { return ranks != nullptr && ranks->size() > 1; }
   /// Whether this process writes the files: one of several does.
   bool writes_files() const { return !is_distributed() || ranks->is_first(); }

@@ -1,0 +1,83 @@
+// Density control of several ranks: each plans the same round, from statistics of the whole model.
+
+#include <algorithm>
+
+#include "train/density/invalid_gaussians.h"
+#include "train/ranks/sharded_row_edit.h"
+#include "train/trainer_impl.h"
+
+namespace b3dgs {
+
+void Trainer::Impl::try_room_for(const RowEdit& edit) {
+  const std::int64_t n_before = state.gaussians.size(), n_after = shards().n_local(edit.sources.size(0));
+  const torch::TensorOptions options = state.gaussians.means.options();
+  const std::int64_t n_floats = state_row_bytes(state) / static_cast<std::int64_t>(sizeof(float));
+  // The largest tensor is there twice; all of them have grown by then.
+  const std::int64_t n_widest = std::max<std::int64_t>(4, state.gaussians.shN.size(1) * 3);
+  const torch::Tensor largest = memory->allocate({n_after, n_widest}, options);
+  const torch::Tensor growth = memory->allocate({std::max<std::int64_t>(0, n_after - n_before), n_floats}, options);
+  const torch::Tensor pieces = memory->allocate(
+      {2, std::min(kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float)), n_after * n_widest)}, options);
+}
+
+void Trainer::Impl::allocate_together(const std::function<void()>& work) {
+  std::string failure;
+  try {
+    work();
+  } catch (const OutOfMemoryError& error) {
+    failure = error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    failure = error.what_without_backtrace();
+  }
+  const std::vector<std::string> failures = ranks->exchange("memory", failure);
+  for (std::size_t r = 0; r < failures.size(); ++r) {
+    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
+  }
+}
+
+void Trainer::Impl::throw_out_of_memory(int rank, const std::string& reason) {
+  has_failed_together = true;
+  throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks->size(), ": ", reason));
+}
+
+DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limit) {
+  // Strategies do not read colours.
+  GaussianTensors gaussians;
+  const GaussianTensors& own = state.gaussians;
+  const std::int64_t n = state.n_gaussians();
+  allocate_together([&] {
+    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
+    const auto n_columns = static_cast<std::int64_t>(state.statistics.all().size());
+    const torch::Tensor room = memory->allocate({(kFloats + n_columns) * n}, own.means.options());
+  });
+  gaussians.means = gather_rows(*ranks, own.means, n);
+  gaussians.log_scales = gather_rows(*ranks, own.log_scales, n);
+  gaussians.quats = gather_rows(*ranks, own.quats, n);
+  gaussians.logit_opacities = gather_rows(*ranks, own.logit_opacities, n);
+  DensityStatistics statistics = state.statistics;
+  for (torch::Tensor* column : statistics.all()) *column = gather_rows(*ranks, *column, n);
+  DensityRound round;
+  allocate_together([&] { round = density->plan_round(gaussians, statistics, iteration, limit); });
+  return round;
+}
+
+std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {
+  if (!is_distributed()) {
+    return b3dgs::remove_invalid_gaussians(row, scene.extent, state.gaussians, state.adam, state.statistics);
+  }
+  if (renders_on_first) {
+    RenderRequest request;
+    request.kind = RenderRequest::kRemove;
+    request.row = row;
+    ranks->exchange_record("render", request);
+  }
+  const std::int64_t n = state.n_gaussians();
+  const GaussianWidths widths = gaussian_widths(state.gaussians, state.adam);
+  const RowEdit edit = edit_without_invalid(
+      row, scene.extent, {gather_rows(*ranks, widths.is_finite, n), gather_rows(*ranks, widths.largest, n)});
+  apply_row_edit(*ranks, edit, n, state.gaussians, state.adam, state.statistics);
+  state.n_of_all_ranks = edit.n_kept;
+  return n - edit.n_kept;
+}
+
+}  // namespace b3dgs
