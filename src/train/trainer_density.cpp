@@ -20,9 +20,11 @@ void Trainer::Impl::control_density(int iteration) {
   if (plan.densify) {
     recorder.report_progress("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
+    if (is_distributed()) round_phases.start();
     flush();
     run_density_round(iteration);
     timer.finish();
+    round_phases.finish();
     if (state.n_gaussians() == 0) {
       is_consistent = false;
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
@@ -90,6 +92,7 @@ void Trainer::Impl::plan_and_apply_round(int iteration) {
   if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
   if (is_distributed()) {
+    round_phases.begin(RoundPhase::kEdit);
     allocate_together([&] { try_room_for(round.edit); });
     is_consistent = false;
     apply_row_edit(*ranks, round.edit, before, state.gaussians, state.adam, state.statistics);

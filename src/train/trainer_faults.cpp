@@ -41,7 +41,7 @@ std::string first_line(const char* text) {
 
 void Trainer::Impl::roll_back() {
   timer.cancel();
-  exchange_timer.cancel();
+  step_phases.cancel();
   if (state.adam.steps != step_start.adam_steps) {
     is_consistent = false;
     return;

@@ -38,11 +38,11 @@
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
 #include "train/ranks/draw_plan.h"
-#include "train/ranks/exchange_timer.h"
 #include "train/ranks/part_exchange.h"
 #include "train/ranks/rank_load.h"
 #include "train/ranks/sharded_rows.h"
 #include "train/selection/kernel_chooser.h"
+#include "train/timing/phase_timer.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
 #include "train/trainer.h"
@@ -176,15 +176,19 @@ struct Trainer::Impl {
   struct UnreadLoss;
   /// Adds the loss of a view to the average. @throws LossError if it is not finite
   void add_loss(const UnreadLoss& of, double value);
-  /// Whether the exchanges of the step after iteration `from` are timed; the same on all ranks.
-  bool times_exchanges(int from, int last) const;
+  /// Whether the phases of the step after iteration `from` are timed; the same on all ranks.
+  bool times_phases(int from, int last) const;
+  /// Adds the times that are known by now to own_totals. Does not wait.
+  void add_phase_times();
   /// Says once if one process would be about as fast.
   void advise_on_ranks();
   /// Exchanges what was drawn in the last step, and adds its losses to the average. All ranks call it together.
   void read_losses_of_ranks();
   /// Waits for the loss of the view drawn last, if it has not been read.
   void read_own_loss();
-  /// What this rank has drawn in the last step and exchanged so far. Waits for the device.
+  /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
+  torch::Tensor queue_row_entries() const;
+  /// What this rank has drawn in the last step and exchanged so far. Waits for the loss of the view drawn last.
   DrawnParts take_drawn();
   void add_drawn(const std::vector<DrawnParts>& of_ranks);
   /// The work of the views that were drawn, for the plans to come.
@@ -326,14 +330,15 @@ struct Trainer::Impl {
   struct OwnPart {
     DrawnPart part;
     std::optional<double> loss;
-    torch::Tensor entries;  // Rasterizer::row_entries()
+    torch::Tensor entries;  // queue_row_entries()
   };
   std::vector<OwnPart> own_parts;
   std::optional<PartExchange> splats;
   DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
   RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
   RankTotals own_totals;
-  ExchangeTimer exchange_timer{make_stage_clock(device)};
+  PhaseTimer<StepPhase, kStepPhaseNames.size()> step_phases{make_stage_clock(device)};
+  PhaseTimer<RoundPhase, kRoundPhaseNames.size()> round_phases{make_stage_clock(device)};
   bool renders_on_first = false;     // within on_first_rank()
   bool has_failed_together = false;  // the exception that is under way was thrown by all ranks
 

@@ -64,8 +64,9 @@ void reset_counts(ViewCounts* counts, std::int64_t n_gaussians, const LaunchCont
 struct CopySeenArgs {
   ProjectOutputs projected{};
   const std::int32_t* seen = nullptr;  // [M]
-  std::int64_t n_splats = 0;           // M
-  SplatRowArrays out{};                // [M]
+  std::int64_t n_splats = 0;           // M, or room for as many if the number is on the device
+  SplatRowArrays out{};                // [n_splats]
+  const ViewCounts* counts = nullptr;  // whose n_splats is M; null: the host knows it
 };
 void copy_seen(const CopySeenArgs& args, const LaunchContext& context);
 

@@ -2,6 +2,7 @@
 
 #include "raster/cuda/rasterize_cuda.h"
 
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -33,6 +34,11 @@ WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, cons
   return {static_cast<std::int64_t>(widest), host[widest]};
 }
 
+void check_valid(const ViewCounts& counts, std::int64_t n_gaussians) {
+  if (counts.first_invalid >= n_gaussians) return;
+  throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
+}
+
 void check_kernels(const RenderSettings& settings) {
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
@@ -55,6 +61,9 @@ struct Rasterizer::Impl : ViewState {
   DeviceBuffer<double> camera_parts, camera_gradients;
   BinBuffers bin_buffers;
   PinnedValue<ViewCounts> host_counts;
+  std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts;  // of the projections that were queued
+  std::size_t n_queued = 0;
+  std::int64_t n_queued_gaussians = 0;
   StreamMark counts_copied;
 
   // Of the last forward pass:
@@ -176,9 +185,7 @@ ViewCounts Rasterizer::Impl::count(const ProjectOutputs& projected, std::int64_t
   list_seen(projected, n, bin_buffers, context);  // the device works on this while the host waits for the counts
   counts_copied.wait();
   const ViewCounts found = *host_counts.get();
-  if (found.first_invalid < n) {
-    throw InvalidGaussianError(found.first_invalid, detail::concat("Gaussian ", found.first_invalid, kInvalidText));
-  }
+  check_valid(found, n);
   return found;
 }
 
@@ -233,6 +240,37 @@ void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& vie
   const ViewCounts counts = s.count(projected, gaussians.n_gaussians, context);
   copy_seen({projected, s.bin_buffers.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
   end_stage(s.stages);
+}
+
+void Rasterizer::queue_projection(std::size_t place, const GaussianArrays& gaussians, const PinholeView& view,
+                                  const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity,
+                                  const LaunchContext& context, ColorPass* colors) {
+  check_render_args(gaussians, view, settings);
+  Impl& s = *impl_;
+  const ProjectOutputs projected = s.begin(gaussians.n_gaussians, view, settings, context);
+  s.project(gaussians, settings, projected, colors, context);
+  while (s.queued_counts.size() <= place) s.queued_counts.push_back(std::make_unique<PinnedValue<ViewCounts>>());
+  B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.queued_counts[place]->get(), projected.counts, sizeof(ViewCounts),
+                                   cudaMemcpyDeviceToHost, context.stream));
+  s.n_queued = place + 1;
+  s.n_queued_gaussians = gaussians.n_gaussians;
+  s.counts_copied.record(context.stream);
+  list_seen(projected, gaussians.n_gaussians, s.bin_buffers, context);
+  copy_seen({projected, s.bin_buffers.seen.data(), capacity, out, projected.counts}, context);
+  end_stage(s.stages);
+}
+
+std::vector<std::int64_t> Rasterizer::wait_for_projections() {
+  Impl& s = *impl_;
+  const std::size_t n_views = std::exchange(s.n_queued, 0);
+  if (n_views > 0) s.counts_copied.wait();
+  std::vector<std::int64_t> n_splats;
+  for (std::size_t v = 0; v < n_views; ++v) {
+    const ViewCounts& found = *s.queued_counts[v]->get();
+    check_valid(found, s.n_queued_gaussians);
+    n_splats.push_back(found.n_splats);
+  }
+  return n_splats;
 }
 
 void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,

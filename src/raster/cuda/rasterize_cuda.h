@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "raster/cuda/passes.h"
 
@@ -40,6 +41,16 @@ class Rasterizer {
   /// once, for the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian; CudaError
   void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                const SplatAllocator& allocate, const LaunchContext& context, ColorPass* colors = nullptr);
+
+  /// project() for view number `place` of several, without waiting: writes at most `capacity` splats to `out`. Then the
+  /// next one, or wait_for_projections(). @throws CudaError
+  void queue_projection(std::size_t place, const GaussianArrays& gaussians, const PinholeView& view,
+                        const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity,
+                        const LaunchContext& context, ColorPass* colors = nullptr);
+  /// Numbers of splats of the views that were queued, in their order, all of them also if there was no room for them.
+  /// Waits for the device once. @throws InvalidGaussianError naming the first invalid Gaussian of the first view that
+  /// has one
+  std::vector<std::int64_t> wait_for_projections();
 
   /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
   /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),

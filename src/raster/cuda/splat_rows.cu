@@ -26,7 +26,7 @@ __device__ __forceinline__ std::int64_t thread_index() {
 
 __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs args) {
   const std::int64_t m = thread_index();
-  if (m >= args.n_splats) return;
+  if (m >= args.n_splats || (args.counts != nullptr && m >= args.counts->n_splats)) return;
   const std::int32_t i = args.seen[m];
   args.out.splats[m] = args.projected.splats[i];
   args.out.extents[m] = args.projected.extents[i];

@@ -14,6 +14,12 @@ ViewSplats FusedStep::project(const GaussianTensors& gaussians, const PinholeVie
   return rasterizer_.impl_->project(gaussians, view, settings, colors);
 }
 
+std::vector<ViewSplats> FusedStep::project_views(const GaussianTensors& gaussians,
+                                                 const std::vector<PinholeView>& views,
+                                                 const std::vector<RenderSettings>& settings, cuda::ColorPass* colors) {
+  return rasterizer_.impl_->project_views(gaussians, views, settings, colors);
+}
+
 ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
                                          cuda::ProjectBackwardCudaArgs& rest) {
   Rasterizer::Impl& impl = *rasterizer_.impl_;

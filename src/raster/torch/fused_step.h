@@ -25,6 +25,10 @@ class FusedStep {
   ViewSplats project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                      cuda::ColorPass* colors);
 
+  /// Rasterizer::project_views(), likewise.
+  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<PinholeView>& views,
+                                        const std::vector<RenderSettings>& settings, cuda::ColorPass* colors);
+
   /// The blending half of Rasterizer::backward(). `rest` receives the arguments of the other half, the backward
   /// projection, for a kernel that uses each Gaussian's gradient without storing it. Its only gradient array is
   /// means2d, the one in the returned statistics, which that kernel must write. @throws LogicError before any forward()

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "raster/args.h"
 #include "raster/torch/gaussian_tensors.h"
@@ -102,6 +103,11 @@ class Rasterizer {
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
   /// @throws LogicError and InvalidGaussianError as forward()
   ViewSplats project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
+
+  /// project() for each of several views. Waits once for a GPU, for all of them, unless a view sees more of the
+  /// Gaussians than those before; tensors may be parts of larger ones.
+  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<PinholeView>& views,
+                                        const std::vector<RenderSettings>& settings);
 
   /// The other passes of forward(): the same image if `splats` is from project() with this view and these settings, or
   /// from several of them, put into one order: that of the rows decides between equal depths. Splat::gaussian is

@@ -2,8 +2,10 @@
 // that this header calls does not use torch. For the sources of this folder.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "core/check.h"
 #include "raster/cpu/rasterize_cpu.h"
@@ -35,6 +37,8 @@ struct Rasterizer::Impl {
   std::int64_t n_rows = -1;        // of the last forward_splats(); -1: none
   bool absolute_gradient = false;  // of its settings
   bool camera_gradient = false;
+  double seen_share = 0;  // largest share of the Gaussians that a view of project_views() has seen
+  static constexpr double kSeenMargin = 1.1;
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
                        cuda::ColorPass* colors) {
@@ -56,13 +60,9 @@ struct Rasterizer::Impl {
     const GaussianArrays arrays = arrays_of(gaussians, device);
     n_gaussians = n_rows = -1;
     ViewSplats out;
-    const SplatAllocator allocate = [&](std::int64_t n) -> SplatRowArrays {
-      constexpr std::int64_t kWords = sizeof(Splat) / sizeof(float);
-      const torch::TensorOptions floats = gaussians.means.options();
-      out = {torch::empty({n, kWords}, floats), torch::empty({n, 2}, floats),
-             torch::empty({n}, floats.dtype(torch::kInt32))};
-      return {rows_at<Splat>("splats", out.splats), rows_at<Vec2f>("extents", out.extents),
-              out.radii.data_ptr<std::int32_t>()};
+    const SplatAllocator allocate = [&](std::int64_t n) {
+      out = allocate_splats(gaussians, n);
+      return row_arrays_of(out);
     };
     if (device.is_cpu()) {
       B3DGS_CHECK(colors == nullptr, "a ColorPass needs a GPU");
@@ -72,6 +72,27 @@ struct Rasterizer::Impl {
     if (!device.is_cpu()) on_gpu().project(arrays, view, settings, allocate, torch_launch_context(), colors);
 #endif
     return out;
+  }
+
+  /// rasterizer_splats.cpp
+  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<PinholeView>& views,
+                                        const std::vector<RenderSettings>& settings, cuda::ColorPass* colors);
+
+  static ViewSplats allocate_splats(const GaussianTensors& gaussians, std::int64_t n) {
+    constexpr std::int64_t kWords = sizeof(Splat) / sizeof(float);
+    const torch::TensorOptions floats = gaussians.means.options();
+    return {torch::empty({n, kWords}, floats), torch::empty({n, 2}, floats),
+            torch::empty({n}, floats.dtype(torch::kInt32))};
+  }
+  static SplatRowArrays row_arrays_of(const ViewSplats& splats) {
+    return {rows_at<Splat>("splats", splats.splats), rows_at<Vec2f>("extents", splats.extents),
+            splats.radii.data_ptr<std::int32_t>()};
+  }
+  static ViewSplats first_rows(const ViewSplats& splats, std::int64_t n) {
+    return {splats.splats.slice(0, 0, n), splats.extents.slice(0, 0, n), splats.radii.slice(0, 0, n)};
+  }
+  void note_seen(std::int64_t n_seen, std::int64_t n) {
+    if (n > 0) seen_share = std::max(seen_share, static_cast<double>(n_seen) / static_cast<double>(n));
   }
 
   RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {

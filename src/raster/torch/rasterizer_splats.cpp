@@ -5,6 +5,39 @@
 
 namespace b3dgs {
 
+std::vector<ViewSplats> Rasterizer::Impl::project_views(const GaussianTensors& gaussians,
+                                                        const std::vector<PinholeView>& views,
+                                                        const std::vector<RenderSettings>& settings,
+                                                        cuda::ColorPass* colors) {
+  B3DGS_CHECK(settings.size() == views.size(), "settings for ", settings.size(), " views of ", views.size());
+  std::vector<ViewSplats> all;
+#if B3DGS_TORCH_CUDA
+  if (!device.is_cpu() && seen_share > 0) {
+    const GaussianArrays arrays = arrays_of(gaussians, device);
+    n_gaussians = n_rows = -1;
+    const auto n = static_cast<double>(arrays.n_gaussians);
+    const std::int64_t room = std::min(arrays.n_gaussians, static_cast<std::int64_t>(kSeenMargin * seen_share * n) + 1);
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      all.push_back(allocate_splats(gaussians, room));
+      on_gpu().queue_projection(v, arrays, views[v], settings[v], row_arrays_of(all[v]), room, torch_launch_context(),
+                                colors);
+    }
+    const std::vector<std::int64_t> n_splats = on_gpu().wait_for_projections();
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      note_seen(n_splats[v], arrays.n_gaussians);
+      all[v] =
+          n_splats[v] <= room ? first_rows(all[v], n_splats[v]) : project(gaussians, views[v], settings[v], colors);
+    }
+    return all;
+  }
+#endif
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    all.push_back(project(gaussians, views[v], settings[v], colors));
+    note_seen(all[v].size(), gaussians.size());
+  }
+  return all;
+}
+
 SplatPairs Rasterizer::Impl::pairs_of(const torch::Tensor& rows) const {
   const torch::TensorOptions floats = rendered.color.options(), integers = floats.dtype(torch::kInt64);
   constexpr std::int64_t kWords = sizeof(SplatGradSum) / sizeof(float);
@@ -51,6 +84,12 @@ SplatPairs Rasterizer::Impl::pairs_of(const torch::Tensor& rows) const {
 ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeView& view,
                                const RenderSettings& settings) {
   return impl_->project(gaussians, view, settings, nullptr);
+}
+
+std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussians,
+                                                  const std::vector<PinholeView>& views,
+                                                  const std::vector<RenderSettings>& settings) {
+  return impl_->project_views(gaussians, views, settings, nullptr);
 }
 
 RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const PinholeView& view,

@@ -144,18 +144,21 @@ ViewStatistics GaussianStepper::keep_view(const RenderedViewGrad& view_grad, con
   return statistics;
 }
 
-ViewSplats GaussianStepper::project(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
-                                    const RenderSettings& settings) {
+std::vector<ViewSplats> GaussianStepper::project_views(GaussianTensors& gaussians, AdamState& state,
+                                                       const std::vector<PinholeView>& views,
+                                                       const std::vector<RenderSettings>& settings) {
+  if (views.empty()) return {};
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
-    begin_stage(settings.stages, Stage::kProject);
-    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    const RenderSettings& first = settings.front();
+    begin_stage(first.stages, Stage::kProject);
+    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
     return FusedStep(impl_->rasterizer)
-        .project(gaussians, view, settings, settings.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
+        .project_views(gaussians, views, settings, first.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
   }
 #endif
   (void)state;
-  return impl_->rasterizer.project(gaussians, view, settings);
+  return impl_->rasterizer.project_views(gaussians, views, settings);
 }
 
 ViewStatistics GaussianStepper::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "raster/stages.h"
 #include "raster/torch/rasterizer.h"
@@ -35,10 +36,11 @@ class GaussianStepper {
                            const RegularizationWeights& regularization = {});
 
   /// Of several ranks, each projects its Gaussians for every view of the step, another may draw the view, and each
-  /// keeps the sums of its splats: project() instead of forward(), keep_splats() instead of keep_view(). `n_splats`: of
-  /// the view, on all ranks. keep_splats() allocates; project() throws as forward() does.
-  ViewSplats project(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
-                     const RenderSettings& settings);
+  /// keeps the sums of its splats: project_views() instead of forward(), keep_splats() instead of keep_view().
+  /// `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward() does.
+  std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,
+                                        const std::vector<PinholeView>& views,
+                                        const std::vector<RenderSettings>& settings);
   ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
                              const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
                              const RegularizationWeights& regularization = {});

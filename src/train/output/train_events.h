@@ -37,12 +37,14 @@ struct TrainListeners {
   std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume
 };
 
-/// Files and evaluations of this session.
+/// Files, evaluations and rounds of density control of this session.
 struct TrainOutputs {
   std::filesystem::path ply, checkpoint;  // last ones written
   std::int64_t n_saved = 0;  // Gaussians in the last PLY; density control of the last iteration comes after it
   std::vector<std::filesystem::path> not_written;       // the system refused, e.g. because the disk is full
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
+  int n_density_rounds = 0;
+  double density_s = 0;  // in these rounds
 };
 
 struct TrainResult : TrainOutputs {

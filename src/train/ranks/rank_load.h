@@ -1,6 +1,7 @@
 // How evenly several ranks share the work of training, and what they exchange and wait for.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -9,6 +10,31 @@
 
 namespace b3dgs {
 
+/// Parts of a step, in the order of the figures. The device's time, or the host's where the device waits for it.
+enum class StepPhase {
+  kProject,  // own Gaussians for all views, and what is planned before
+  kRecord,   // the exchange on the host
+  kSplats,   // exchange: splats to the ranks that draw
+  kDraw,     // photograph, forward pass, loss, backward pass to the splats
+  kRows,     // exchange: rows of images, with bands
+  kSums,     // exchange: sums and scores to the owners
+  kLearn,    // statistics and the Adam step of own Gaussians
+};
+inline constexpr std::array<const char*, 7> kStepPhaseNames{"project", "record", "splats", "draw",
+                                                            "rows",    "sums",   "learn"};
+inline constexpr bool is_exchange(StepPhase phase) {
+  return phase == StepPhase::kRecord || phase == StepPhase::kSplats || phase == StepPhase::kRows ||
+         phase == StepPhase::kSums;
+}
+
+/// Parts of a round of density control.
+enum class RoundPhase {
+  kGather,  // exchange: what the round reads of all Gaussians
+  kPlan,
+  kEdit,  // exchange: rows to their owners
+};
+inline constexpr std::array<const char*, 3> kRoundPhaseNames{"gather", "plan", "edit"};
+
 /// What one rank has done in this session.
 struct RankTotals {
   std::int64_t sent_bytes = 0, received_bytes = 0;  // to and from other ranks: splats, and what is summed for them
@@ -16,6 +42,11 @@ struct RankTotals {
   std::int64_t n_timed = 0;
   double exchange_ms = 0;  // in exchanges, including the wait for other ranks
   double step_ms = 0;
+  std::array<double, kStepPhaseNames.size()> phase_ms{};
+  // Of all rounds of density control that its device has finished:
+  std::int64_t n_rounds = 0;
+  double round_ms = 0;
+  std::array<double, kRoundPhaseNames.size()> round_phase_ms{};
 };
 
 /// Means per step. Vectors have an element for each rank.
@@ -28,7 +59,12 @@ struct RankFigures {
   // Of the steps that were timed; empty if none was:
   std::vector<double> exchange_ms;  // in exchanges, including the wait for other ranks
   std::vector<double> wait_ms;      // what of it is more than on the rank that spends least in exchanges
-  double step_ms = 0;               // of the slowest rank
+  std::array<std::vector<double>, kStepPhaseNames.size()> phase_ms;
+  double step_ms = 0;  // of the slowest rank
+  // Rounds of density control; means per round.
+  std::int64_t n_rounds = 0;
+  std::vector<double> round_ms;
+  std::array<std::vector<double>, kRoundPhaseNames.size()> round_phase_ms;
 
   /// Mean over the ranks of the part of a step that they wait for each other; 0 if no step was timed.
   double wait_share() const;
@@ -42,6 +78,12 @@ nlohmann::ordered_json to_json(const RankFigures& figures);
 
 /// "busiest 1.07 x the mean (1.21 x in equal parts), waits 3 %, exchanged 8.1 MB per step"
 std::string describe(const RankFigures& figures);
+
+/// "1.30 ms: project 0.21, record 0.05, splats 0.12, draw 0.55, sums 0.12, learn 0.18", without phases that took no
+/// time; means over the ranks. Empty if no step was timed.
+std::string describe_steps(const RankFigures& figures);
+/// "gather 0.8, plan 0.5, edit 2.1 ms each", likewise. Empty if there was no round.
+std::string describe_rounds(const RankFigures& figures);
 
 class RankLoad {
  public:
@@ -71,6 +113,7 @@ class RankLoad {
     std::vector<RankTotals> from;  // where the steps begin
   };
   RankFigures figures(const Sums& sums) const;
+  void add_rounds(const Sums& sums, RankFigures& figures) const;
 
   Sums since_, whole_;
   std::vector<RankTotals> totals_;

@@ -17,16 +17,20 @@ std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int6
   return sizes;
 }
 
-void check_local_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global) {
-  B3DGS_CHECK(local.defined() && local.dim() >= 1 && local.is_contiguous(), "expected a contiguous tensor with rows");
-  std::vector<std::int64_t> shape = sizes_with_rows(local, n_global);
-  shape.push_back(static_cast<std::int64_t>(local.scalar_type()));
-  check_agreement(ranks, "number of rows, shape or type of a tensor", shape);
+void check_local_rows(Communicator& ranks, const std::vector<torch::Tensor>& tensors, std::int64_t n_global) {
   const std::int64_t expected = shards_of(ranks).n_local(n_global);
-  throw_together(ranks, "rows",
-                 local.size(0) == expected
-                     ? ""
-                     : detail::concat("a tensor has ", local.size(0), " rows of ", n_global, ", expected ", expected));
+  std::vector<std::int64_t> shapes{n_global};
+  std::string cause;
+  for (const torch::Tensor& local : tensors) {
+    B3DGS_CHECK(local.defined() && local.dim() >= 1 && local.is_contiguous(), "expected a contiguous tensor with rows");
+    const std::vector<std::int64_t> shape = sizes_with_rows(local, n_global);
+    shapes.insert(shapes.end(), shape.begin(), shape.end());
+    shapes.push_back(static_cast<std::int64_t>(local.scalar_type()));
+    if (local.size(0) != expected) {
+      cause = detail::concat("a tensor has ", local.size(0), " rows of ", n_global, ", expected ", expected);
+    }
+  }
+  check_together(ranks, "number of rows, shape or type of a tensor", shapes, cause);
 }
 
 /// What the ranks exchange at a time: the same local rows of each, which together are a range of global rows.
@@ -36,8 +40,8 @@ struct Piece {
   std::vector<std::int64_t> counts;  // of each rank
 };
 
-std::vector<Piece> pieces_of(const torch::Tensor& local, std::int64_t n_global, int size, std::int64_t piece_bytes) {
-  const std::int64_t n_rows = rows_per_piece(local, piece_bytes);
+/// `n_rows`: of each rank in a piece.
+std::vector<Piece> pieces_of(std::int64_t n_rows, std::int64_t n_global, int size) {
   std::vector<Piece> pieces;
   for (std::int64_t begin = 0; begin < n_global; begin += n_rows * size) {
     Piece piece{begin, std::min(begin + n_rows * size, n_global), begin / size, {}};
@@ -52,14 +56,18 @@ torch::Tensor rows_of_rank(const Piece& piece, const torch::Tensor& local, int r
   return local.slice(0, piece.local_begin, piece.local_begin + piece.counts[static_cast<std::size_t>(rank)]);
 }
 
-/// Copies rows in the order of the ranks to their places in `global`.
-void put_in_order(const Piece& piece, const torch::Tensor& by_rank, torch::Tensor& global) {
-  torch::Tensor out = global.slice(0, piece.begin, piece.end);
+/// Places in the piece of its rows in the order of the ranks.
+torch::Tensor places_in_piece(const Piece& piece, torch::Device device) {
   const int size = static_cast<int>(piece.counts.size());
   std::vector<torch::Tensor> rows;
   rows.reserve(piece.counts.size());
-  for (int r = 0; r < size; ++r) rows.push_back(global_rows({r, size}, out.size(0), out.device()));
-  out.index_copy_(0, torch::cat(rows), by_rank);
+  for (int r = 0; r < size; ++r) rows.push_back(global_rows({r, size}, piece.end - piece.begin, device));
+  return torch::cat(rows);
+}
+
+/// Copies rows in the order of the ranks to their places in `global`.
+void put_in_order(const Piece& piece, const torch::Tensor& by_rank, torch::Tensor& global) {
+  global.slice(0, piece.begin, piece.end).index_copy_(0, places_in_piece(piece, global.device()), by_rank);
 }
 
 }  // namespace
@@ -83,22 +91,48 @@ torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards) {
 
 torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                           std::int64_t piece_bytes) {
-  check_local_rows(ranks, local, n_global);
+  check_local_rows(ranks, {local}, n_global);
   if (ranks.size() == 1) return local;
   torch::Tensor global = torch::empty(sizes_with_rows(local, n_global), local.options());
-  for (const Piece& piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
+  for (const Piece& piece : pieces_of(rows_per_piece(local, piece_bytes), n_global, ranks.size())) {
     put_in_order(piece, ranks.all_gather_rows(rows_of_rank(piece, local, ranks.rank()), piece.counts), global);
+  }
+  return global;
+}
+
+std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& local,
+                                       std::int64_t n_global, std::int64_t piece_bytes) {
+  check_local_rows(ranks, local, n_global);
+  if (ranks.size() == 1 || local.empty()) return local;
+  std::vector<torch::Tensor> global;
+  std::int64_t n_words = 0;
+  for (const torch::Tensor& tensor : local) {
+    global.push_back(torch::empty(sizes_with_rows(tensor, n_global), tensor.options()));
+    n_words += words_per_row(tensor);
+  }
+  const torch::Tensor row = torch::empty({0, n_words}, torch::kInt32);  // for its size alone
+  for (const Piece& piece : pieces_of(rows_per_piece(row, piece_bytes), n_global, ranks.size())) {
+    std::vector<torch::Tensor> columns;
+    for (const torch::Tensor& tensor : local) columns.push_back(rows_of_rank(piece, as_words(tensor), ranks.rank()));
+    const torch::Tensor received = ranks.all_gather_rows(torch::cat(columns, 1), piece.counts);
+    const torch::Tensor places = places_in_piece(piece, received.device());
+    std::int64_t column = 0;
+    for (const torch::Tensor& tensor : global) {
+      const std::int64_t end = column + words_per_row(tensor);
+      as_words(tensor).slice(0, piece.begin, piece.end).index_copy_(0, places, received.slice(1, column, end));
+      column = end;
+    }
   }
   return global;
 }
 
 void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                           const std::function<void(const torch::Tensor& rows)>& take, std::int64_t piece_bytes) {
-  check_local_rows(ranks, local, n_global);
+  check_local_rows(ranks, {local}, n_global);
   if (ranks.size() == 1) return take(local.cpu());
   std::exception_ptr fault;
   const std::vector<std::int64_t> none(static_cast<std::size_t>(ranks.size()), 0);
-  for (Piece piece : pieces_of(local, n_global, ranks.size(), piece_bytes)) {
+  for (Piece piece : pieces_of(rows_per_piece(local, piece_bytes), n_global, ranks.size())) {
     const torch::Tensor rows = rows_of_rank(piece, local, ranks.rank());
     std::vector<std::int64_t> send = none;
     send[0] = rows.size(0);
@@ -119,7 +153,7 @@ void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::
 torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                                    std::int64_t piece_bytes) {
   if (ranks.size() == 1) {
-    check_local_rows(ranks, local, n_global);
+    check_local_rows(ranks, {local}, n_global);
     return local.cpu();
   }
   torch::Tensor global;
@@ -158,6 +192,15 @@ std::int64_t bytes_per_row(const torch::Tensor& rows) {
   return bytes;
 }
 
+std::int64_t words_per_row(const torch::Tensor& rows) {
+  B3DGS_CHECK(rows.element_size() == sizeof(std::int32_t), "a tensor of ", rows.element_size(), "-byte elements");
+  return bytes_per_row(rows) / static_cast<std::int64_t>(sizeof(std::int32_t));
+}
+
+torch::Tensor as_words(const torch::Tensor& rows) {
+  return rows.view({rows.size(0), words_per_row(rows)}).view(torch::kInt32);
+}
+
 std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes) {
   const std::int64_t block_bytes = RowShards::kBlock * std::max<std::int64_t>(1, bytes_per_row(rows));
   return RowShards::kBlock * std::max<std::int64_t>(1, piece_bytes / block_bytes);
@@ -167,6 +210,24 @@ void throw_together(Communicator& ranks, const std::string& label, const std::st
   const std::vector<std::string> causes = ranks.exchange(label, cause);
   for (int r = 0; r < ranks.size(); ++r) {
     const std::string& first = causes[static_cast<std::size_t>(r)];
+    B3DGS_CHECK(first.empty(), "rank ", r, " of ", ranks.size(), ": ", first);
+  }
+}
+
+void check_together(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers,
+                    const std::string& cause) {
+  // The numbers of all ranks must be as many before they can be compared: what precedes them says how many there are.
+  const auto n_bytes = static_cast<std::int64_t>(numbers.size() * sizeof(std::int64_t));
+  std::string record(reinterpret_cast<const char*>(&n_bytes), sizeof n_bytes);
+  record.append(reinterpret_cast<const char*>(numbers.data()), static_cast<std::size_t>(n_bytes));
+  const std::size_t n_compared = record.size();
+  const std::vector<std::string> all = ranks.exchange(what, record + cause);
+  for (int r = 1; r < ranks.size(); ++r) {
+    B3DGS_CHECK(all[static_cast<std::size_t>(r)].compare(0, n_compared, all[0], 0, n_compared) == 0, "rank ", r, " of ",
+                ranks.size(), " and rank 0 disagree on the ", what);
+  }
+  for (int r = 0; r < ranks.size(); ++r) {
+    const std::string first = all[static_cast<std::size_t>(r)].substr(n_compared);
     B3DGS_CHECK(first.empty(), "rank ", r, " of ", ranks.size(), ": ", first);
   }
 }

@@ -33,6 +33,10 @@ inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
 torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 
+/// The same for several tensors of 32-bit elements, in one exchange, or one for each piece of piece_bytes.
+std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& local,
+                                       std::int64_t n_global, std::int64_t piece_bytes = kExchangePieceBytes);
+
 /// The same piece by piece: on rank 0, calls take() with the rows in global order, in host memory, which holds two
 /// pieces of each rank at a time. An exception of take() is thrown when all pieces have been exchanged.
 void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
@@ -47,6 +51,11 @@ torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& loc
 /// that this rank draws, in their order. Returns a row for each view. One exchange.
 torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers);
 
+/// 32-bit words of one row.
+std::int64_t words_per_row(const torch::Tensor& rows);
+/// The same memory as [n, words_per_row()] int32. Contiguous tensors of 32-bit elements.
+torch::Tensor as_words(const torch::Tensor& rows);
+
 /// Bytes of one row. Contiguous tensors of any type and shape.
 std::int64_t bytes_per_row(const torch::Tensor& rows);
 
@@ -56,6 +65,10 @@ std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes)
 /// @throws LogicError on all ranks, with the first cause that is not empty; returns if all are. For checks that may
 /// fail on some ranks only: a rank that threw alone would leave the others waiting.
 void throw_together(Communicator& ranks, const std::string& label, const std::string& cause);
+
+/// check_agreement() and throw_together() in one exchange.
+void check_together(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers,
+                    const std::string& cause);
 
 /// @throws LogicError on all ranks, naming `what`, unless the numbers are the same on all of them
 void check_agreement(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers);

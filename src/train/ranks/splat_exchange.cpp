@@ -2,20 +2,23 @@
 
 #include <torch/torch.h>
 
-#include <cstddef>
 #include <numeric>
 #include <utility>
 
 #include "core/check.h"
+#include "core/parallel.h"
 #include "train/ranks/sharded_rows.h"
+#include "train/ranks/splats/splat_words.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "train/ranks/splats/splat_words_cuda.h"
+#endif
 
 namespace b3dgs {
 namespace {
 
-// Columns of an exchanged row: Splat, its extent, its radius, each as 32 bits.
-constexpr std::int64_t kSplatWords = sizeof(Splat) / sizeof(std::int32_t);
-constexpr std::int64_t kGaussian = offsetof(Splat, gaussian) / sizeof(std::int32_t);
-constexpr std::int64_t kExtent = kSplatWords, kRadius = kExtent + 2, kWords = kRadius + 1;
+constexpr std::int64_t kGrain = 4096;
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
@@ -32,44 +35,74 @@ void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, co
               splats.size());
 }
 
-/// Writes the splats as rows of words, with global rows.
+const std::int32_t* words_of(const torch::Tensor& rows) {
+  return static_cast<const std::int32_t*>(rows.data_ptr());
+}
+
+/// Writes the splats as rows of words.
 void pack(const ViewSplats& splats, const RowShards& shards, const torch::Tensor& words) {
-  words.slice(1, 0, kSplatWords).copy_(splats.splats.view(torch::kInt32));
-  words.slice(1, kExtent, kRadius).copy_(splats.extents.view(torch::kInt32));
-  words.select(1, kRadius).copy_(splats.radii);
-  torch::Tensor rows = words.select(1, kGaussian);
-  const torch::Tensor blocks = torch::div(rows, RowShards::kBlock, "floor");
-  rows.add_(blocks, (shards.size - 1) * RowShards::kBlock).add_(shards.rank * RowShards::kBlock);
+  const PackSplatsArgs args{
+      splats.size(), words_of(splats.splats),       words_of(splats.extents), words_of(splats.radii),
+      shards,        words.data_ptr<std::int32_t>()};
+#if B3DGS_TORCH_CUDA
+  if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
+#endif
+  parallel_chunks(args.n_splats * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t k = begin; k < end; ++k) pack_splat_word(args, k);
+  });
 }
 
-/// Lists of rows, each ascending, no row twice. Returns the places of their concatenation in ascending order.
-torch::Tensor merge_order(const std::vector<torch::Tensor>& lists) {
-  // With few lists, looking each row up in the others is less work than a sort.
-  constexpr std::size_t kFewLists = 3;
-  const torch::Tensor rows = torch::cat(lists);
-  if (lists.size() > kFewLists) return std::get<1>(torch::sort(rows, /*stable=*/true, /*dim=*/0, /*descending=*/false));
-  const torch::TensorOptions options = rows.options().dtype(torch::kInt64);
-  std::vector<torch::Tensor> merged;  // where each row comes
-  std::int64_t begin = 0;
-  for (std::size_t i = 0; i < lists.size(); ++i) {
-    const torch::Tensor own = rows.slice(0, begin, begin + lists[i].size(0));
-    torch::Tensor place = torch::arange(own.size(0), options);
-    std::int64_t other_begin = 0;
-    for (std::size_t j = 0; j < lists.size(); ++j) {
-      const torch::Tensor other = rows.slice(0, other_begin, other_begin + lists[j].size(0));
-      other_begin += lists[j].size(0);
-      if (j != i && other.size(0) > 0) place.add_(torch::searchsorted(other, own));
-    }
-    begin += own.size(0);
-    merged.push_back(place);
+/// Splats of a view from the lists of the ranks, lists[r] being their rows in `words`; and which row each is.
+struct MergedSplats {
+  ViewSplats splats;
+  torch::Tensor places;  // [M] int64
+};
+
+MergedSplats merge_few(const torch::Tensor& words, const std::vector<std::pair<std::int64_t, std::int64_t>>& lists) {
+  MergeSplatsArgs args;
+  std::int64_t n = 0;
+  for (const auto& [begin, end] : lists) {
+    args.begin[args.n_lists] = begin;
+    args.end[args.n_lists++] = end;
+    n += end - begin;
   }
-  return torch::empty({rows.size(0)}, options).index_copy_(0, torch::cat(merged), torch::arange(rows.size(0), options));
+  const torch::TensorOptions floats = words.options().dtype(torch::kFloat32);
+  MergedSplats merged{
+      {torch::empty({n, kSplatWords}, floats), torch::empty({n, 2}, floats), torch::empty({n}, words.options())},
+      torch::empty({n}, words.options().dtype(torch::kInt64))};
+  args.words = words.data_ptr<std::int32_t>();
+  args.splats = static_cast<std::int32_t*>(merged.splats.splats.data_ptr());
+  args.extents = static_cast<std::int32_t*>(merged.splats.extents.data_ptr());
+  args.radii = merged.splats.radii.data_ptr<std::int32_t>();
+  args.places = merged.places.data_ptr<std::int64_t>();
+#if B3DGS_TORCH_CUDA
+  if (words.is_cuda()) {
+    cuda::merge_splats(args, n, torch_launch_context().stream);
+    return merged;
+  }
+#endif
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) merge_splat(args, i);
+  });
+  return merged;
 }
 
-ViewSplats unpack(const torch::Tensor& words, const torch::Tensor& places) {
-  return {words.slice(1, 0, kSplatWords).index_select(0, places).view(torch::kFloat32),
-          words.slice(1, kExtent, kRadius).index_select(0, places).view(torch::kFloat32),
-          words.select(1, kRadius).index_select(0, places)};
+/// With many lists, a sort is less work than looking each row up in all of them.
+MergedSplats merge_many(const torch::Tensor& words, const std::vector<std::pair<std::int64_t, std::int64_t>>& lists) {
+  const torch::Tensor all = torch::arange(words.size(0), words.options().dtype(torch::kInt64));
+  std::vector<torch::Tensor> rows, places;
+  for (const auto& [begin, end] : lists) {
+    rows.push_back(words.select(1, kGaussianColumn).slice(0, begin, end));
+    places.push_back(all.slice(0, begin, end));
+  }
+  const torch::Tensor order =
+      std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
+  MergedSplats merged;
+  merged.places = torch::cat(places).index_select(0, order);
+  merged.splats = {words.slice(1, 0, kSplatWords).index_select(0, merged.places).view(torch::kFloat32),
+                   words.slice(1, kExtentColumn, kRadiusColumn).index_select(0, merged.places).view(torch::kFloat32),
+                   words.select(1, kRadiusColumn).index_select(0, merged.places)};
+  return merged;
 }
 
 }  // namespace
@@ -106,7 +139,7 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
   send_.assign(size, 0);
   receive_.assign(size, 0);
   const auto words_type = torch::dtype(torch::kInt32).device(device_);
-  const torch::Tensor sent = torch::empty({sum_of(own_counts_), kWords}, words_type);
+  const torch::Tensor sent = torch::empty({sum_of(own_counts_), kRowWords}, words_type);
   std::int64_t n_packed = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
     for (const std::size_t v : views_of_[drawer]) {
@@ -121,22 +154,18 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<ViewSplats>&
   const torch::Tensor received = exchange(sent, send_, receive_);
 
   // Rows come by rank, those of a rank by view.
-  const torch::Tensor all_places = torch::arange(received.size(0), words_type.dtype(torch::kInt64));
   std::vector<std::int64_t> next(size, 0);  // place of the next row of each rank
   std::exclusive_scan(receive_.begin(), receive_.end(), next.begin(), std::int64_t{0});
   std::vector<ViewSplats> drawn;
   for (const std::size_t v : views_of_[rank]) {
-    std::vector<torch::Tensor> rows, places;
+    std::vector<std::pair<std::int64_t, std::int64_t>> lists;
     for (std::size_t r = 0; r < size; ++r) {
       const std::int64_t begin = std::exchange(next[r], next[r] + counts[r][v]);
-      rows.push_back(received.select(1, kGaussian).slice(0, begin, next[r]));
-      places.push_back(all_places.slice(0, begin, next[r]));
+      lists.emplace_back(begin, next[r]);
     }
-    const torch::Tensor order = merge_order(rows);
-    DrawnView& view = drawn_.emplace_back();
-    view.places = torch::cat(places).index_select(0, order);
-    view.n_splats = view.places.size(0);
-    drawn.push_back(unpack(received, view.places));
+    MergedSplats merged = size > MergeSplatsArgs::kMaxLists ? merge_many(received, lists) : merge_few(received, lists);
+    drawn_.push_back({merged.splats.size(), merged.places});
+    drawn.push_back(std::move(merged.splats));
   }
   return drawn;
 }

@@ -12,12 +12,14 @@ void Trainer::Impl::try_room_for(const RowEdit& edit) {
   const std::int64_t n_before = state.gaussians.size(), n_after = shards().n_local(edit.sources.size(0));
   const torch::TensorOptions options = state.gaussians.means.options();
   const std::int64_t n_floats = state_row_bytes(state) / static_cast<std::int64_t>(sizeof(float));
-  // The largest tensor is there twice; all of them have grown by then.
+  // The largest tensor, or some small ones, are there twice; all of them have grown by then.
+  constexpr std::int64_t kPieceFloats = kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float));
   const std::int64_t n_widest = std::max<std::int64_t>(4, state.gaussians.shN.size(1) * 3);
-  const torch::Tensor largest = memory->allocate({n_after, n_widest}, options);
+  const std::int64_t n_together =
+      std::clamp(kPieceFloats / std::max<std::int64_t>(1, n_after), n_widest, std::max(n_widest, n_floats));
+  const torch::Tensor largest = memory->allocate({n_after, n_together}, options);
   const torch::Tensor growth = memory->allocate({std::max<std::int64_t>(0, n_after - n_before), n_floats}, options);
-  const torch::Tensor pieces = memory->allocate(
-      {2, std::min(kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float)), n_after * n_widest)}, options);
+  const torch::Tensor pieces = memory->allocate({2, std::min(kPieceFloats, n_after * n_together)}, options);
 }
 
 void Trainer::Impl::allocate_together(const std::function<void()>& work) {
@@ -41,6 +43,7 @@ void Trainer::Impl::throw_out_of_memory(int rank, const std::string& reason) {
 }
 
 DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limit) {
+  round_phases.begin(RoundPhase::kGather);
   // Strategies do not read colours.
   GaussianTensors gaussians;
   const GaussianTensors& own = state.gaussians;
@@ -50,12 +53,17 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
     const auto n_columns = static_cast<std::int64_t>(state.statistics.all().size());
     const torch::Tensor room = memory->allocate({(kFloats + n_columns) * n}, own.means.options());
   });
-  gaussians.means = gather_rows(*ranks, own.means, n);
-  gaussians.log_scales = gather_rows(*ranks, own.log_scales, n);
-  gaussians.quats = gather_rows(*ranks, own.quats, n);
-  gaussians.logit_opacities = gather_rows(*ranks, own.logit_opacities, n);
   DensityStatistics statistics = state.statistics;
-  for (torch::Tensor* column : statistics.all()) *column = gather_rows(*ranks, *column, n);
+  std::vector<torch::Tensor*> gathered{&gaussians.means, &gaussians.log_scales, &gaussians.quats,
+                                       &gaussians.logit_opacities};
+  std::vector<torch::Tensor> rows{own.means, own.log_scales, own.quats, own.logit_opacities};
+  for (torch::Tensor* column : statistics.all()) {
+    gathered.push_back(column);
+    rows.push_back(*column);
+  }
+  rows = gather_rows(*ranks, rows, n);
+  for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
+  round_phases.begin(RoundPhase::kPlan);
   DensityRound round;
   allocate_together([&] { round = density->plan_round(gaussians, statistics, iteration, limit); });
   return round;

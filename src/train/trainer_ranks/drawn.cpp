@@ -3,6 +3,7 @@
 #include <torch/torch.h>
 
 #include <algorithm>
+#include <numeric>
 
 #include "train/trainer_impl.h"
 
@@ -10,12 +11,12 @@ namespace b3dgs {
 
 namespace {
 
-// Exchanges are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
+// Phases are timed in the first kMeasured iterations of a session after kWarmUp, and then in some steps.
 constexpr int kWarmUp = 20, kMeasured = 40, kTimedInterval = 10;
 
 }  // namespace
 
-bool Trainer::Impl::times_exchanges(int from, int last) const {
+bool Trainer::Impl::times_phases(int from, int last) const {
   const int n_done = from - result.first_iteration;  // in this session
   return n_done >= kWarmUp && (n_done < kWarmUp + kMeasured || from / kTimedInterval != last / kTimedInterval);
 }
@@ -31,28 +32,47 @@ void Trainer::Impl::read_own_loss() {
   if (!own_parts.empty() && !own_parts.back().loss) own_parts.back().loss = loss.value().loss;
 }
 
+void Trainer::Impl::add_phase_times() {
+  for (const auto& step : step_phases.take()) {
+    ++own_totals.n_timed;
+    own_totals.step_ms += step.wall_ms;
+    for (std::size_t i = 0; i < step.ms.size(); ++i) {
+      own_totals.phase_ms[i] += step.ms[i];
+      if (is_exchange(static_cast<StepPhase>(i))) own_totals.exchange_ms += step.ms[i];
+    }
+  }
+  for (const auto& round : round_phases.take()) {
+    ++own_totals.n_rounds;
+    own_totals.round_ms += round.wall_ms;
+    for (std::size_t i = 0; i < round.ms.size(); ++i) own_totals.round_phase_ms[i] += round.ms[i];
+  }
+}
+
+torch::Tensor Trainer::Impl::queue_row_entries() const {
+  const torch::Tensor entries = rasterizer.row_entries();
+  if (device.is_cpu()) return entries;
+  torch::Tensor on_host = torch::empty(entries.sizes(), torch::dtype(torch::kInt64).pinned_memory(true));
+  return on_host.copy_(entries, /*non_blocking=*/true);
+}
+
 DrawnParts Trainer::Impl::take_drawn() {
-  read_own_loss();
+  read_own_loss();  // queued behind the entries, which are there, too
   DrawnParts drawn;
   DrawnRecord& record = drawn.record;
   for (const OwnPart& own : std::exchange(own_parts, {})) {
     record.losses[own.part.view] = *own.loss;
+    const auto* const entries = own.entries.data_ptr<std::int64_t>();
+    const std::int64_t height = own.entries.size(0);
     if (!own.part.is_band() && !is_banded(step_plan)) {
-      record.entries[own.part.view] = own.entries.sum().item<std::int64_t>();
+      record.entries[own.part.view] = std::accumulate(entries, entries + height, std::int64_t{0});
       continue;
     }
-    const torch::Tensor entries = own.entries.cpu();
-    const std::int64_t height = entries.size(0);
     for (std::int64_t row = own.part.rows.begin; row < own.part.rows.end && row * tile_height < height; ++row) {
       const std::int64_t top = row * tile_height, bottom = std::min(top + tile_height, height);
-      drawn.rows.push_back(entries.slice(0, top, bottom).sum().item<std::int64_t>());
+      drawn.rows.push_back(std::accumulate(entries + top, entries + bottom, std::int64_t{0}));
     }
   }
-  for (const ExchangeTimer::Times& step : exchange_timer.take()) {
-    ++own_totals.n_timed;
-    own_totals.exchange_ms += step.exchange_ms;
-    own_totals.step_ms += step.step_ms;
-  }
+  add_phase_times();
   own_totals.sent_bytes = splats->sent_bytes();
   own_totals.received_bytes = splats->received_bytes();
   record.totals = own_totals;

@@ -15,19 +15,20 @@ namespace b3dgs {
 void Trainer::Impl::take_distributed_step() {
   const int last = step_end(config.batch, config.iterations, state.iteration);
   bool is_filter_due = begin_step_of_views(last);
-  if (times_exchanges(state.iteration, last)) exchange_timer.start();
+  if (times_phases(state.iteration, last)) step_phases.start();
   do {
+    step_phases.begin(StepPhase::kProject);
     const int from = state.iteration;
     const std::vector<LearnedView> views = next_views_of_step(last);
     keep_views_of_ranks(from, views, last, std::exchange(is_filter_due, false));
   } while (state.iteration < last);
   if (learned_views.empty()) {
-    exchange_timer.cancel();
+    step_phases.cancel();
     return timer.cancel();
   }
   learn_from_kept_views();
   timer.finish(state.step_iterations);
-  exchange_timer.finish();
+  step_phases.finish();
 }
 
 void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last,
@@ -47,6 +48,8 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
   };
   const int last_of_part = state.iteration;
   std::vector<View> views(n_views);
+  std::vector<PinholeView> cameras;
+  std::vector<RenderSettings> settings;
   std::vector<ViewSplats> own;
   std::vector<std::int64_t> n_splats(plan.size());  // for each part
   StepRecord record;
@@ -60,11 +63,14 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
       view.camera = camera_of(learned[v].index, state.iteration);
       view.settings = step_settings();
       view.settings.absolute_gradient = view.plan.absolute_gradients;
-      view.own = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
-        return stepper.project(state.gaussians, state.adam, view.camera, view.settings);
-      });
-      record.n_seen[v] = view.own.size();
-      own.push_back(view.own);
+      cameras.push_back(view.camera);
+      settings.push_back(view.settings);
+    }
+    own = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
+                        [&] { return stepper.project_views(state.gaussians, state.adam, cameras, settings); });
+    for (std::size_t v = 0; v < n_views; ++v) {
+      views[v].own = own[v];
+      record.n_seen[v] = own[v].size();
     }
     if (n_views > 0) n_splats = splats->begin(plan, own, views[0].settings.tile.height);
   } catch (const InvalidGaussianError& error) {
@@ -86,7 +92,7 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
   std::vector<DrawnParts> drawn_before;
   agreed = {};
   for (const auto& [other, numbers_of_other] :
-       exchange_timer.time([&] { return exchange_with_numbers(*ranks, "step", record, numbers); })) {
+       step_phases.time(StepPhase::kRecord, [&] { return exchange_with_numbers(*ranks, "step", record, numbers); })) {
     records.push_back(other);
     B3DGS_CHECK(numbers_of_other.size() >= plan.size(), "numbers of splats of ", plan.size(), " parts of a step");
     const auto rows = numbers_of_other.begin() + static_cast<std::ptrdiff_t>(plan.size());
@@ -108,7 +114,9 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
   tile_height = views[0].settings.tile.height;
 
   // The views, or bands of them, that this rank draws.
-  const std::vector<ViewSplats> drawn = exchange_timer.time([&] { return splats->to_drawers(counts); });
+  const std::vector<ViewSplats> drawn =
+      step_phases.time(StepPhase::kSplats, [&] { return splats->to_drawers(counts); });
+  step_phases.begin(StepPhase::kDraw);
   const bool has_scores = std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
   const bool refines_poses =
       std::any_of(views.begin(), views.end(), [](const View& view) { return view.refines_pose; });
@@ -150,10 +158,10 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
       }
       note_view_size();
       read_own_loss();  // of the view before: the next loss takes its place
-      own_parts.push_back({part, std::nullopt, rasterizer.row_entries()});
+      own_parts.push_back({part, std::nullopt, queue_row_entries()});
       std::vector<torch::Tensor> images{compared.rendered.color};
       if (depth_priors) images.push_back(compared.rendered.depth);
-      exchange_timer.time([&] { return splats->share_rows(images, n_image_columns); });
+      step_phases.time(StepPhase::kRows, [&] { return splats->share_rows(images, n_image_columns); });
       if (appearance) appearance->set_place(static_cast<int>(learned_views.size() + v));
       compare_with_photograph(view, compared);
       drawn_sums.push_back(rasterizer.backward_splats(compared.grad));
@@ -166,18 +174,19 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
       }
     }
   }
-  if (drawn_sums.empty()) exchange_timer.time([&] { return splats->share_rows({}, n_image_columns); });
+  if (drawn_sums.empty()) step_phases.time(StepPhase::kRows, [&] { return splats->share_rows({}, n_image_columns); });
   for (const LearnedView& view : learned) {
     unread_losses.push_back({view.iteration, scene.train[static_cast<std::size_t>(view.index)].name, view.index});
   }
 
   // The Gaussians of this rank.
   const std::vector<torch::Tensor> sums =
-      exchange_timer.time([&] { return splats->sums_to_owners(drawn_sums, drawn_pairs, is_exact); });
+      step_phases.time(StepPhase::kSums, [&] { return splats->sums_to_owners(drawn_sums, drawn_pairs, is_exact); });
   std::vector<torch::Tensor> scores;
   if (has_scores) {
-    scores = exchange_timer.time([&] { return splats->scores_to_owners(drawn_scores); });
+    scores = step_phases.time(StepPhase::kSums, [&] { return splats->scores_to_owners(drawn_scores); });
   }
+  step_phases.begin(StepPhase::kLearn);
   for (std::size_t v = 0; v < n_views; ++v) {
     const View& view = views[v];
     state.iteration = learned[v].iteration;

@@ -1,0 +1,88 @@
+// Splats on their way between ranks: a row of 32-bit words for each, with the Gaussian's row in the whole model in
+// place of the rank's own. What is computed for a row is the same on CPU and GPU.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/row_shards.h"
+#include "core/vec.h"
+#include "raster/splat_rows.h"
+
+namespace b3dgs {
+
+// Columns of an exchanged row: Splat, its extent, its radius.
+inline constexpr std::int64_t kSplatWords = sizeof(Splat) / sizeof(std::int32_t);
+inline constexpr std::int64_t kGaussianColumn = offsetof(Splat, gaussian) / sizeof(std::int32_t);
+inline constexpr std::int64_t kExtentColumn = kSplatWords, kRadiusColumn = kExtentColumn + 2;
+inline constexpr std::int64_t kRowWords = kRadiusColumn + 1;
+
+/// Splats of a rank to rows of words.
+struct PackSplatsArgs {
+  std::int64_t n_splats = 0;
+  const std::int32_t* splats = nullptr;   // [n_splats, kSplatWords]
+  const std::int32_t* extents = nullptr;  // [n_splats, 2]
+  const std::int32_t* radii = nullptr;    // [n_splats]
+  RowShards shards{};
+  std::int32_t* words = nullptr;  // [n_splats, kRowWords] out
+};
+
+/// Word k of the rows.
+B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
+  const std::int64_t row = k / kRowWords, column = k % kRowWords;
+  std::int32_t word = 0;
+  if (column < kSplatWords) {
+    word = args.splats[row * kSplatWords + column];
+    if (column == kGaussianColumn) word = static_cast<std::int32_t>(args.shards.global_row(word));
+  } else if (column < kRadiusColumn) {
+    word = args.extents[row * 2 + column - kExtentColumn];
+  } else {
+    word = args.radii[row];
+  }
+  args.words[k] = word;
+}
+
+/// Splats of one view, of which each rank has sent a list, in the order of the Gaussians: the order of one rank.
+struct MergeSplatsArgs {
+  static constexpr int kMaxLists = 16;
+
+  const std::int32_t* words = nullptr;  // [rows received, kRowWords]
+  int n_lists = 0;
+  std::int64_t begin[kMaxLists]{}, end[kMaxLists]{};  // rows of each list: ascending by Gaussian, which no other has
+  std::int32_t* splats = nullptr;                     // [sum of the lists, kSplatWords] out
+  std::int32_t* extents = nullptr;                    // [.., 2] out
+  std::int32_t* radii = nullptr;                      // [..] out
+  std::int64_t* places = nullptr;                     // [..] out: which row of `words` each is
+};
+
+/// Row i of all lists, one after the other.
+B3DGS_HD void merge_splat(const MergeSplatsArgs& args, std::int64_t i) {
+  int own = 0;
+  for (; i >= args.end[own] - args.begin[own]; ++own) i -= args.end[own] - args.begin[own];
+  const std::int64_t row = args.begin[own] + i;
+  const std::int32_t* const words = args.words + row * kRowWords;
+  const std::int32_t gaussian = words[kGaussianColumn];
+  std::int64_t place = i;
+  for (int list = 0; list < args.n_lists; ++list) {
+    if (list == own) continue;
+    std::int64_t low = args.begin[list], high = args.end[list];  // the first row that is not before this one
+    while (low < high) {
+      const std::int64_t middle = low + (high - low) / 2;
+      if (args.words[middle * kRowWords + kGaussianColumn] < gaussian) {
+        low = middle + 1;
+      } else {
+        high = middle;
+      }
+    }
+    place += low - args.begin[list];
+  }
+  for (std::int64_t column = 0; column < kSplatWords; ++column) {
+    args.splats[place * kSplatWords + column] = words[column];
+  }
+  args.extents[2 * place] = words[kExtentColumn];
+  args.extents[2 * place + 1] = words[kExtentColumn + 1];
+  args.radii[place] = words[kRadiusColumn];
+  args.places[place] = row;
+}
+
+}  // namespace b3dgs
