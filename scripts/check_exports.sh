@@ -22,6 +22,10 @@ fi
 export PATH=$npm/node_modules/.bin:$PATH
 "$build/tests/app/app_tests" --gtest_filter='SplatTransform.*' --gtest_brief=1
 
+if ! node -e 'process.exit(parseInt(process.versions.node) < 20 ? 1 : 0)'; then
+  echo "check_exports.sh: the page is not opened, playwright-core needs node 20 or later"
+  exit 0
+fi
 browser=$(command -v chromium || command -v chromium-browser || true)
 if [[ -z $browser ]]; then
   echo "check_exports.sh: the page is not opened, chromium is not installed (scripts/install_packages.sh --tests)"

@@ -20,6 +20,7 @@ fi
 for tool in node npm; do
   command -v "$tool" >/dev/null || skip "no $tool"
 done
+node -e 'process.exit(parseInt(process.versions.node) < 20 ? 1 : 0)' || skip "playwright-core needs node 20 or later"
 command -v chromium >/dev/null || scripts/install_packages.sh chromium || skip "no chromium"
 if [[ ! -d $build/browser/node_modules/playwright-core ]]; then
   mkdir -p "$build/browser"

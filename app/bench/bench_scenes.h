@@ -84,7 +84,7 @@ struct BenchConfig : BenchRun {
 template <class Config, class Visitor>
 std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
   field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
-  field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this PLY instead");
+  field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this file (PLY or SPZ) instead");
   field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
   field(Option{"view"}, c.view, Any{}, "use the camera of this image (default: the first)");
   field(Option{"images", 'i'}, c.images, Any{}, "image folder inside the COLMAP folder");

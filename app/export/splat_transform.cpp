@@ -133,7 +133,8 @@ bool needs_splat_transform(const fs::path& file) {
 
 void require_splat_transform(const fs::path& file) {
   if (!find_program(kProgram).empty()) return;
-  input_error(file.string(), ": this format is written by the program ", kProgram,
+  input_error(file.string(), ": b3dgs writes .ply and .spz; other formats, such as .sog and .html, are written by the ",
+              "program ", kProgram,
               ", which is not installed; get it with: npm install -g @playcanvas/splat-transform");
 }
 

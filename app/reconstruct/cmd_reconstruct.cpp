@@ -64,13 +64,13 @@ int run_reconstruct(const std::vector<std::string>& words) {
   std::signal(SIGTERM, stop_reconstruction);
 
   StatusLine status = StatusLine::for_stderr(command.quiet);
-  const ReconstructResult result = reconstruct(options, show_loading(status), &stop_signal);
+  const ReconstructResult result =
+      reconstruct(options, show_loading(status), &stop_signal, [&](const std::string& line) { status.warn(line); });
   status.clear();
   if (result.is_stopped) {
     status.print("stopped; give the same command again to go on");
     return 128 + stop_signal;
   }
-  for (const std::string& warning : result.warnings) status.warn(warning);
   report(result, options.output);
   return 0;
 }

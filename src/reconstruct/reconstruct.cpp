@@ -70,11 +70,15 @@ struct SceneFolders {
   fs::path ordered;  // by size, until they are accepted
 };
 
+using WarnFn = std::function<void(const std::string& line)>;
+
 class Reconstruction {
  public:
-  Reconstruction(const ReconstructOptions& options, const ReconstructProgress& progress, const std::atomic<int>* stop)
+  Reconstruction(const ReconstructOptions& options, const ReconstructProgress& progress, const std::atomic<int>* stop,
+                 const WarnFn& warn)
       : options_(options),
         progress_(progress),
+        warn_(warn),
         source_(fs::absolute(options.input).lexically_normal()),
         folders_(fs::absolute(options.output).lexically_normal()) {
     check_input();
@@ -100,12 +104,20 @@ class Reconstruction {
     if (progress_) progress_(stage, done, total);
   }
 
+  void warn(const std::string& line) const {
+    if (warn_) warn_(line);
+  }
+
   /// Before anything is written.
   void check_input() {
     if (!is_there(source_)) input_error("photographs not found: ", options_.input, " (expected a folder or a video)");
     is_video_ = !fs::is_directory(source_);
     if (is_video_ && has_image_extension(source_)) {
       input_error(options_.input, ": only one photograph (expected a folder of photographs, or a video)");
+    }
+    if (!is_video_ && options_.frames > 0) {
+      input_error("--frames has no effect on photographs (", options_.input,
+                  " is a folder); it is an option of videos");
     }
     if (is_there(folders_.root) && !fs::is_directory(folders_.root)) {
       input_error("not a folder: ", options_.output, " (expected the scene folder to make)");
@@ -181,11 +193,10 @@ class Reconstruction {
     constexpr std::size_t kMostNamed = 5;
     const std::vector<std::string>& damaged = photographs.damaged;
     for (std::size_t i = 0; i < std::min(damaged.size(), kMostNamed); ++i) {
-      result_.warnings.push_back("left out: " + damaged[i]);
+      warn("left out: " + damaged[i]);
     }
     if (damaged.size() > kMostNamed) {
-      result_.warnings.push_back(
-          detail::concat("left out: ", damaged.size() - kMostNamed, " more damaged photographs"));
+      warn(detail::concat("left out: ", damaged.size() - kMostNamed, " more damaged photographs"));
     }
     if (photographs.names.size() < 2) {
       input_error(options_.input, ": ", photographs.names.size(), " of ", names.size(),
@@ -241,7 +252,7 @@ class Reconstruction {
     std::string matcher = options_.matcher;
     if (matcher == "auto") matcher = is_video_ || n_photographs > kMostExhaustive ? "sequential" : "exhaustive";
     if (options_.matcher == "auto" && !is_video_ && n_photographs > kMostExhaustive) {
-      result_.warnings.push_back(detail::concat(
+      warn(detail::concat(
           n_photographs,
           " photographs: only those with neighbouring names are matched; if they were not taken in this ",
           "order, add --matcher exhaustive, which takes longer"));
@@ -306,7 +317,7 @@ class Reconstruction {
                   " to use this model (it is kept in ", models.string(), ")");
     }
     if (share < kWarnBelow) {
-      result_.warnings.push_back(registered + "; views that are missing leave holes: " + kHowToPhotograph);
+      warn(registered + "; views that are missing leave holes: " + kHowToPhotograph);
     }
     if (!is_new) return;
     if (is_there(folders_.sparse)) move_folder(folders_.sparse, free_name(folders_.root / "sparse.previous"));
@@ -316,6 +327,7 @@ class Reconstruction {
 
   const ReconstructOptions& options_;
   const ReconstructProgress& progress_;
+  const WarnFn& warn_;
   fs::path source_;
   SceneFolders folders_;
   bool is_video_ = false;
@@ -330,9 +342,9 @@ class Reconstruction {
 }  // namespace
 
 ReconstructResult reconstruct(const ReconstructOptions& options, const ReconstructProgress& progress,
-                              const std::atomic<int>* stop) {
+                              const std::atomic<int>* stop, const WarnFn& warn) {
   try {
-    return Reconstruction(options, progress, stop).run();
+    return Reconstruction(options, progress, stop, warn).run();
   } catch (const Stopped&) {
     ReconstructResult result;
     result.is_stopped = true;

@@ -57,9 +57,8 @@ struct ReconstructResult {
   std::size_t n_photographs = 0;  // that COLMAP was given
   std::size_t n_registered = 0;   // of them, in the largest model
   std::size_t n_models = 0;
-  std::size_t n_points = 0;           // of the largest model
-  double mean_error = 0;              // px, mean reprojection error of its points
-  std::vector<std::string> warnings;  // one line each
+  std::size_t n_points = 0;  // of the largest model
+  double mean_error = 0;     // px, mean reprojection error of its points
 };
 
 /// `done` of `total` (0: unknown) of a stage, such as "matching".
@@ -67,10 +66,12 @@ using ReconstructProgress = std::function<void(const std::string& stage, std::si
 
 /// Makes a scene of the photographs or the video `options.input`: SCENE/images and SCENE/sparse/0, of several models
 /// the largest. What an earlier call with the same input and options has done is not done again. If `*stop` becomes
-/// other than 0, the program that runs is ended.
+/// other than 0, the program that runs is ended. `warn` gets one line for each thing to know, such as a photograph that
+/// is left out, also if an error follows.
 /// @throws InputError if the input cannot be used, a program is missing or fails, or too few photographs can be
 /// registered (the models are then kept in SCENE/reconstruct/models); IoError
 ReconstructResult reconstruct(const ReconstructOptions& options, const ReconstructProgress& progress = {},
-                              const std::atomic<int>* stop = nullptr);
+                              const std::atomic<int>* stop = nullptr,
+                              const std::function<void(const std::string& line)>& warn = {});
 
 }  // namespace b3dgs

@@ -84,6 +84,7 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
   if (images) view.image = std::make_shared<ViewImage>(source, images);
   view.valid = source.valid;
   view.empty = source.empty;
+  view.mask_file = source.mask.string();
   return view;
 }
 

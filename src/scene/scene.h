@@ -26,6 +26,7 @@ struct View {
   // may be there; null: nowhere.
   std::shared_ptr<const Image8> empty{};
   std::vector<std::int32_t> points{};  // with SceneOptions::tracks: rows of Scene::points that COLMAP saw in it
+  std::string mask_file{};             // what `valid` and `empty` were read from; empty: there is no mask
 };
 
 inline constexpr int kTestEvery = 8;  // as in the published results of the field

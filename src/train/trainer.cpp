@@ -115,13 +115,17 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
       read_checkpoint(checkpoint, impl.scene, impl.is_distributed() ? torch::Device(torch::kCPU) : impl.device);
   check_resume_options(read.config, read.state.iteration, impl.config, checkpoint.string());
   impl.fingerprint = scene_fingerprint(impl.scene);
-  const std::vector<std::string> changed = changed_photographs(read_checkpoint_header(checkpoint), impl.fingerprint);
-  if (!changed.empty()) {
-    impl.recorder.warn(detail::concat(changed.size(), " of ", impl.scene.train.size(),
-                                      " photographs have changed since this checkpoint was written (",
+  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
+  const auto warn_of = [&](const std::string& files, const std::vector<std::string>& changed) {
+    if (changed.empty()) return;
+    impl.recorder.warn(detail::concat(files, " have changed since this checkpoint was written (",
                                       changed.size() > 1 ? "first: " : "", changed.front(),
                                       "); training continues with the current files"));
-  }
+  };
+  const std::vector<std::string> photographs = changed_photographs(header, impl.fingerprint);
+  warn_of(detail::concat(photographs.size(), " of ", impl.scene.train.size(), " photographs"), photographs);
+  const std::vector<std::string> masks = changed_masks(header, impl.fingerprint);
+  warn_of(detail::concat("masks of ", masks.size(), " of ", impl.scene.train.size(), " photographs"), masks);
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   if (impl.config.skip_share == 0) impl.state.view_skips = {};

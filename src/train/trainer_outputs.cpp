@@ -33,7 +33,7 @@ void Trainer::Impl::claim_folder() {
 void Trainer::Impl::begin() {
   if (std::exchange(has_begun, true)) return;
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
-  if (is_distributed()) check_same_scene(*ranks, scene, fingerprint.at("photographs"));
+  if (is_distributed()) check_same_scene(*ranks, scene, fingerprint);
   if (state.n_gaussians() == 0) initialize_model();
   claim_folder();
   if (writes_files()) {

@@ -353,5 +353,29 @@ TEST_F(TrainerFaults, ChangedPhotographsAreNoticed) {
   EXPECT_NE(warnings[0].find(with_files.train[1].name), std::string::npos) << warnings[0];
 }
 
+TEST_F(TrainerFaults, ChangedMasksAreNoticed) {
+  Scene with_masks = scene;
+  for (const std::size_t i : {0u, 1u}) {
+    with_masks.train[i].mask_file = (temp / ("mask" + std::to_string(i))).string();
+    test::write_bytes(with_masks.train[i].mask_file, "mask");
+  }
+  TrainConfig config = eventful_config();
+  config.iterations = 3;
+  const fs::path checkpoint = train(config, with_masks, temp / "model").result.checkpoint;
+  const auto resume = [&] { Trainer(config, with_masks, ModelFolder(temp / "model"), hooks()).resume(checkpoint); };
+  resume();
+  EXPECT_TRUE(warnings.empty());
+  test::write_bytes(with_masks.train[1].mask_file, "musk");
+  resume();
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_NE(warnings[0].find("masks of 1 of 6 photographs have changed"), std::string::npos) << warnings[0];
+  EXPECT_NE(warnings[0].find(with_masks.train[1].name), std::string::npos) << warnings[0];
+  with_masks.train[0].mask_file.clear();
+  with_masks.train[2].mask_file = with_masks.train[1].mask_file;
+  resume();
+  ASSERT_EQ(warnings.size(), 2u);
+  EXPECT_NE(warnings[1].find("masks of 3 of 6 photographs"), std::string::npos) << warnings[1];
+}
+
 }  // namespace
 }  // namespace b3dgs

@@ -182,12 +182,32 @@ void check_values(const TrainState& state, const std::string& place) {
   }
 }
 
+// Names of training views whose fingerprints in the list `key` differ. A list that the header lacks, as those of early
+// versions, differs nowhere. A fingerprint that was null differs only if files `may_be_added`.
+std::vector<std::string> changed_files(const Json& header, const Json& fingerprint, const char* key,
+                                       bool may_be_added) {
+  std::vector<std::string> names;
+  const Json saved = header.value("scene", Json::object()).value(key, Json::array());
+  const Json &now = fingerprint.at(key), &views = fingerprint.at("train_views");
+  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
+    if (saved[i] == now[i] || (saved[i].is_null() && !may_be_added)) continue;
+    names.push_back(views[i].at("name").get<std::string>());
+  }
+  return names;
+}
+
 }  // namespace
 
 Json scene_fingerprint(const Scene& scene) {
-  Json photographs = Json::array();
-  for (const View& view : scene.train) photographs.push_back(photograph_fingerprint(view.file));
-  return {{"extent", scene.extent}, {"train_views", describe_views(scene)}, {"photographs", std::move(photographs)}};
+  Json photographs = Json::array(), masks = Json::array();
+  for (const View& view : scene.train) {
+    photographs.push_back(photograph_fingerprint(view.file));
+    masks.push_back(photograph_fingerprint(view.mask_file));
+  }
+  return {{"extent", scene.extent},
+          {"train_views", describe_views(scene)},
+          {"photographs", std::move(photographs)},
+          {"masks", std::move(masks)}};
 }
 
 void check_scene(const Json& header, const Scene& scene, const std::string& place) {
@@ -225,13 +245,11 @@ void check_resume_options(const TrainConfig& saved, int iteration, const TrainCo
 }
 
 std::vector<std::string> changed_photographs(const Json& header, const Json& fingerprint) {
-  std::vector<std::string> names;
-  const Json saved = header.value("scene", Json::object()).value("photographs", Json::array());
-  const Json &now = fingerprint.at("photographs"), &views = fingerprint.at("train_views");
-  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
-    if (!saved[i].is_null() && saved[i] != now[i]) names.push_back(views[i].at("name").get<std::string>());
-  }
-  return names;
+  return changed_files(header, fingerprint, "photographs", /*may_be_added=*/false);
+}
+
+std::vector<std::string> changed_masks(const Json& header, const Json& fingerprint) {
+  return changed_files(header, fingerprint, "masks", /*may_be_added=*/true);
 }
 
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {

@@ -22,7 +22,7 @@ struct Checkpoint {
 };
 
 /// Identifies a scene in a checkpoint: what must be equal for view indices and image sizes to have the same meaning,
-/// and for each photograph its size in bytes and the CRC-32 of its first 64 KiB, to detect changes.
+/// and for each photograph and each mask its size in bytes and the CRC-32 of its first 64 KiB, to detect changes.
 nlohmann::ordered_json scene_fingerprint(const Scene& scene);
 
 /// The header of a checkpoint, without the list of tensors.
@@ -43,6 +43,9 @@ void check_resume_options(const TrainConfig& saved, int iteration, const TrainCo
 /// header has that information.
 std::vector<std::string> changed_photographs(const nlohmann::ordered_json& header,
                                              const nlohmann::ordered_json& fingerprint);
+
+/// The same for masks: names of training views whose mask is another one, was added or is gone.
+std::vector<std::string> changed_masks(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
 
 /// @throws IoError
 void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -52,13 +53,14 @@ Json describe(const std::vector<View>& views) {
   return rows;
 }
 
-Json describe(const Scene& scene, const Json& photographs) {
+Json describe(const Scene& scene, const Json& fingerprint) {
   Checksum points;
   points.add(scene.points.positions);
   points.add(scene.points.colors);
   return {{"train", describe(scene.train)},
           {"test", describe(scene.test)},
-          {"photographs", photographs},
+          {"photographs", fingerprint.at("photographs")},
+          {"masks", fingerprint.at("masks")},
           {"n_points", scene.points.size()},
           {"points", points.value()}};
 }
@@ -86,10 +88,11 @@ std::string find_difference(const Json& there, const Json& first) {
     const std::string difference = find_difference(there[kind], first[kind], kind);
     if (!difference.empty()) return difference;
   }
-  const Json &photographs = there["photographs"], &others = first["photographs"];
-  for (std::size_t i = 0; i < std::min(photographs.size(), others.size()); ++i) {
-    if (photographs[i] != others[i]) {
-      return detail::concat("the photograph of train view ", i, " (", there["train"][i][0].get<std::string>(),
+  for (const auto& [key, file] : {std::pair("photographs", "photograph"), std::pair("masks", "mask")}) {
+    const Json &files = there[key], &others = first[key];
+    for (std::size_t i = 0; i < std::min(files.size(), others.size()); ++i) {
+      if (files[i] == others[i]) continue;
+      return detail::concat("the ", file, " of train view ", i, " (", there["train"][i][0].get<std::string>(),
                             ") is another file");
     }
   }
@@ -101,9 +104,9 @@ std::string find_difference(const Json& there, const Json& first) {
 
 }  // namespace
 
-void check_same_scene(Communicator& ranks, const Scene& scene, const Json& photographs) {
+void check_same_scene(Communicator& ranks, const Scene& scene, const Json& fingerprint) {
   if (ranks.size() == 1) return;
-  const std::string own = dump(describe(scene, photographs));
+  const std::string own = dump(describe(scene, fingerprint));
   Checksum sum;
   sum.add(own);
   const std::vector<std::uint64_t> sums = ranks.exchange_record("scene", sum.value());

@@ -8,10 +8,10 @@
 
 namespace b3dgs {
 
-/// All ranks call this together. `photographs` is a list with a value for each training view that changes with the
-/// contents of its file. Ranks exchange a checksum, and what a message needs only if these differ.
-/// @throws InputError on all ranks, naming the first rank whose scene differs from that of rank 0 and the first
-/// difference: number, names, sizes, lenses, poses or photographs of views, or points
-void check_same_scene(Communicator& ranks, const Scene& scene, const nlohmann::ordered_json& photographs);
+/// All ranks call this together. `fingerprint` has the lists "photographs" and "masks", with a value for each training
+/// view that changes with the contents of the file. Ranks exchange a checksum, and what a message needs only if these
+/// differ. @throws InputError on all ranks, naming the first rank whose scene differs from that of rank 0 and the first
+/// difference: number, names, sizes, lenses, poses, photographs or masks of views, or points
+void check_same_scene(Communicator& ranks, const Scene& scene, const nlohmann::ordered_json& fingerprint);
 
 }  // namespace b3dgs

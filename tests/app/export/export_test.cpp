@@ -90,9 +90,15 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   EXPECT_TRUE(contains(eval.out, "mean of 2")) << eval.out << eval.err;
   const Outcome all = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--quiet"});
   EXPECT_TRUE(contains(all.out, "mean of 9")) << all.out << all.err;
-  const Outcome rendered =
-      run_b3dgs({"render", path("a.spz"), "-s", path("scene"), "--output", path("images"), "--quiet"});
-  EXPECT_EQ(rendered.exit_code, 0) << rendered.err;
+  write_splat_ply(path("decoded.ply"), read_spz(path("a.spz")));
+  for (const std::string file : {"a.spz", "decoded.ply"}) {
+    const Outcome rendered =
+        run_b3dgs({"render", path(file), "-s", path("scene"), "--output", path(file + "_images"), "--quiet"});
+    ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
+  }
+  const std::string image = test::read_bytes(path("a.spz_images/renders/00001.png"));
+  EXPECT_FALSE(image.empty());
+  EXPECT_TRUE(image == test::read_bytes(path("decoded.ply_images/renders/00001.png")));
   const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("second"), "--init_ply", path("a.spz"),
                                      "--iterations", "2", "--device", "cpu", "--quiet"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;

@@ -338,6 +338,22 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
   EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_files)).empty());
 }
 
+TEST_F(CheckpointFiles, TellWhichMasksHaveChanged) {
+  Scene masked = scene;
+  masked.train[0].mask_file = (folder / "mask").string();
+  test::write_bytes(masked.train[0].mask_file, "mask");
+  write_checkpoint(path, make_config(), make_state(scene), masked);
+  const nlohmann::ordered_json header = read_checkpoint_header(path);
+  EXPECT_TRUE(changed_masks(header, scene_fingerprint(masked)).empty());
+  const Scene& unmasked = scene;
+  EXPECT_EQ(changed_masks(header, scene_fingerprint(unmasked)), (std::vector<std::string>{scene.train[0].name}));
+  EXPECT_TRUE(changed_photographs(header, scene_fingerprint(unmasked)).empty());
+
+  nlohmann::ordered_json early = header;
+  early["scene"].erase("masks");
+  EXPECT_TRUE(changed_masks(early, scene_fingerprint(masked)).empty()) << "what is not known has not changed";
+}
+
 TEST(CheckpointFileWriter, AcceptsTensorsInPiecesOfAnySize) {
   const test::TempDir temp;
   CheckpointFile content;

@@ -437,6 +437,7 @@ void check_scenes(Communicator& ranks) {
       {"train view 3 (other.png) is ", [](Scene& scene) { scene.train[3].name = "other.png"; }},
       {" has another focal length, principal point or pose",
        [](Scene& scene) { scene.train[5].camera.cam_from_world.translation[1] += 1e-9; }},
+      {"the mask of train view 2 (", [](Scene& scene) { scene.train[2].mask_file = "/proc/self/exe"; }},  // any file
       {"119 points there, 120 on rank 0",
        [](Scene& scene) {
          scene.points.positions.resize(357);
