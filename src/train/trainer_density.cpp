@@ -36,7 +36,8 @@ void Trainer::Impl::control_density(int iteration) {
 
 GaussianMemory Trainer::Impl::memory_of_gaussian() {
   const bool absolute_gradients = density->plan(std::max(1, state.iteration)).absolute_gradients;
-  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients, config.batch);
+  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients,
+                         keeps_views() || is_distributed() ? config.batch : 0);
 }
 
 std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {

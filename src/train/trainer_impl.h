@@ -129,8 +129,11 @@ struct Trainer::Impl {
   void update_filters(bool is_due);
 
   // trainer_batch.cpp
-  /// Whether steps take several views.
-  bool is_batched() const { return config.batch > 1; }
+  /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else the
+  /// backward pass of the one view does that, which is faster. The GPU compiler fuses multiplications and additions
+  /// differently in the two, so --deterministic keeps them also for one view: several ranks do, and promise the same
+  /// bytes.
+  bool keeps_views() const { return config.batch > 1 || (config.deterministic && !device.is_cpu()); }
   void take_batched_step();
   /// One view of a step: everything up to the gradients of its splats, which are kept.
   void keep_view(const TrainView& view, bool is_filter_due);

@@ -54,7 +54,7 @@ void Trainer::Impl::begin() {
                         {"backward_kernel", kernels.backward_name()},
                         {"changed_options", changed_options}});
   }
-  if (is_batched()) {
+  if (config.batch > 1) {
     const double root = std::sqrt(config.batch);
     recorder.say(detail::concat("steps of ", config.batch, " views: mean gradient, learning rates x ", root,
                                 ", Adam's epsilon / ", root, ", betas to the power of ", config.batch));

@@ -99,7 +99,7 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
     compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
       update_filters(is_filter_due);
       RenderedView image = stepper.forward(state.gaussians, state.adam, view.camera, settings);
-      if (is_batched()) {
+      if (keeps_views()) {
         stepper.make_room_for_view(state.gaussians);
         if (compared.plan.statistics) make_room_for_statistics();
       }
@@ -257,7 +257,7 @@ TrainView Trainer::Impl::take_view(int iteration) {
 
 void Trainer::Impl::take_step() {
   if (is_distributed()) return take_distributed_step();
-  if (is_batched()) return take_batched_step();
+  if (keeps_views()) return take_batched_step();
   // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
   // the number of Gaussians, and the next step reallocates.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;

@@ -17,9 +17,9 @@ constexpr int kMinSide = 16, kMaxSide = 16384;  // px
 constexpr double kMaxCoordinate = 1e9;          // world units
 constexpr double kPi = 3.14159265358979323846;
 
-Json parse_object(const std::string& body) {
+Json parse_object(const std::string& body, const char* expected) {
   const Json json = Json::parse(body, nullptr, /*allow_exceptions=*/false);
-  if (!json.is_object()) input_error("not a JSON object (expected {\"width\": ...})");
+  if (!json.is_object()) input_error("not a JSON object (expected ", expected, ")");
   return json;
 }
 
@@ -94,7 +94,7 @@ ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within) {
 }
 
 FrameRequest parse_frame_request(const std::string& body, const ViewedScene& scene) {
-  const Json json = parse_object(body);
+  const Json json = parse_object(body, R"({"width": ...})");
   const ImageSize size = check_size({whole_number(member(json, "width"), "width", 1, kMaxSide),
                                      whole_number(member(json, "height"), "height", 1, kMaxSide)});
   FrameRequest request;
@@ -115,7 +115,7 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
 }
 
 ViewCommand parse_command(const std::string& body) {
-  const Json json = parse_object(body);
+  const Json json = parse_object(body, R"({"command": "pause"})");
   const Json& word = member(json, "command");
   if (word == "pause") return ViewCommand::kPause;
   if (word == "resume") return ViewCommand::kResume;

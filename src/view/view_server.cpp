@@ -202,10 +202,10 @@ struct ViewServer::Impl {
     });
     server.set_error_handler([](const Request&, Response& response) {
       if (!response.body.empty()) return;
-      const bool is_large = response.status == 413;
-      answer(response, response.status,
-             is_large ? detail::concat("expected at most ", kMaxViewBody, " bytes")
-                      : detail::concat("error ", response.status));
+      std::string line = detail::concat("error ", response.status);
+      if (response.status == 404) line = "there is nothing at this address: open the URL that the program has printed";
+      if (response.status == 413) line = detail::concat("expected at most ", kMaxViewBody, " bytes");
+      answer(response, response.status, line);
     });
   }
 

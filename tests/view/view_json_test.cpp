@@ -128,6 +128,7 @@ TEST(ViewJson, NamesThatAreNotUtf8AreSentAllTheSame) {
 TEST(ViewJson, Commands) {
   EXPECT_EQ(parse_command(R"({"command":"pause"})"), ViewCommand::kPause);
   EXPECT_EQ(parse_command(R"({"command":"stop"})"), ViewCommand::kStop);
+  EXPECT_TRUE(fails_with<InputError>({R"(expected {"command")"}, [] { parse_command("pause"); }));
   for (const char* body : {"", "{}", R"({"command":"delete"})", R"({"command":3})", "pause"}) {
     EXPECT_THROW(parse_command(body), InputError) << body;
   }

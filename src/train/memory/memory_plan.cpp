@@ -47,7 +47,7 @@ std::int64_t state_bytes(const TrainState& state) {
 }
 
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
-                               bool absolute_gradients, int batch) {
+                               bool absolute_gradients, int n_kept_views) {
   // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
   constexpr double kStep = 8 + 32, kAbsoluteGradient = 8;
   // A round's masks, thresholds and indices, before the row edit allocates.
@@ -57,11 +57,11 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep + (absolute_gradients ? kAbsoluteGradient : 0);
-  if (batch > 1) {
+  if (n_kept_views > 0) {
     // Of each view, kept splats and their indices (raster/splat_records.h), with a quarter to spare; a copy of the
     // statistics.
     constexpr double kSpare = 1.25, kIndex = 4, kRecord = 48;
-    memory.step += kSpare * batch * (kIndex + kRecord * ratios.splats());
+    memory.step += kSpare * n_kept_views * (kIndex + kRecord * ratios.splats());
     for (const torch::Tensor* column : state.statistics.all()) {
       memory.step += kSpare * static_cast<double>(row_bytes(*column));
     }
