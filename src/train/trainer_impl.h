@@ -129,8 +129,8 @@ struct Trainer::Impl {
   void update_filters(bool is_due);
 
   // trainer_batch.cpp
-  /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else the
-  /// backward pass of the one view does that, which is faster. The GPU compiler fuses multiplications and additions
+  /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
+  /// the backward pass of the one view does that, which is faster. The GPU compiler fuses multiplications and additions
   /// differently in the two, so --deterministic keeps them also for one view: several ranks do, and promise the same
   /// bytes.
   bool keeps_views() const { return config.batch > 1 || (config.deterministic && !device.is_cpu()); }
