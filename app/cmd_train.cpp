@@ -12,6 +12,7 @@
 #include "app/record_run.h"
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
+#include "app/train_plan.h"
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
 #include "app/view/watched_training.h"
@@ -24,12 +25,8 @@
 #include "core/print.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
-#include "model/checkpoint/checkpoint_header.h"
-#include "model/training_id.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
-#include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
 #include "train/count_limit.h"
 #include "train/device.h"
 #include "train/threads.h"
@@ -39,193 +36,6 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct TrainCommandOptions {
-  std::string config;
-  std::string resume;
-  bool overwrite = false;
-  bool quiet = false;
-  bool disable_viewer = false;
-  bool view = false;
-  ViewOptions page;
-  RankOptions rank;
-};
-
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions>> visit_fields(Config& c,
-                                                                                                Visitor&& field) {
-  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
-  field(Option{"resume", '\0', {"start_checkpoint"}}.common(), c.resume, Any{},
-        "checkpoint or model folder to resume; auto: folder of -m, if it has a checkpoint");
-  field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing model in the output folder");
-  field(Option{"gpus"}.common(), c.rank.gpus, Any{},
-        "GPUs of this machine to train on, a process for each: a number, or auto for all");
-  field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
-        "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
-  field(Option{"view"}, c.view, Any{}, "show the training in a browser; --view PORT is short for --view_port, too");
-  field(Option{"view_port"}, c.page.port, InRange{-1, 65535},
-        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
-  field(Option{"view_address"}, c.page.address, Any{},
-        "address the page listens on; the default is for this machine only");
-  field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
-  field(Option{"disable_viewer"}, c.disable_viewer, Any{},
-        "no effect; accepted for command lines of the original 3DGS");
-}
-
-/// What to train, from where, and where to.
-struct TrainPlan {
-  TrainConfig config;
-  std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
-  TrainCommandOptions options;
-  fs::path checkpoint;       // to resume, or empty
-  bool is_replaced = false;  // the model in the folder
-};
-
-std::string default_model_path(const std::string& source_path) {
-  return (fs::path("output") / scene_name(source_path)).string();
-}
-
-/// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
-fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
-  fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
-  if (checkpoint.empty() && !folder.checkpoint_iterations().empty()) {
-    input_error("all checkpoints are damaged: ", folder.root().string(),
-                "; start again in another folder (-m), or in this one with --overwrite instead of --resume");
-  }
-  return checkpoint;
-}
-
-/// The checkpoint to resume; empty to start from the beginning. With --resume auto, sets config.model_path if empty.
-fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options, StatusLine& status) {
-  if (options.resume != "auto") {
-    if (!fs::is_directory(options.resume)) return options.resume;
-    const ModelFolder folder(options.resume);
-    fs::path checkpoint = newest_checkpoint(folder, status);
-    if (checkpoint.empty())
-      input_error("no checkpoint found: ", options.resume, " (expected checkpoints/iteration_N.b3dgs)");
-    return checkpoint;
-  }
-  if (config.model_path.empty() && config.source_path.empty()) {
-    input_error("--resume auto needs the model folder (-m) or the scene (-s)");
-  }
-  if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
-  const ModelFolder folder(config.model_path);
-  fs::path checkpoint = newest_checkpoint(folder, status);
-  if (!checkpoint.empty()) return checkpoint;
-  if (config.source_path.empty() && !folder.has_config()) {
-    input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
-                "start a training with b3dgs train SOURCE_PATH -m ", config.model_path);
-  }
-  status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
-  return "";
-}
-
-/// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
-TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
-  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
-  TrainConfig config;
-  if (!header.contains("config"))
-    input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
-  config_from_json(config, header["config"], checkpoint.string());
-  config.device = TrainConfig{}.device;  // depends on the machine, not on the training
-  const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
-  if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
-  return config;
-}
-
-/// The options of a training that was interrupted before its first checkpoint.
-TrainConfig config_of_folder(const std::string& model_path) {
-  TrainConfig config = ModelFolder(model_path).read_config();
-  config.device = TrainConfig{}.device;
-  config.model_path = model_path;
-  return config;
-}
-
-/// With several ranks, each draws a view of a step unless the user says otherwise.
-void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) {
-  const bool is_chosen =
-      layers.given.contains("batch") || layers.preset.contains("batch") || layers.strategy.contains("batch");
-  if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
-}
-
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks) {
-  TrainPlan plan;
-  plan.options = options;
-  TrainConfig& config = plan.config;
-  if (options.resume == "auto" && options.overwrite) {
-    input_error("--resume auto and --overwrite exclude each other: one continues the model in the output folder, the ",
-                "other replaces it");
-  }
-  const GivenOptions given = given_options(line, options.config);
-  plan.layers = resolve_options(given);
-  config = plan.layers->config;
-  if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
-  if (!plan.checkpoint.empty()) {
-    const std::string named_folder = config.model_path;
-    config = config_of_checkpoint(plan.checkpoint);
-    apply_at_resume(config, given);
-    if (!named_folder.empty()) config.model_path = named_folder;
-    plan.layers.reset();
-  } else if (options.resume == "auto" && config.source_path.empty()) {
-    config = config_of_folder(config.model_path);
-    apply_at_resume(config, given);
-    plan.layers.reset();
-  }
-  if (plan.layers) choose_batch(config, *plan.layers, n_ranks);
-  if (config.source_path.empty())
-    input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
-  if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
-  make_absolute(config.source_path);
-  make_absolute(config.init_ply);
-  return plan;
-}
-
-/// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
-bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
-  if (!plan.checkpoint.empty()) {
-    const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
-    if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
-    const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);
-    if (plan.options.overwrite && !is_replaced && folder.holds_model()) {
-      input_error("--overwrite has nothing to replace: ", folder.root().string(),
-                  " holds the training that --resume continues; leave out one of them");
-    }
-    std::error_code error;
-    if (is_replaced && fs::equivalent(plan.checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error)) {
-      input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),
-                  " (--overwrite would remove it, too); move it elsewhere first");
-    }
-    return is_replaced;
-  }
-  if (plan.options.overwrite) return true;
-  if (!folder.holds_model()) return false;
-  input_error("output folder already holds a model: ", folder.root().string(), "; ",
-              folder.checkpoint_iterations().empty() ? "" : "resume it with --resume auto, ",
-              "replace it with --overwrite, or choose another folder with -m");
-}
-
-/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and is of this scene
-/// at this image size. @throws InputError
-void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
-  if (checkpoint.empty()) return;
-  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
-  const CheckpointHeader values = parse_checkpoint_header(header, checkpoint.string());
-  check_resume_options(values.config, values.iteration, config, checkpoint.string());
-  SceneOptions options = scene_options(config);
-  options.load_images = false;
-  check_scene(header, load_scene(options), checkpoint.string());
-}
-
-/// Rank 0 tells the others what it has decided; they do not look at the model folder.
-void share_plan(Communicator& ranks, TrainPlan& plan) {
-  nlohmann::ordered_json words;
-  if (ranks.is_first()) words = {{"config", config_to_json(plan.config)}, {"checkpoint", plan.checkpoint.string()}};
-  const std::string plan_of_first = ranks.exchange("plan", words.dump()).front();
-  if (ranks.is_first()) return;
-  words = nlohmann::ordered_json::parse(plan_of_first);
-  config_from_json(plan.config, words["config"], "the plan of rank 0");
-  plan.checkpoint = words["checkpoint"].get<std::string>();
-}
 
 /// The model folder during a training: only one process trains into it, and it vanishes if nothing is written to it.
 struct HeldFolder {

@@ -184,9 +184,9 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   return model;
 }
 
-LoadedModel load_ply_model(const fs::path& ply, const ModelOptions& options, StatusLine& status) {
-  require_scene(ply, options);
-  LoadedModel model = load_splat_file(ply, options);
+LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options, StatusLine& status) {
+  require_scene(file, options);
+  LoadedModel model = load_splat_file(file, options);
   model.scene = open_cameras(model.config, status);
   return model;
 }

@@ -61,7 +61,7 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
 
 /// The same with the views of the scene `options.source_path`, without photographs. @throws InputError
-LoadedModel load_ply_model(const std::filesystem::path& ply, const ModelOptions& options, StatusLine& status);
+LoadedModel load_file_cameras(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
 
 /// The same with photographs. Every 8th view is a test view, as in a training with --eval.
 LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);

@@ -2,7 +2,7 @@
 # Makes one C++ string of FOLDER/page.html, with page.css in the place of @STYLE@ and the scripts in that of @SCRIPT@.
 
 set(scripts)
-foreach(name math camera charts path page)
+foreach(name math camera charts path controls page)
   file(READ ${FOLDER}/${name}.js text)
   string(APPEND scripts "${text}")
 endforeach()

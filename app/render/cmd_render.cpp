@@ -7,9 +7,9 @@
 #include <optional>
 #include <utility>
 
+#include "app/colors/depth_colors.h"
 #include "app/model.h"
 #include "app/render/camera_choice.h"
-#include "app/render/depth_colors.h"
 #include "app/render/depth_numbers.h"
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
@@ -90,7 +90,7 @@ LoadedModel load(const ModelOptions& model, const RenderOptions& options, const 
                  StatusLine& status) {
   if (options.ply.empty()) return load_model_cameras(model, status);
   if (model.source_path.empty() && !needs_views(cameras)) return load_splat_file(options.ply, model);
-  return load_ply_model(options.ply, model, status);
+  return load_file_cameras(options.ply, model, status);
 }
 
 fs::path output_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "adaptive/load_statistics.h"
+#include "app/colors/depth_colors.h"
 #include "core/print.h"
 #include "core/text.h"
 #include "model/raster_input.h"
@@ -35,31 +36,10 @@ std::uint8_t to_byte(double share) {
   return static_cast<std::uint8_t>(std::lround(255 * std::clamp(share, 0.0, 1.0)));
 }
 
-/// Inverse depth, from the 2nd percentile (red) to the 98th (blue) of the depths in the image, as far as it is opaque.
 void paint_depth(const RenderedView& rendered, Frame& frame) {
-  const torch::Tensor depth = rendered.depth.cpu().contiguous(), alpha = rendered.alpha.cpu().contiguous();
-  const float* depths = depth.data_ptr<float>();
-  const float* alphas = alpha.data_ptr<float>();
-  const auto n = static_cast<std::size_t>(depth.numel());
-  std::vector<float> samples;
-  for (std::size_t i = 0; i < n; i += 1 + n / 10000) {
-    if (alphas[i] > 0.5f && depths[i] > 0) samples.push_back(depths[i] / alphas[i]);
-  }
-  std::sort(samples.begin(), samples.end());
-  const double near = samples.empty() ? 1 : samples[samples.size() / 50];
-  const double far =
-      samples.empty() ? 2 : std::max<double>(samples[samples.size() - 1 - samples.size() / 50], 1.001 * near);
-  cv::Mat grey(static_cast<int>(depth.size(0)), static_cast<int>(depth.size(1)), CV_8UC1);
-  for (std::size_t i = 0; i < n; ++i) {
-    const double inverse = depths[i] > 0 ? alphas[i] / depths[i] : 0;
-    grey.data[i] = to_byte((inverse - 1 / far) / (1 / near - 1 / far));
-  }
-  frame.image = colored(grey, cv::COLORMAP_TURBO);
-  for (std::size_t i = 0; i < 3 * n; ++i) {
-    frame.image.pixels[i] =
-        static_cast<std::uint8_t>(std::lround(frame.image.pixels[i] * std::clamp(alphas[i / 3], 0.0f, 1.0f)));
-  }
-  frame.legend = print_to_string("inverse depth: red %.4g to blue %.4g world units", near, far);
+  const DepthRange range = depth_range(rendered.depth, rendered.alpha);
+  frame.image = color_depth(rendered.depth, rendered.alpha, range);
+  frame.legend = print_to_string("inverse depth: red %.4g to blue %.4g world units", range.near, range.far);
 }
 
 void paint_difference(const Image8& photograph, Frame& frame) {

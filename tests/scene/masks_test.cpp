@@ -3,34 +3,25 @@
 
 #include <algorithm>
 
-#include "core/check.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
 #include "scene/images/mask_folder.h"
-#include "scene/scene.h"
+#include "scene/scene_folder.h"
 #include "scene/view_image.h"
-#include "support/expect_error.h"
 #include "support/files.h"
-#include "support/temp_dir.h"
 #include "support/write_transforms.h"
 
 namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
-using test::fails_with;
-
-constexpr int kWidth = 40, kHeight = 30;
-
-Image8 flat(int width, int height, int value) {
-  Image8 image(width, height, 1);
-  std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));
-  return image;
-}
+using test::flat;
+using test::kHeight;
+using test::kWidth;
 
 // White, with black columns [from, to) at full width.
 Image8 with_black_columns(int from, int to, int width = kWidth, int height = kHeight) {
-  Image8 mask = flat(width, height, 255);
+  Image8 mask = flat(width, height, 1, 255);
   for (int y = 0; y < height; ++y) {
     for (int x = from; x < to; ++x) mask.pixels[static_cast<std::size_t>(y * width + x)] = 0;
   }
@@ -41,34 +32,20 @@ int value_at(const std::shared_ptr<const Image8>& mask, int x, int y) {
   return mask->pixels.at(static_cast<std::size_t>(y * mask->width + x));
 }
 
-class Masks : public testing::Test {
+class Masks : public test::SceneFolder {
  protected:
-  Masks() { options_.source_path = folder_.path().string(); }
-
   void write_scene(const std::vector<std::string>& names, double k = 0) {
     model_.cameras[1] = {1, CameraModel::kSimpleRadial, kWidth, kHeight, {50, 20, 15, k}};
     for (const std::string& name : names) {
       const auto id = static_cast<std::uint32_t>(model_.images.size() + 1);
       model_.images.push_back({id, {1, 0, 0, 0}, {1.0 * id, 0, 0}, 1, name});
-      write_image(folder_ / "images" / name, flat(kWidth, kHeight, 100));
+      write_image(folder_ / "images" / name, flat(kWidth, kHeight, 1, 100));
     }
     model_.points.push_back({1, {0, 0, 1}, {1, 2, 3}, 0});
     write_colmap_model(folder_ / "sparse/0", model_, ColmapFormat::kBinary);
   }
-  Scene load() { return load_scene(options_); }
-  testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
-    return fails_with<InputError>(parts, [this] { load(); });
-  }
-  static testing::AssertionResult says(const Scene& scene, const std::string& part) {
-    std::string all;
-    for (const std::string& text : scene.summary) all += text + "\n";
-    if (all.find(part) != std::string::npos) return testing::AssertionSuccess();
-    return testing::AssertionFailure() << "\"" << part << "\" is not in\n" << all;
-  }
 
-  test::TempDir folder_;
   ColmapModel model_;
-  SceneOptions options_;
 };
 
 TEST_F(Masks, AreFoundByTheNamesOfThePhotographs) {
@@ -148,13 +125,13 @@ TEST_F(Masks, OfOtherSizesAreResizedAndEqualOnesShareMemory) {
   write_scene({"a.png", "b.png", "c.png"});
   write_image(folder_ / "masks/a.png", with_black_columns(0, 20, 2 * kWidth, 2 * kHeight));
   write_image(folder_ / "masks/b.png", with_black_columns(0, 10));
-  write_image(folder_ / "masks/c.png", flat(kWidth, kHeight, 255));
+  write_image(folder_ / "masks/c.png", flat(kWidth, kHeight, 1, 255));
   const Scene scene = load();
   EXPECT_EQ(value_at(scene.train[0].valid, 9, 0), 0);
   EXPECT_EQ(value_at(scene.train[0].valid, 10, 0), 255);
   EXPECT_EQ(scene.train[0].valid, scene.train[1].valid);
   EXPECT_EQ(scene.train[2].valid, nullptr);
-  write_image(folder_ / "masks/b.png", flat(kWidth, kWidth, 255));
+  write_image(folder_ / "masks/b.png", flat(kWidth, kWidth, 1, 255));
   EXPECT_TRUE(refuses({"b.png", "aspect ratio", "40 x 30 px", "40 x 40 px"}));
   test::write_bytes(folder_ / "masks/b.png", "no image");
   EXPECT_TRUE(refuses({"masks/b.png", "cannot be decoded"}));
@@ -174,13 +151,13 @@ TEST_F(Masks, AskedForAndNotFoundIsAnError) {
 
 TEST_F(Masks, ThatLeaveNothingLeaveOutTheirPhotographs) {
   write_scene({"a.png", "b.png"});
-  write_image(folder_ / "masks/a.png", flat(kWidth, kHeight, 0));
+  write_image(folder_ / "masks/a.png", flat(kWidth, kHeight, 1, 0));
   const Scene scene = load();
   ASSERT_EQ(scene.train.size(), 1u);
   EXPECT_EQ(scene.train[0].name, "b.png");
   ASSERT_EQ(scene.warnings.size(), 1u);
   EXPECT_NE(scene.warnings[0].find("no pixel of 1 of 2 photographs (first: a.png)"), std::string::npos);
-  write_image(folder_ / "masks/b.png", flat(kWidth, kHeight, 0));
+  write_image(folder_ / "masks/b.png", flat(kWidth, kHeight, 1, 0));
   EXPECT_TRUE(refuses({"masks/a.png", "no pixel of any training photograph", "--invert_masks"}));
 }
 
@@ -200,7 +177,7 @@ TEST_F(Masks, OfTransformsFilesAreUsed) {
 
 TEST(ReadMask, TakesDarkGreyAsBlack) {
   const test::TempDir folder;
-  Image8 mask = flat(2, 2, 0);
+  Image8 mask = flat(2, 2, 1, 0);
   mask.pixels = {127, 128, 0, 255};
   write_image(folder / "a.png", mask);
   EXPECT_EQ(read_mask(folder / "a.png", {2, 2}, false).pixels, (std::vector<std::uint8_t>{0, 255, 0, 255}));

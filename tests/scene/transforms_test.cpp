@@ -5,15 +5,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/check.h"
 #include "scene/images/image_io.h"
 #include "scene/point_ply.h"
 #include "scene/random_points.h"
-#include "scene/scene.h"
+#include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
-#include "support/temp_dir.h"
 #include "support/write_transforms.h"
 
 namespace b3dgs {
@@ -21,25 +19,18 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::fails_with;
+using test::flat;
 using test::Json;
+using test::kHeight;
+using test::kWidth;
 using test::write_bytes;
-
-constexpr int kWidth = 40, kHeight = 30;
-
-Image8 flat(int width, int height, int channels, int value) {
-  Image8 image(width, height, channels);
-  std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));
-  return image;
-}
 
 std::string image_name(int i) {
   return (i < 10 ? "0" : "") + std::to_string(i) + ".png";
 }
 
-class Transforms : public testing::Test {
+class Transforms : public test::SceneFolder {
  protected:
-  Transforms() { options_.source_path = folder_.path().string(); }
-
   // A camera at (i, 0, 0) that looks along -z; the grey value of its photograph is 10 + i.
   Json frame(int i, const std::string& file_path) {
     return {{"file_path", file_path}, {"transform_matrix", {{1, 0, 0, i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}};
@@ -59,20 +50,10 @@ class Transforms : public testing::Test {
   void write(const Json& json, const std::string& name = "transforms.json") {
     write_bytes(folder_ / name, json.dump(1));
   }
-  Scene load() { return load_scene(options_); }
   testing::AssertionResult refuses(const Json& json, std::initializer_list<std::string> parts) {
     write(json);
-    return fails_with<InputError>(parts, [this] { load(); });
+    return SceneFolder::refuses(parts);
   }
-  static testing::AssertionResult says(const Scene& scene, const std::string& part) {
-    std::string all;
-    for (const std::string& text : scene.summary) all += text + "\n";
-    if (all.find(part) != std::string::npos) return testing::AssertionSuccess();
-    return testing::AssertionFailure() << "\"" << part << "\" is not in\n" << all;
-  }
-
-  test::TempDir folder_;
-  SceneOptions options_;
 };
 
 TEST_F(Transforms, GivesViewsSortedByNameWithIntrinsicsOfTheFile) {

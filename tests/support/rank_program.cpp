@@ -49,4 +49,17 @@ int report_errors(const std::function<int()>& run) {
   }
 }
 
+int run_scenarios(int argc, char** argv, void (*run)(const std::string& scenario, Communicator& ranks)) {
+  if (argc != 3) return 2;
+  const std::string scenario = argv[2];
+  RankProgram program;
+  program.size = std::atoi(argv[1]);
+  program.arguments = {argv[1], scenario};
+  program.body = [&](Communicator& ranks) {
+    torch::manual_seed(11);  // whole tensors are the same on all ranks
+    run(scenario, ranks);
+  };
+  return report_errors([&] { return run_rank_program(program); });
+}
+
 }  // namespace b3dgs::test

@@ -13,6 +13,7 @@
 #include "raster/cpu/passes.h"
 #include "raster/math/inverse_depth.h"
 #include "raster/math/tiling.h"
+#include "raster/view_state.h"
 
 namespace b3dgs::cpu {
 
@@ -42,9 +43,15 @@ void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, const st
   });
 }
 
+TileGrid checked_grid(const PinholeView& view, const TileShape& tile) {
+  B3DGS_CHECK(tile.width > 0 && tile.width <= kMaxTileSide && tile.height > 0 && tile.height <= kMaxTileSide,
+              "tile is ", tile.width, " x ", tile.height, " px, expected sides of 1 to ", kMaxTileSide);
+  return make_tile_grid(view.width, view.height, tile);
+}
+
 }  // namespace
 
-struct Rasterizer::Impl {
+struct Rasterizer::Impl : ViewState {
   Buffer<Splat> splats;
   Buffer<Vec2f> extents;
   Buffer<std::int32_t> radii, last_ids;
@@ -53,37 +60,14 @@ struct Rasterizer::Impl {
   Buffer<Vec2f> pair_abs;
   BinBuffers bin_buffers;
 
-  // State of the last forward pass:
-  PinholeView view{};
-  int sh_degree = 0;
-  bool antialiasing = false;
-  TileGrid grid{};
-  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
-  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
-  std::int64_t n_splats = 0;
   BinnedSplats bins{};
-  Vec3f background{};
-  ImageArrays rendered{};
-  StageRecorder* stages = nullptr;
-  bool absolute_gradient = false, has_absolute_gradients = false;
-  bool camera_gradient = false, has_camera_gradient = false;
   std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
-  bool inverse_depth = false;
-
-  bool has_view() const { return n_gaussians >= 0 || n_rows >= 0; }
 
   // The parts of a forward pass:
-  /// Until all passes have succeeded, there is no view.
-  void begin_view(const PinholeView& next_view, const RenderSettings& settings);
   void project(const GaussianArrays& gaussians, const RenderSettings& settings);
   /// From the splats to the images.
   void draw(const RenderSettings& settings, const ImageArrays& out);
 
-  /// @throws LogicError if the last forward() had another number of Gaussians
-  void check_gaussians(const GaussianArrays& gaussians) const {
-    B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
-                " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
-  }
   /// The gradients of the pairs.
   void blend_backward(const ImageGradArrays& grad);
   /// The scores of the pairs, in memory of the gradients.
@@ -107,20 +91,6 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-void Rasterizer::Impl::begin_view(const PinholeView& next_view, const RenderSettings& settings) {
-  B3DGS_CHECK(settings.tile.width > 0 && settings.tile.width <= kMaxTileSide && settings.tile.height > 0 &&
-                  settings.tile.height <= kMaxTileSide,
-              "tile is ", settings.tile.width, " x ", settings.tile.height, " px, expected sides of 1 to ",
-              kMaxTileSide);
-  n_gaussians = n_rows = -1;
-  view = next_view;
-  sh_degree = settings.sh_degree;
-  antialiasing = settings.antialiasing;
-  grid = make_tile_grid(view.width, view.height, settings.tile);
-  stages = settings.stages;
-  has_absolute_gradients = has_camera_gradient = false;
-}
-
 void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSettings& settings) {
   begin_stage(stages, Stage::kProject);
   const std::int64_t n = gaussians.n_gaussians;
@@ -132,13 +102,9 @@ void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSett
 }
 
 void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& out) {
-  background = settings.background;
-  rendered = out;
-  absolute_gradient = settings.absolute_gradient;
-  camera_gradient = settings.camera_gradient;
+  begin_drawing(settings, out);
   begin_stage(stages, Stage::kBin);
   bins = bin({splats.data(), extents.data(), radii.data(), n_splats, grid, settings.culling}, bin_buffers);
-  inverse_depth = settings.inverse_depth;
   if (inverse_depth) invert_depths(splats.data(), n_splats);
   begin_stage(stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
@@ -151,7 +117,7 @@ void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& o
 void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                          const ImageArrays& out) {
   check_render_args(gaussians, view, settings);
-  impl_->begin_view(view, settings);
+  impl_->begin_view(view, checked_grid(view, settings.tile), settings);
   impl_->project(gaussians, settings);
   impl_->draw(settings, out);
   impl_->n_gaussians = gaussians.n_gaussians;
@@ -161,7 +127,7 @@ void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& vie
                          const SplatAllocator& allocate) {
   check_render_args(gaussians, view, settings);
   Impl& s = *impl_;
-  s.begin_view(view, settings);
+  s.begin_view(view, checked_grid(view, settings.tile), settings);
   s.project(gaussians, settings);
   const SplatRowArrays out = allocate(s.n_splats);
   parallel_chunks(s.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -177,7 +143,7 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
   const std::int64_t n = rows.n_splats;
   check_splat_args(n, view, settings);
   Impl& s = *impl_;
-  s.begin_view(view, settings);
+  s.begin_view(view, checked_grid(view, settings.tile), settings);
   s.grid.drawn_rows = settings.drawn_rows;
   begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);

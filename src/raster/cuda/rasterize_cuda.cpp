@@ -2,6 +2,7 @@
 
 #include "raster/cuda/rasterize_cuda.h"
 
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -9,42 +10,16 @@
 #include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/forward/forward_scratch.h"
 #include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/host_wait.h"
 #include "raster/cuda/passes.h"
 #include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/pair_limit.h"
+#include "raster/view_state.h"
 
 namespace b3dgs::cuda {
 namespace {
-
-/// A value in pinned host memory, for asynchronous copies from the device.
-template <class T>
-class PinnedValue {
- public:
-  PinnedValue() { B3DGS_CUDA_CHECK(cudaMallocHost(reinterpret_cast<void**>(&value_), sizeof(T))); }
-  ~PinnedValue() { cudaFreeHost(value_); }
-  PinnedValue(const PinnedValue&) = delete;
-  PinnedValue& operator=(const PinnedValue&) = delete;
-  T* get() const { return value_; }
-
- private:
-  T* value_ = nullptr;
-};
-
-/// A point in a stream that the host can wait for.
-class StreamMark {
- public:
-  StreamMark() { B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming)); }
-  ~StreamMark() { cudaEventDestroy(event_); }
-  StreamMark(const StreamMark&) = delete;
-  StreamMark& operator=(const StreamMark&) = delete;
-  void record(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaEventRecord(event_, stream)); }
-  void wait() { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_)); }
-
- private:
-  cudaEvent_t event_ = nullptr;
-};
 
 /// For the error message about too many pairs. Waits for the device.
 WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, const LaunchContext& context) {
@@ -72,7 +47,7 @@ void check_kernels(const RenderSettings& settings) {
 
 }  // namespace
 
-struct Rasterizer::Impl {
+struct Rasterizer::Impl : ViewState {
   DeviceBuffer<Splat> splats;
   DeviceBuffer<Vec2f> extents;
   DeviceBuffer<std::int32_t> radii, n_tiles, last_ids;
@@ -91,25 +66,12 @@ struct Rasterizer::Impl {
   std::int64_t n_queued_gaussians = 0;
   StreamMark counts_copied;
 
-  // State of the last forward pass:
-  PinholeView view{};
-  int sh_degree = 0;
-  bool antialiasing = false;
+  // Of the last forward pass:
   BackwardKernel backward_kernel{};
   bool deterministic = false;
-  bool absolute_gradient = false, has_absolute_gradients = false;
-  bool camera_gradient = false, has_camera_gradient = false;
-  bool inverse_depth = false;
-  TileGrid grid{};
-  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
-  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
-  std::int64_t n_splats = 0;
   BinnedView binned{};
   BucketParts parts{};       // memory for the bucket parts
   BucketParts kept_parts{};  // what the last blend stored there
-  Vec3f background{};
-  ImageArrays rendered{};
-  StageRecorder* stages = nullptr;
 
   std::int64_t n_bucket_pixels() const {
     return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
@@ -137,12 +99,11 @@ struct Rasterizer::Impl {
     forward_scratch.visit_buffers(visit);
     bin_buffers.visit_buffers(visit);
   }
-  bool has_view() const { return n_gaussians >= 0 || n_rows >= 0; }
 
   // The parts of a forward pass:
-  /// Until all passes have succeeded, there is no view. Returns buffers for n rows.
-  ProjectOutputs begin_view(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
-                            const LaunchContext& context);
+  /// Returns buffers for n rows.
+  ProjectOutputs begin(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
+                       const LaunchContext& context);
   void project(const GaussianArrays& gaussians, const RenderSettings& settings, const ProjectOutputs& projected,
                ColorPass* colors, const LaunchContext& context);
   /// Begins the binning of n rows, and waits for the counts.
@@ -201,15 +162,9 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-ProjectOutputs Rasterizer::Impl::begin_view(std::int64_t n, const PinholeView& next_view,
-                                            const RenderSettings& settings, const LaunchContext& context) {
-  n_gaussians = n_rows = -1;
-  view = next_view;
-  sh_degree = settings.sh_degree;
-  antialiasing = settings.antialiasing;
-  grid = make_tile_grid(view.width, view.height, settings.tile);
-  stages = settings.stages;
-  has_absolute_gradients = has_camera_gradient = false;
+ProjectOutputs Rasterizer::Impl::begin(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
+                                       const LaunchContext& context) {
+  begin_view(next_view, make_tile_grid(next_view.width, next_view.height, settings.tile), settings);
   begin_stage(stages, Stage::kProject);
   return {splats.resize(n, context),  extents.resize(n, context),    radii.resize(n, context),
           n_tiles.resize(n, context), depth_bits.resize(n, context), counts.resize(1, context)};
@@ -236,21 +191,17 @@ ViewCounts Rasterizer::Impl::count(const ProjectOutputs& projected, std::int64_t
 
 void Rasterizer::Impl::draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counted,
                             const RenderSettings& settings, const ImageArrays& out, const LaunchContext& context) {
-  background = settings.background;
-  rendered = out;
+  begin_drawing(settings, out);
   n_splats = counted.n_splats;
   const bool keep_slots = settings.deterministic && settings.keep_for_backward;
   binned = bin({projected, n, counted.n_splats, counted.n_pairs, grid, settings.culling, keep_slots}, bin_buffers,
                pass_scratch, context);
-  inverse_depth = settings.inverse_depth;
   if (inverse_depth) invert_depths(bin_buffers.splats.data(), n_splats, context);
 
   begin_stage(stages, Stage::kBlendForward);
   parts = {};
   backward_kernel = settings.backward_kernel;
   deterministic = settings.deterministic;
-  absolute_gradient = settings.absolute_gradient;
-  camera_gradient = settings.camera_gradient;
   if (settings.keep_for_backward) {
     parts.color = part_color.resize(n_bucket_pixels(), context);
     if (settings.depth_gradient) parts.depth = part_depth.resize(n_bucket_pixels(), context);
@@ -269,7 +220,7 @@ void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& vie
   check_kernels(settings);
   Impl& s = *impl_;
   const std::int64_t n = gaussians.n_gaussians;
-  const ProjectOutputs projected = s.begin_view(n, view, settings, context);
+  const ProjectOutputs projected = s.begin(n, view, settings, context);
   s.project(gaussians, settings, projected, colors, context);
   const ViewCounts counts = s.count(projected, n, context);
   if (has_too_many_pairs(counts.n_pairs)) {
@@ -284,7 +235,7 @@ void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& vie
                          const SplatAllocator& allocate, const LaunchContext& context, ColorPass* colors) {
   check_render_args(gaussians, view, settings);
   Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin_view(gaussians.n_gaussians, view, settings, context);
+  const ProjectOutputs projected = s.begin(gaussians.n_gaussians, view, settings, context);
   s.project(gaussians, settings, projected, colors, context);
   const ViewCounts counts = s.count(projected, gaussians.n_gaussians, context);
   copy_seen({projected, s.bin_buffers.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
@@ -296,7 +247,7 @@ void Rasterizer::queue_projection(std::size_t place, const GaussianArrays& gauss
                                   const LaunchContext& context, ColorPass* colors) {
   check_render_args(gaussians, view, settings);
   Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin_view(gaussians.n_gaussians, view, settings, context);
+  const ProjectOutputs projected = s.begin(gaussians.n_gaussians, view, settings, context);
   s.project(gaussians, settings, projected, colors, context);
   while (s.queued_counts.size() <= place) s.queued_counts.push_back(std::make_unique<PinnedValue<ViewCounts>>());
   B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.queued_counts[place]->get(), projected.counts, sizeof(ViewCounts),
@@ -328,7 +279,7 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
   check_splat_args(n, view, settings);
   check_kernels(settings);
   Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin_view(n, view, settings, context);
+  const ProjectOutputs projected = s.begin(n, view, settings, context);
   s.grid.drawn_rows = settings.drawn_rows;
   load_rows({rows, s.grid, settings.culling, projected}, context);
   const ViewCounts counts = s.count(projected, n, context);
@@ -343,8 +294,7 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
 ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                                    const LaunchContext& context) {
   Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
-              " Gaussians after a forward() with ", s.n_gaussians, " (-1: none)");
+  s.check_gaussians(gaussians);
   begin_stage(s.stages, Stage::kBlendBackward);
   s.blend_backward(s.backward_kernel, grad, context);
   end_stage(s.stages);
@@ -478,7 +428,7 @@ std::int64_t Rasterizer::memory_bytes() const {
   return bytes;
 }
 void Rasterizer::release_memory() {
-  impl_->n_gaussians = impl_->n_rows = -1;
+  impl_->forget_view();
   impl_->visit_buffers([](auto& buffer) { buffer.release(); });
 }
 

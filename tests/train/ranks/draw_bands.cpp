@@ -2,12 +2,12 @@
 // have the bytes of one that a single rasterizer draws: images, sums of splats, scores.
 #include <torch/torch.h>
 
-#include <cstdlib>
 #include <cstring>
 #include <random>
 #include <string>
 #include <vector>
 
+#include "core/check.h"
 #include "core/row_shards.h"
 #include "raster/torch/splat_owner.h"
 #include "support/rank_program.h"
@@ -158,19 +158,15 @@ void check_views(Communicator& ranks) {
   }
 }
 
+void run_scenario(const std::string& scenario, Communicator& ranks) {
+  if (scenario == "views") return check_views(ranks);
+  if (scenario == "scenes") return check_scenes(ranks);
+  throw LogicError("unknown scenario " + scenario);
+}
+
 }  // namespace
 }  // namespace b3dgs
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
-  const std::string scenario = argv[2];
-  b3dgs::test::RankProgram program;
-  program.size = std::atoi(argv[1]);
-  program.arguments = {argv[1], scenario};
-  program.body = [&](b3dgs::Communicator& ranks) {
-    torch::manual_seed(11);
-    if (scenario == "views") return b3dgs::check_views(ranks);
-    b3dgs::check_scenes(ranks);
-  };
-  return b3dgs::test::report_errors([&] { return b3dgs::test::run_rank_program(program); });
+  return b3dgs::test::run_scenarios(argc, argv, b3dgs::run_scenario);
 }

@@ -3,7 +3,6 @@
 #include <torch/torch.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <memory>
 #include <string>
 #include <utility>
@@ -415,7 +414,6 @@ void check_misfits(Communicator& ranks) {
 }
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
-  torch::manual_seed(11);  // whole tensors are the same on all ranks
   if (scenario == "gathering") return check_gathering(ranks);
   if (scenario == "edits") return check_edits(ranks);
   if (scenario == "splats") return check_splats(ranks);
@@ -428,11 +426,5 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
 }  // namespace b3dgs
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
-  const std::string scenario = argv[2];
-  b3dgs::test::RankProgram program;
-  program.size = std::atoi(argv[1]);
-  program.arguments = {argv[1], scenario};
-  program.body = [&](b3dgs::Communicator& ranks) { b3dgs::run_scenario(scenario, ranks); };
-  return b3dgs::test::report_errors([&] { return b3dgs::test::run_rank_program(program); });
+  return b3dgs::test::run_scenarios(argc, argv, b3dgs::run_scenario);
 }

@@ -485,11 +485,5 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
 }  // namespace b3dgs
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
-  const std::string scenario = argv[2];
-  b3dgs::test::RankProgram program;
-  program.size = std::atoi(argv[1]);
-  program.arguments = {argv[1], scenario};
-  program.body = [&](b3dgs::Communicator& ranks) { b3dgs::run_scenario(scenario, ranks); };
-  return b3dgs::test::report_errors([&] { return b3dgs::test::run_rank_program(program); });
+  return b3dgs::test::run_scenarios(argc, argv, b3dgs::run_scenario);
 }

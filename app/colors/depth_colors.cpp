@@ -1,4 +1,4 @@
-#include "app/render/depth_colors.h"
+#include "app/colors/depth_colors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,19 @@ namespace {
 
 constexpr std::int64_t kSamples = 20000;   // Gaussians that are examined
 constexpr double kLeastLogitOpacity = -2;  // more transparent ones do not form a surface
+constexpr std::size_t kPixelSamples = 10000;
+constexpr float kOpaque = 0.5f;
 constexpr double kPercentile = 0.02;
+
+/// Inverse depths of a range differ, and can be scaled.
+DepthRange range_of(std::vector<double>& depths) {
+  std::sort(depths.begin(), depths.end());
+  const auto at = [&](double share) {
+    return depths[static_cast<std::size_t>(share * static_cast<double>(depths.size() - 1))];
+  };
+  const double near = at(kPercentile);
+  return {near, std::max(at(1 - kPercentile), 1.001 * near)};
+}
 
 /// 256 colours, from far to near.
 cv::Mat turbo_table() {
@@ -42,12 +54,19 @@ DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camer
     }
   }
   if (depths.empty()) return {near_plane, 2 * near_plane};
-  std::sort(depths.begin(), depths.end());
-  const auto at = [&](double share) {
-    return depths[static_cast<std::size_t>(share * static_cast<double>(depths.size() - 1))];
-  };
-  const double near = at(kPercentile);
-  return {near, std::max(at(1 - kPercentile), 1.001 * near)};
+  return range_of(depths);
+}
+
+DepthRange depth_range(const torch::Tensor& depth, const torch::Tensor& alpha) {
+  const torch::Tensor depth_cpu = depth.cpu().contiguous(), alpha_cpu = alpha.cpu().contiguous();
+  const float* depths = depth_cpu.data_ptr<float>();
+  const float* alphas = alpha_cpu.data_ptr<float>();
+  const auto n = static_cast<std::size_t>(depth_cpu.numel());
+  std::vector<double> samples;
+  for (std::size_t i = 0; i < n; i += 1 + n / kPixelSamples) {
+    if (alphas[i] > kOpaque && depths[i] > 0) samples.push_back(double{depths[i]} / alphas[i]);
+  }
+  return samples.empty() ? DepthRange{1, 2} : range_of(samples);
 }
 
 Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range) {

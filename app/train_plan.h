@@ -1,0 +1,76 @@
+// What `b3dgs train` has to do: its options, the training that they describe, and the checks before it begins.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "app/ranks/rank_setup.h"
+#include "app/view/view_options.h"
+#include "config/option_layers.h"
+#include "config/train_config.h"
+#include "core/options/command_line.h"
+#include "dist/communicator.h"
+#include "dist/launch/start_ranks.h"
+#include "model/model_folder.h"
+
+namespace b3dgs {
+
+class StatusLine;
+
+struct TrainCommandOptions {
+  std::string config;
+  std::string resume;
+  bool overwrite = false;
+  bool quiet = false;
+  bool disable_viewer = false;
+  bool view = false;
+  ViewOptions page;
+  RankOptions rank;
+};
+
+template <class Config, class Visitor>
+std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions>> visit_fields(Config& c,
+                                                                                                Visitor&& field) {
+  field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
+  field(Option{"resume", '\0', {"start_checkpoint"}}.common(), c.resume, Any{},
+        "checkpoint or model folder to resume; auto: folder of -m, if it has a checkpoint");
+  field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing model in the output folder");
+  field(Option{"gpus"}.common(), c.rank.gpus, Any{},
+        "GPUs of this machine to train on, a process for each: a number, or auto for all");
+  field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
+        "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
+  field(Option{"view"}, c.view, Any{}, "show the training in a browser; --view PORT is short for --view_port, too");
+  field(Option{"view_port"}, c.page.port, InRange{-1, 65535},
+        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
+  field(Option{"view_address"}, c.page.address, Any{},
+        "address the page listens on; the default is for this machine only");
+  field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
+  field(Option{"disable_viewer"}, c.disable_viewer, Any{},
+        "no effect; accepted for command lines of the original 3DGS");
+}
+
+/// What to train, from where, and where to.
+struct TrainPlan {
+  TrainConfig config;
+  std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
+  TrainCommandOptions options;
+  std::filesystem::path checkpoint;  // to resume, or empty
+  bool is_replaced = false;          // the model in the folder
+};
+
+/// From the command line, the config file, and the checkpoint or model folder to resume. Without --batch, a step has a
+/// view for each rank. @throws InputError
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks);
+
+/// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
+bool guard_model(const ModelFolder& folder, const TrainPlan& plan);
+
+/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and is of this scene
+/// at this image size. @throws InputError
+void check_checkpoint(const std::filesystem::path& checkpoint, const TrainConfig& config);
+
+/// Rank 0 tells the others what it has decided; they do not look at the model folder.
+void share_plan(Communicator& ranks, TrainPlan& plan);
+
+}  // namespace b3dgs
