@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Times the frames of the live view as a page receives them: HTTP, JPEG and all, one request at a time.
+"""Times the frames of the live view as a browser receives them, with HTTP and JPEG, one request at a time.
 
 Starts b3dgs view, asks for frames from cameras on a circle about the middle of the scene, and prints frames per second
-and the time from request to answer. Needs the built program and python3, nothing else.
+and the time from request to answer. The first 20 frames are not counted. Needs the built program and python3, nothing
+else.
 
   scripts/bench_view.py PROGRAM MODEL [--device cuda] [--width 1280] [--height 720] [--frames 300] [--min_fps 30]
+      [--options "-s SCENE"]
 
 MODEL is what b3dgs view takes: a model folder with cameras, or a file of Gaussians with -s SCENE among --options.
 Exits with 1 if there are fewer frames per second than --min_fps.
@@ -47,7 +49,7 @@ def main():
     parser.add_argument("--height", type=int, default=720)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--min_fps", type=float, default=0)
-    parser.add_argument("--options", default="", help="more options of b3dgs view, in one word")
+    parser.add_argument("--options", default="", help="more options of b3dgs view, as one quoted string")
     args = parser.parse_args()
     command = [args.program, "view", args.model, "--device", args.device, "--port", "0"] + args.options.split()
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

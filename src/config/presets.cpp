@@ -7,7 +7,7 @@ const std::vector<OptionRow>& presets() {
       {"original", "the options of the original 3DGS code", {}},
       // A sixth of the schedule of strategy balanced.
       {"fast",
-       "a short training with few Gaussians",
+       "strategy balanced in 5000 iterations, with more Gaussians",
        {{"strategy", "balanced"},
         {"iterations", "5000"},
         {"position_lr_max_steps", "5000"},

@@ -260,7 +260,7 @@ TEST(CommandLine, HelpAllListsEveryOptionInGroupsWithKernelsLast) {
   });
   EXPECT_NE(help.find("training iterations (default 30000; at least 1; also --max_steps)"), std::string::npos) << help;
   EXPECT_NE(help.find("default 7000 30000"), std::string::npos);
-  EXPECT_NE(help.find("(0 = all cores; default 0; at least 0)"), std::string::npos) << "one pair of parentheses";
+  EXPECT_NE(help.find("(0 = never; default 0; at least 0)"), std::string::npos) << "one pair of parentheses";
   const std::size_t kernels = help.find("\nKernels:\n");
   ASSERT_NE(kernels, std::string::npos);
   EXPECT_EQ(help.find(":\n", kernels + 10), std::string::npos) << "the last group";

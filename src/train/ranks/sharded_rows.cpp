@@ -3,6 +3,7 @@
 #include <torch/torch.h>
 
 #include <algorithm>
+#include <cstring>
 #include <exception>
 #include <utility>
 
@@ -216,19 +217,25 @@ void throw_together(Communicator& ranks, const std::string& label, const std::st
 
 void check_together(Communicator& ranks, const std::string& what, const std::vector<std::int64_t>& numbers,
                     const std::string& cause) {
-  // The numbers of all ranks must be as many before they can be compared: what precedes them says how many there are.
+  // How many bytes the numbers take, the numbers, the cause.
   const auto n_bytes = static_cast<std::int64_t>(numbers.size() * sizeof(std::int64_t));
   std::string record(reinterpret_cast<const char*>(&n_bytes), sizeof n_bytes);
   record.append(reinterpret_cast<const char*>(numbers.data()), static_cast<std::size_t>(n_bytes));
-  const std::size_t n_compared = record.size();
   const std::vector<std::string> all = ranks.exchange(what, record + cause);
-  for (int r = 1; r < ranks.size(); ++r) {
-    B3DGS_CHECK(all[static_cast<std::size_t>(r)].compare(0, n_compared, all[0], 0, n_compared) == 0, "rank ", r, " of ",
-                ranks.size(), " and rank 0 disagree on the ", what);
-  }
+  const auto size_of_numbers = [&](const std::string& of) {
+    std::int64_t n = 0;
+    std::memcpy(&n, of.data(), sizeof n);
+    return sizeof n + static_cast<std::size_t>(n);
+  };
+  // A cause says more than that ranks disagree, which it often brings about.
   for (int r = 0; r < ranks.size(); ++r) {
-    const std::string first = all[static_cast<std::size_t>(r)].substr(n_compared);
-    B3DGS_CHECK(first.empty(), "rank ", r, " of ", ranks.size(), ": ", first);
+    const std::string& of_rank = all[static_cast<std::size_t>(r)];
+    const std::string found = of_rank.substr(size_of_numbers(of_rank));
+    B3DGS_CHECK(found.empty(), "rank ", r, " of ", ranks.size(), ": ", found);
+  }
+  for (int r = 1; r < ranks.size(); ++r) {
+    B3DGS_CHECK(all[static_cast<std::size_t>(r)] == all[0], "rank ", r, " of ", ranks.size(),
+                " and rank 0 disagree on the ", what);
   }
 }
 
