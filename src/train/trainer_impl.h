@@ -163,6 +163,18 @@ struct Trainer::Impl {
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
   /// `from`, `last`: the iteration before this part of the step, and the step's last one.
   void keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last, bool is_filter_due);
+  struct ViewsOfRanks;  // step.cpp; the next six follow each other
+  /// Returns the number of splats for each part of the plan. Errors are left in the record: all ranks learn of them.
+  std::vector<std::int64_t> project_own_gaussians(ViewsOfRanks& step, bool is_filter_due, StepRecord& record);
+  void exchange_records(ViewsOfRanks& step, StepRecord record, const std::vector<std::int64_t>& n_splats, int last);
+  void draw_own_parts(ViewsOfRanks& step);
+  /// `own_next`: views that this rank draws after this one.
+  void draw_part(ViewsOfRanks& step, const DrawnPart& part, const ViewSplats& drawn,
+                 const std::vector<std::int32_t>& own_next);
+  /// Sends the sums back; `sums` are then those of the own splats of each view, whose gradients are kept.
+  void keep_own_splats(ViewsOfRanks& step);
+  void gather_pose_gradients(ViewsOfRanks& step);
+  std::int64_t n_image_columns() const { return depth_priors ? 4 : 3; }
   /// Views that this rank will probably draw after this part of the step. Plans the next steps, on all ranks alike.
   std::vector<std::int32_t> own_views_ahead();
   /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of

@@ -42,7 +42,7 @@ SplatPairs Rasterizer::Impl::pairs_of(const torch::Tensor& rows) const {
   const torch::TensorOptions floats = rendered.color.options(), integers = floats.dtype(torch::kInt64);
   constexpr std::int64_t kWords = sizeof(SplatGradSum) / sizeof(float);
   constexpr std::int64_t kAbsoluteWords = 2, kGradWords = kWords - kAbsoluteWords;
-  const auto array = [](const auto* data, std::vector<std::int64_t> sizes, const torch::TensorOptions& options) {
+  const auto array = [](const auto* data, at::IntArrayRef sizes, const torch::TensorOptions& options) {
     return torch::from_blob(const_cast<void*>(static_cast<const void*>(data)), sizes, options);
   };
   torch::Tensor places = rows, is_drawn, pair_sums;  // places in the order of slot_offsets
