@@ -192,6 +192,17 @@ TEST(Calls, FoldersAreRemovedByRemoveTree) {
   }
 }
 
+// It takes ten seconds to parse; torch/types.h, which is precompiled, has what tensors need.
+TEST(Includes, AllOfLibTorchIsIncludedNowhere) {
+  const std::string include = "#include <torch/torch" + std::string(".h>");
+  for (const fs::path& file : sources({"src", "app", "tests"})) {
+    std::ifstream text(file);
+    for (std::string line; std::getline(text, line);) {
+      EXPECT_EQ(line.find(include), std::string::npos) << fs::relative(file, kRoot);
+    }
+  }
+}
+
 TEST(Folders, HoldFewFiles) {
   std::map<fs::path, std::size_t> counts;
   for (const fs::path& file : sources({"src", "app", "data_synth", "tests"})) ++counts[file.parent_path()];

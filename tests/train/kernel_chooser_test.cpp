@@ -2,7 +2,7 @@
 #include "train/selection/kernel_chooser.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <limits>
 #include <set>

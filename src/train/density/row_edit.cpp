@@ -1,6 +1,6 @@
 #include "train/density/row_edit.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <limits>

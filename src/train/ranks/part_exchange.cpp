@@ -1,6 +1,6 @@
 #include "train/ranks/part_exchange.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <numeric>

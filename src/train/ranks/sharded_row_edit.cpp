@@ -1,6 +1,6 @@
 #include "train/ranks/sharded_row_edit.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <string>

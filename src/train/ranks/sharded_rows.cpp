@@ -1,6 +1,6 @@
 #include "train/ranks/sharded_rows.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <cstring>

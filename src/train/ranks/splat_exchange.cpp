@@ -1,6 +1,6 @@
 #include "train/ranks/splat_exchange.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <numeric>
 #include <utility>

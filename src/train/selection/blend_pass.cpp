@@ -1,6 +1,6 @@
 #include "train/selection/blend_pass.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "train/selection/kernel_agreement.h"
 

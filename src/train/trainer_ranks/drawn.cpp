@@ -1,6 +1,6 @@
 // What ranks tell each other of the views that they have drawn in the last step: losses, counted work, and times.
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <numeric>

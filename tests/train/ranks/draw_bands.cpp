@@ -1,6 +1,6 @@
 // A program of several ranks for train_ranks_tests: draw_bands RANKS SCENARIO. A view that ranks draw in bands must
 // have the bytes of one that a single rasterizer draws: images, sums of splats, scores.
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <cstring>
 #include <random>

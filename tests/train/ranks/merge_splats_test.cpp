@@ -2,7 +2,7 @@
 #include "train/ranks/splats/merge_splats.h"
 
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <random>

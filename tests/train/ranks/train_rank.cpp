@@ -1,6 +1,6 @@
 // A program of several ranks for train_ranks_tests: train_rank RANKS SCENARIO. What the ranks compute together must
 // have the bytes of what each of them computes alone on whole tensors, which are the same on all ranks.
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <memory>

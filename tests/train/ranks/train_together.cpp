@@ -1,6 +1,6 @@
 // A program of several ranks for train_ranks_tests: train_together RANKS SCENARIO. What several ranks train together
 // must have the bytes of what one process trains alone with the same options.
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <atomic>
 #include <cmath>

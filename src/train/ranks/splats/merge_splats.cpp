@@ -1,6 +1,6 @@
 #include "train/ranks/splats/merge_splats.h"
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "core/parallel.h"
 
