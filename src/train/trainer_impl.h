@@ -130,9 +130,9 @@ struct Trainer::Impl {
 
   // trainer_batch.cpp
   /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
-  /// the backward pass of the one view does that, which is faster. The GPU compiler fuses multiplications and additions
-  /// differently in the two, so --deterministic keeps them also for one view: several ranks do, and promise the same
-  /// bytes.
+  /// the backward pass of the one view does that, which is faster. The GPU compiler may fuse multiplications and
+  /// additions differently in the two, so --deterministic keeps them also for one view: several ranks do, and promise
+  /// the same bytes.
   bool keeps_views() const { return config.batch > 1 || (config.deterministic && !device.is_cpu()); }
   void take_batched_step();
   /// One view of a step: everything up to the gradients of its splats, which are kept.
