@@ -89,7 +89,7 @@ struct TrainConfig {
   double huber = 0;         // difference of colours in [0, 1]
   int huber_from_iter = 0;  // exclusive
   double opacity_reg = 0;   // times the mean opacity of the Gaussians that the view sees
-  double scale_reg = 0;     // times their mean scale, world units
+  double scale_reg = 0;     // times their mean scale, units of extent / 5
   int reg_from_iter = 0;    // exclusive; of opacity_reg and scale_reg
   double depth_l1_weight_init = 1;
   double depth_l1_weight_final = 0.01;

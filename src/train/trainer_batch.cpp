@@ -40,7 +40,7 @@ void Trainer::Impl::keep_view(const TrainView& view, bool is_filter_due) {
   if (appearance) appearance->set_place(place);
   const ComparedView compared = compare(view, is_filter_due);
   const ViewStatistics statistics =
-      stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, state.iteration));
+      stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, scene.extent, state.iteration));
   if (compared.refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
   if (state.background.is_defined()) {
     background_gradient.add_to_sum(background_gradient.coefficients(), place == 0);

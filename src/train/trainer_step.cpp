@@ -162,7 +162,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   const ComparedView compared = compare(view, is_filter_iteration(state.iteration));
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), compared.grad, state.gaussians, state.adam,
-                   &timer, regularization_weights(config, state.iteration));
+                   &timer, regularization_weights(config, scene.extent, state.iteration));
   if (compared.refines_pose) {
     poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
     poses.begin_step();

@@ -61,12 +61,32 @@ TEST(Regularization, ActsAfterItsFirstIteration) {
   TrainConfig config;
   config.opacity_reg = 0.25;
   config.scale_reg = 0.5;
-  EXPECT_EQ(regularization_weights(config, 1).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 1).opacity, 0.25);
   config.reg_from_iter = 100;
-  EXPECT_EQ(regularization_weights(config, 100).opacity, 0);
-  EXPECT_EQ(regularization_weights(config, 100).scale, 0);
-  EXPECT_EQ(regularization_weights(config, 101).opacity, 0.25);
-  EXPECT_EQ(regularization_weights(config, 101).scale, 0.5);
+  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 100).opacity, 0);
+  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 100).scale, 0);
+  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 101).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 101).scale, 0.5);
+}
+
+TEST(Regularization, DoesNotDependOnTheUnitOfLength) {
+  TrainConfig config;
+  config.scale_reg = 0.5;
+  config.opacity_reg = 0.25;
+  // Scales are ten times as large where lengths are.
+  EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40, 1).scale, regularization_weights(config, 4, 1).scale);
+  EXPECT_EQ(regularization_weights(config, 40, 1).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, 0, 1).scale, 5) << "all cameras in one place";
+}
+
+TEST(MeanNoise, DoesNotDependOnTheUnitOfLength) {
+  TrainConfig config;
+  config.noise_lr = 500000;
+  const double at_reference = mean_noise_strength(config, kReferenceExtent, 100);
+  EXPECT_DOUBLE_EQ(at_reference, 500000 * adam_rates(config, kReferenceExtent, 100)[0]);
+  // Ten times the lengths: Sigma is 100 times as large, and the mean is to move ten times as far.
+  EXPECT_NEAR(mean_noise_strength(config, 10 * kReferenceExtent, 100), at_reference / 10, 1e-12 * at_reference);
+  EXPECT_EQ(mean_noise_strength(config, 0, 100), 0) << "all cameras in one place";
 }
 
 TEST(LossWeights, UseHuberAfterItsFirstIteration) {

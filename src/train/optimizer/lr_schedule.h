@@ -40,9 +40,27 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.feature_lr / 20};
 }
 
-inline RegularizationWeights regularization_weights(const TrainConfig& config, int iteration) {
+/// --scale_reg and --noise_lr hold for scenes of this extent, world units; published values were found on scenes of
+/// about this extent. lengths_per_reference() converts, so that a training does not depend on the unit of length.
+inline constexpr double kReferenceExtent = 5;
+
+/// Lengths of a scene of this extent, times the result: as in a scene of the reference extent. At most 10, since the
+/// cameras of a panorama are all in one place and say nothing about the size of its scene.
+inline double lengths_per_reference(double extent) {
+  constexpr double kMost = 10;
+  return kReferenceExtent / std::max(extent, kReferenceExtent / kMost);
+}
+
+/// `extent` is the scene's, world units.
+inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent, int iteration) {
   if (iteration <= config.reg_from_iter) return {};
-  return {config.opacity_reg, config.scale_reg};
+  return {config.opacity_reg, config.scale_reg * lengths_per_reference(extent)};
+}
+
+/// What multiplies Sigma eps in the noise on the means; Sigma is a length squared.
+inline double mean_noise_strength(const TrainConfig& config, double extent, int iteration) {
+  const double lengths = lengths_per_reference(extent);
+  return config.noise_lr * adam_rates(config, extent, iteration)[0] * lengths * lengths;
 }
 
 }  // namespace b3dgs

@@ -1,7 +1,8 @@
 // Regularisation of opacity and scale, which makes Gaussians that the image does not need transparent and small:
 //   loss += opacity_reg mean(o) + scale_reg mean(s)
-// The means are over the M Gaussians that the view sees (scales: 3 M numbers, world units), so that the effect on one
-// Gaussian does not depend on how many others are out of view. Kheradmand et al. 2024 average over all Gaussians.
+// The means are over the M Gaussians that the view sees (scales: 3 M numbers, in units of a fifth of the scene's
+// extent), so that the effect on one Gaussian depends neither on how many others are out of view, nor on the unit of
+// length. Kheradmand et al. 2024 average over all Gaussians.
 // The same arithmetic on CPU and GPU.
 #pragma once
 
@@ -12,7 +13,7 @@
 
 namespace b3dgs {
 
-/// --opacity_reg and --scale_reg; 0 = off.
+/// Factors of the mean opacity and of the mean scale in world units; 0 = off.
 struct RegularizationWeights {
   double opacity = 0, scale = 0;
 };

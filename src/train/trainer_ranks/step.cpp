@@ -232,7 +232,7 @@ void Trainer::Impl::keep_own_splats(ViewsOfRanks& step) {
     state.iteration = step.learned[v].iteration;
     const ViewStatistics statistics =
         stepper.keep_splats(view.own, sums[v], view.camera, view.settings, state.gaussians, view.n_splats,
-                            regularization_weights(config, state.iteration));
+                            regularization_weights(config, scene.extent, state.iteration));
     if (!view.plan.statistics) continue;
     timer.begin(Stage::kDensify);
     make_room_for_statistics();

@@ -149,8 +149,7 @@ class BalancedStrategy final : public DensityStrategy {
 
   void after_step(int iteration, GaussianTensors& gaussians, const RowShards& shards) const override {
     if (!adds_mean_noise(config_, iteration)) return;
-    const double position_lr = adam_rates(config_, extent_, iteration)[0];
-    add_mean_noise(gaussians, config_.noise_lr * position_lr, config_.seed, iteration, shards);
+    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, shards);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
