@@ -40,7 +40,8 @@ int choose_iteration(const ModelFolder& folder, int wanted) {
 
 /// Everything but the scene.
 LoadedModel load_gaussians(const ModelOptions& options) {
-  if (options.model_path.empty()) input_error("missing argument: MODEL_PATH; see --help");
+  if (options.model_path.empty())
+    input_error("missing argument: MODEL_PATH (expected a model folder or a file of Gaussians)");
   if (!fs::exists(options.model_path)) input_error("model folder not found: ", options.model_path);
   if (!fs::is_directory(options.model_path)) {
     input_error("not a directory: ", options.model_path, " (expected a model folder)");

@@ -33,6 +33,9 @@ fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
 /// The checkpoint to resume; empty to start from the beginning. With --resume auto, sets config.model_path if empty.
 fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options, StatusLine& status) {
   if (options.resume != "auto") {
+    if (!fs::exists(options.resume)) {
+      input_error("nothing to resume: ", options.resume, " not found (expected a checkpoint, a model folder, or auto)");
+    }
     if (!fs::is_directory(options.resume)) return options.resume;
     const ModelFolder folder(options.resume);
     fs::path checkpoint = newest_checkpoint(folder, status);

@@ -69,7 +69,7 @@ fi
 # LibTorch with CUDA: the folder that holds lib/libtorch_cuda.so.
 candidates=("$libtorch")
 if [[ -z $libtorch ]]; then
-  candidates=("${LIBTORCH:-}" libtorch "$HOME/libtorch" /opt/libtorch /usr/local/libtorch)
+  candidates=(${LIBTORCH:+"$LIBTORCH"} libtorch "$HOME/libtorch" /opt/libtorch /usr/local/libtorch)
   if python_torch=$(python3 -c 'import os, torch; print(os.path.dirname(torch.__file__))' 2>/dev/null); then
     candidates+=("$python_torch")
   fi

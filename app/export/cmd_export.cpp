@@ -190,7 +190,8 @@ int run_export(const std::vector<std::string>& words) {
   line.apply(model_options);
   line.apply(options);
   if (!options.crop.empty()) parse_crop(options.crop);
-  if (model_options.model_path.empty()) input_error("missing argument: MODEL_PATH; see --help");
+  if (model_options.model_path.empty())
+    input_error("missing argument: MODEL_PATH; usage: b3dgs export MODEL OUTPUT.spz");
   check_output(model_options, options);
   if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
     input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");

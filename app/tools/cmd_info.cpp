@@ -19,8 +19,8 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
-#include "scene/colmap/colmap.h"
 #include "scene/scene.h"
+#include "scene/scene_model.h"
 
 namespace b3dgs {
 namespace {
@@ -156,9 +156,9 @@ void describe_checkpoint(const std::string& path) {
 void describe_folder(const std::string& path) {
   const fs::path folder = path;
   if (ModelFolder(folder).has_config() || fs::exists(folder / "point_cloud")) return describe_model(path);
-  if (fs::exists(folder / "sparse") || colmap_format(folder)) return describe_scene(path);
-  input_error("neither a COLMAP scene nor a model folder: ", path,
-              " (expected sparse/ or config.json); run COLMAP first if there are only photographs");
+  if (fs::exists(folder / "sparse") || holds_scene(folder)) return describe_scene(path);
+  input_error("neither a scene nor a model folder: ", path, " (expected sparse/, transforms.json or config.json); ",
+              "`b3dgs reconstruct PHOTOS SCENE` makes a scene from photographs");
 }
 
 /// The first bytes of a file, which identify its format.

@@ -133,8 +133,12 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
 
 }  // namespace
 
+bool holds_scene(const fs::path& source) {
+  return find_transforms(source).found() || has_model_folder(source);
+}
+
 void check_scene_folder(const fs::path& source) {
-  if (!find_transforms(source).found() && !has_model_folder(source)) find_model_folder(source);
+  if (!holds_scene(source)) find_model_folder(source);  // says what is missing
 }
 
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {

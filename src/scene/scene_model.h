@@ -33,6 +33,9 @@ struct SceneModel {
   std::string split_description;  // "transforms_test.json"
 };
 
+/// Whether the folder holds a COLMAP model, complete or not, or transforms.json files. Reads nothing.
+bool holds_scene(const std::filesystem::path& source);
+
 /// @throws InputError if the folder is missing or holds no scene. Reads nothing
 void check_scene_folder(const std::filesystem::path& source);
 

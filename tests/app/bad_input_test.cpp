@@ -267,6 +267,8 @@ TEST_F(BadInput, AFullDiskDuringAComparisonTellsHowToContinue) {
 TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"trian"}), {"trian", "did you mean train?"});
   expect_refused(run_b3dgs({"train"}), {"missing argument: SOURCE_PATH", "-s"});
+  expect_refused(run_b3dgs({"train", (scene() / "images/view0.jpg").string()}), {"not a folder", "b3dgs reconstruct"});
+  expect_refused(run_b3dgs({"train", "--resume", "none"}), {"nothing to resume: none not found"});
   expect_refused(run_b3dgs({"eval"}), {"missing argument: MODEL_PATH"});
   expect_refused(run_b3dgs({"synth", "orbit"}), {"OUTPUT"});
   expect_refused(run_b3dgs({"train", "-s", scene().string(), "--iteratons", "5"}), {"did you mean --iterations?"});
@@ -275,7 +277,7 @@ TEST_F(BadInput, CommandLines) {
   expect_refused(train({"-r", "3"}), {"-r 3", "3 px wide", "1, 2, 4 or 8"});
   expect_refused(train({"--data-factor", "3"}), {"-r 3"});
   const Outcome info = run_b3dgs({"info", (scene() / "images").string()});
-  expect_refused(info, {"neither a COLMAP scene nor a model folder"});
+  expect_refused(info, {"neither a scene nor a model folder", "b3dgs reconstruct"});
   const Outcome report = run_b3dgs({"report", scene().string()});
   expect_refused(report, {"neither a model folder nor a comparison"});
   EXPECT_EQ(report.out, "");

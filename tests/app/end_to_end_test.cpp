@@ -121,6 +121,18 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
   }
 }
 
+TEST_F(EndToEnd, DescribesASceneInATransformsFile) {
+  const fs::path described = folder_.path() / "described";
+  fs::create_directories(described / "images");
+  fs::copy_file(fs::path(scene()) / "images/00000.png", described / "images/a.png");
+  test::write_bytes(described / "transforms.json",
+                    R"({"camera_angle_x": 0.9, "frames": [{"file_path": "images/a.png",
+                        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]}]})");
+  const Outcome outcome = run_b3dgs({"info", described.string()});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("transforms.json"), std::string::npos) << outcome.out;
+}
+
 TEST_F(EndToEnd, EvaluatesWithExposures) {
   const Outcome refused = train({"--exposure", "--train_test_exp", "--iterations", "5"});
   EXPECT_NE(refused.exit_code, 0);

@@ -280,6 +280,8 @@ TEST_F(SplatPly, IsDistinguishedFromPointsByItsHeader) {
   write_point_ply(folder_ / "p.ply", {{1, 2, 3}, {4, 5, 6}});
   EXPECT_TRUE(is_splat_ply(folder_ / "s.ply"));
   EXPECT_FALSE(is_splat_ply(folder_ / "p.ply"));
+  EXPECT_TRUE(fails_with<InputError>({"p.ply", "no Gaussians, but points", "--init_ply"},
+                                     [&] { read_splat_ply(folder_ / "p.ply"); }));
 }
 
 TEST(PointPly, ReadsBackPoints) {

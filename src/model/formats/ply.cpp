@@ -164,6 +164,10 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
 SplatCloud read_splat_ply(FileReader& file) {
   PlyReader reader(file);
   refuse_other_ply(reader);
+  if (!reader.vertices().find("f_dc_0") && !reader.vertices().find("opacity")) {
+    input_error(file.name(), ": no Gaussians, but points or a mesh: the vertices have no property f_dc_0 or opacity; ",
+                "a training can start from points: b3dgs train SCENE --init_ply FILE");
+  }
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
   const std::vector<std::string>& comments = reader.comments();

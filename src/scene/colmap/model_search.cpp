@@ -46,8 +46,10 @@ bool has_model_folder(const fs::path& source) {
 
 SparseModelFolder find_model_folder(const fs::path& source) {
   if (!fs::is_directory(source)) {
-    const char* fault = fs::exists(source) ? "scene is not a folder: " : "scene folder not found: ";
-    input_error(fault, source.string(), " (expected images/ and sparse/0/)");
+    if (!fs::exists(source))
+      input_error("scene folder not found: ", source.string(), " (expected images/ and sparse/0/)");
+    input_error("scene is not a folder: ", source.string(), " (expected a folder with images/ and sparse/0/); ",
+                "`b3dgs reconstruct PHOTOS|VIDEO SCENE` makes a scene");
   }
   std::vector<Candidate> candidates;
   for (const fs::path& folder : folders_to_search(source)) {
@@ -57,7 +59,7 @@ SparseModelFolder find_model_folder(const fs::path& source) {
     input_error(
         source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ (expected cameras, images and ",
         "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
-        "PHOTOS SCENE` makes a scene of photographs, or choose another folder with -s");
+        "PHOTOS SCENE` makes a scene from photographs, or choose another folder with -s");
   }
   SparseModelFolder found;
   if (candidates.size() == 1) {
