@@ -105,10 +105,16 @@ std::string unbalanced_verdict(const ComparisonSummary& summary, const ComparedC
   return text + " (" + times_text(times) + ")";
 }
 
-/// About the configuration as a whole, naming the options in which it differs.
+/// About the configuration as a whole, naming the options in which it differs: of many, as with a preset, the first.
 std::string configuration_verdict(const ComparisonSummary& summary, const ComparedConfiguration& ours) {
   std::vector<std::string> options = ours.differs_in;
   if (!options.empty() && ours.has_own_kernel) options.insert(options.begin(), "the forward kernel");
+  constexpr std::size_t kMostNamed = 5;
+  if (options.size() > kMostNamed + 1) {
+    const std::string others = std::to_string(options.size() - kMostNamed) + " more options";
+    options.resize(kMostNamed);
+    options.push_back(others);
+  }
   std::string text = (options.empty() ? "" : "The configuration ") + ours.name + " " +
                      saving_text(ours.overall->mean, summary.baseline, no_difference(summary));
   if (!options.empty()) {

@@ -176,7 +176,17 @@ TEST(CommandLine, AnUnknownOptionIsAnErrorThatSuggestsTheNearest) {
 }
 
 TEST(CommandLine, AnUnexpectedArgumentIsAnError) {
-  EXPECT_EQ(complaint({"scene"}), "unexpected argument \"scene\"; see b3dgs train --help");
+  EXPECT_EQ(complaint({"scene"}),
+            "unexpected argument \"scene\"; usage: b3dgs train [OPTIONS]; see b3dgs train --help");
+  CommandLine line("train", "Trains.");
+  line.add(TrainConfig{}, "Training", {"source_path"});
+  try {
+    line.parse({"scene", "model"});
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.what(), std::string("unexpected argument \"model\"; usage: b3dgs train [SOURCE_PATH] [OPTIONS]; "
+                                        "see b3dgs train --help"));
+  }
 }
 
 TEST(CommandLine, MalformedValuesAreNamed) {

@@ -116,7 +116,9 @@ struct CommandLine::Impl {
   }
 
   [[noreturn]] void reject(const std::string& word) const {
-    if (word.empty() || word[0] != '-') input_error("unexpected argument \"", word, "\"; see ", command("--help"));
+    if (word.empty() || word[0] != '-') {
+      input_error("unexpected argument \"", word, "\"; usage: ", usage_text(help()), "; see ", command("--help"));
+    }
     const std::string option = word.substr(0, word.find('='));
     const std::string nearest = option.compare(0, 2, "--") == 0 ? nearest_name(option.substr(2), known_names()) : "";
     input_error("unknown option ", option,

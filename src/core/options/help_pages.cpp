@@ -136,14 +136,8 @@ void for_each_group(const CommandHelp& command, Wanted&& is_wanted, Visit&& visi
 
 /// Summary, usage and example.
 std::string introduction(const CommandHelp& command) {
-  std::string text = wrap(command.summary, kNameColumns + kTextColumns, 0) + "\n\nUsage: b3dgs " + command.name;
-  for (const OptionSpec* spec : command.options) {
-    if (!spec->positional) continue;
-    std::string name = spec->name;
-    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
-    text += " [" + name + "]";
-  }
-  text += " [OPTIONS]\n";
+  const std::string text =
+      wrap(command.summary, kNameColumns + kTextColumns, 0) + "\n\nUsage: " + usage_text(command) + "\n";
   return command.example.empty() ? text : text + "Example: " + command.example + "\n";
 }
 
@@ -158,6 +152,17 @@ std::string list_options(const CommandHelp& command, Wanted&& is_wanted, HelpDet
 }
 
 }  // namespace
+
+std::string usage_text(const CommandHelp& command) {
+  std::string text = "b3dgs " + command.name;
+  for (const OptionSpec* spec : command.options) {
+    if (!spec->positional) continue;
+    std::string name = spec->name;
+    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
+    text += " [" + name + "]";
+  }
+  return text + " [OPTIONS]";
+}
 
 std::string help_text(const CommandHelp& command) {
   const std::size_t n_options = command.options.size();

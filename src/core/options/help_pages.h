@@ -17,6 +17,9 @@ struct CommandHelp {
   std::vector<const OptionSpec*> options;
 };
 
+/// "b3dgs train [SOURCE_PATH] [OPTIONS]"
+std::string usage_text(const CommandHelp& command);
+
 /// The text of --help: all options if there are at most kMaxShortHelp, else the common ones.
 std::string help_text(const CommandHelp& command);
 constexpr std::size_t kMaxShortHelp = 20;
