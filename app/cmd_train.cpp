@@ -5,6 +5,7 @@
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "app/machine/machine.h"
 #include "app/model.h"
@@ -27,8 +28,8 @@
 #include "dist/launch/start_ranks.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
-#include "train/count_limit.h"
 #include "train/device.h"
+#include "train/scene_limits.h"
 #include "train/threads.h"
 #include "train/trainer.h"
 
@@ -54,6 +55,11 @@ std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::op
 std::string describe_limit(const TrainConfig& config) {
   return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
                         config.pixels_per_gaussian, ")");
+}
+
+std::string describe_decay(const TrainConfig& config) {
+  return detail::concat("rates       decay from iteration ", config.lr_decay_from_iter, " (--lr_decay_from_epoch ",
+                        config.lr_decay_from_epoch, ")");
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
@@ -145,10 +151,9 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     std::cout << describe_device(device) << std::endl;
     if (has_peers) std::cout << describe_ranks(ranks.size(), config, plan.layers) << std::endl;
   }
-  if (const std::int64_t limit = count_limit(config, scene); limit != config.max_gaussians) {
-    plan.config.max_gaussians = limit;
-    if (!quiet) std::cout << describe_limit(config) << std::endl;
-  }
+  const TrainConfig given = std::exchange(plan.config, with_scene_limits(config, scene));
+  if (!quiet && config.max_gaussians != given.max_gaussians) std::cout << describe_limit(config) << std::endl;
+  if (!quiet && config.lr_decay_from_iter != given.lr_decay_from_iter) std::cout << describe_decay(config) << std::endl;
   if (!quiet && plan.layers) {
     for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
   }

@@ -9,9 +9,9 @@
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/count_limit.h"
 #include "train/device.h"
 #include "train/images/image_store.h"
+#include "train/scene_limits.h"
 
 namespace b3dgs {
 namespace {
@@ -62,8 +62,7 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
 void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
                               const Scene& scene, std::optional<std::int64_t> image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
-  TrainConfig config = run_config(configuration, folder, seed);
-  config.max_gaussians = count_limit(config, scene);
+  const TrainConfig config = with_scene_limits(run_config(configuration, folder, seed), scene);
   const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
   turns_.push_back(std::make_unique<Turn>(
       Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, EtaHistory(eta)}));

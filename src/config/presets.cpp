@@ -20,6 +20,7 @@ const std::vector<OptionRow>& presets() {
         {"pixels_per_gaussian", "160"},
         {"abs_grad_threshold", "0.0006"},
         {"lr_final_scale", "1"},
+        {"lr_decay_from_epoch", "17"},
         {"split", "moments"},
         {"score_views", "10"},
         {"scaling_lr", "0.01"},
@@ -40,6 +41,9 @@ const std::vector<OptionRow>& presets() {
         {"prune_interval", "2400"},
         {"prune_until_iter", "22400"},
         {"lr_decay_from_iter", "6000"},
+        {"lr_decay_from_epoch", "80"},
+        {"feature_lr", "0.00375"},
+        {"rotation_lr", "0.002"},
         {"abs_grad_threshold", "0.0006"},
         {"pixels_per_gaussian", "45"},
         {"coarse_until", "12000"},
@@ -71,6 +75,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"scale_reg", "0.01"},
         {"lr_final_scale", "0.1"},
         {"lr_decay_from_iter", "7500"},
+        {"lr_decay_from_epoch", "100"},
         {"noise_lr", "0"}}},
   };
   return kStrategyDefaults;

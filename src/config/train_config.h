@@ -77,6 +77,7 @@ struct TrainConfig {
   int pose_opt_from_iter = 500;  // exclusive
   double lr_final_scale = 1;
   int lr_decay_from_iter = 0;
+  int lr_decay_from_epoch = 0;
   double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
   double opacity_lr = 0.025;   // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
@@ -243,6 +244,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "rates of scales, rotations, opacities, colours, background fall to X times these");
   field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
         "iteration from which --lr_final_scale lowers rates, until --position_lr_max_steps");
+  field(Option{"lr_decay_from_epoch"}.in_steps(), c.lr_decay_from_epoch, AtLeast{0},
+        "... but no later than when each photograph has been used so often (0 = no limit)");
   field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");

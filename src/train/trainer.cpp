@@ -6,7 +6,7 @@
 
 #include "model/formats/splat_formats.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/count_limit.h"
+#include "train/scene_limits.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
 
@@ -101,9 +101,8 @@ void check_options(const TrainConfig& config) {
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
   set_compute_threads(config.threads);
-  TrainConfig resolved = config;  // some values follow from the device's name and from the scene
+  TrainConfig resolved = with_scene_limits(config, scene);
   resolved.device = device_name(choose_device(config.device));
-  resolved.max_gaussians = count_limit(config, scene);
   check_options(resolved);
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }

@@ -4,15 +4,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <set>
 
 #include "config/output_plan.h"
 #include "config/view_order.h"
 #include "core/random.h"
-#include "train/count_limit.h"
 #include "train/loss/loss_weights.h"
 #include "train/optimizer/lr_schedule.h"
+#include "train/scene_limits.h"
 
 namespace b3dgs {
 namespace {
@@ -113,6 +114,23 @@ TEST(CountLimit, IsOneGaussianForSoManyTrainingPixels) {
   config.pixels_per_gaussian = 5000;
   scene.points.positions.resize(3 * 11);
   EXPECT_EQ(count_limit(config, scene), 11) << "no fewer than there are points";
+}
+
+TEST(DecayStart, IsNoLaterThanSoManyUsesOfEachPhotograph) {
+  Scene scene;
+  scene.train.resize(21);
+  scene.test.resize(100);
+  TrainConfig config;
+  config.lr_decay_from_iter = 7500;
+  EXPECT_EQ(decay_start(config, scene), 7500) << "no limit";
+  config.lr_decay_from_epoch = 100;
+  EXPECT_EQ(decay_start(config, scene), 2100);
+  config.lr_decay_from_epoch = std::numeric_limits<int>::max();
+  EXPECT_EQ(decay_start(config, scene), 7500);
+  config.lr_decay_from_epoch = 100;
+  config = with_scene_limits(config, scene);
+  EXPECT_EQ(config.lr_decay_from_iter, 2100);
+  EXPECT_EQ(with_scene_limits(config, scene).lr_decay_from_iter, 2100);
 }
 
 TEST(ViewOrder, UsesEveryViewOnceBeforeAnyTwice) {

@@ -1,4 +1,4 @@
-// The largest number of Gaussians of a training.
+// Limits that follow from the scene.
 #pragma once
 
 #include <algorithm>
@@ -20,6 +20,22 @@ inline std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
   for (const View& view : scene.train) pixels += static_cast<double>(view.camera.width) * view.camera.height;
   return std::max(static_cast<std::int64_t>(pixels / config.pixels_per_gaussian),
                   static_cast<std::int64_t>(scene.points.size()));
+}
+
+/// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph
+/// has been used --lr_decay_from_epoch times (0 = no such limit). Few photographs are overfitted after fewer
+/// iterations.
+inline int decay_start(const TrainConfig& config, const Scene& scene) {
+  if (config.lr_decay_from_epoch == 0) return config.lr_decay_from_iter;
+  const std::int64_t n_views = static_cast<std::int64_t>(scene.train.size()) * config.lr_decay_from_epoch;
+  return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, n_views));
+}
+
+/// The options of a training of this scene, with these limits. Applying it again changes nothing.
+inline TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
+  config.max_gaussians = count_limit(config, scene);
+  config.lr_decay_from_iter = decay_start(config, scene);
+  return config;
 }
 
 }  // namespace b3dgs
