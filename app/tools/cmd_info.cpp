@@ -194,8 +194,10 @@ int run_info(const std::vector<std::string>& words) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
   }
-  if (start.compare(0, 8, "B3DGSCKP") != 0)
-    input_error("unknown file format: ", path, " (expected a PLY, an SPZ or a b3dgs checkpoint)");
+  if (start.compare(0, 8, "B3DGSCKP") != 0) {
+    input_error("unknown file format: ", path, " (expected a PLY, an SPZ or a b3dgs checkpoint); the program ",
+                "splat-transform converts other files of Gaussians to PLY");
+  }
   describe_checkpoint(path);
   return 0;
 }

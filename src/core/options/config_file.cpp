@@ -19,7 +19,8 @@ nlohmann::ordered_json read_json_file(const std::string& path) {
   } catch (const nlohmann::json::exception& error) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');
-    input_error("not valid JSON: ", path, " (", reason, ")");
+    reason.erase(0, reason.rfind("[json.exception", 0) == 0 ? reason.find("] ") + 2 : 0);  // the library's number
+    input_error("not valid JSON: ", path, " (expected option names as keys; ", reason, ")");
   }
   input_error("JSON nested too deeply: ", path, " (at most ", kMaxJsonDepth, " levels)");
 }

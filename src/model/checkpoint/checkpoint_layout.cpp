@@ -66,7 +66,8 @@ CheckpointLayout read_checkpoint_layout(FileReader& file) {
   if (file.remaining() >= magic.size()) file.read_bytes(magic.data(), magic.size());
   if (magic != kCheckpointMagic) {
     input_error(place, ": not a b3dgs checkpoint (expected it to begin with ",
-                std::string(kCheckpointMagic.data(), kCheckpointMagic.size()), ")");
+                std::string(kCheckpointMagic.data(), kCheckpointMagic.size()),
+                "); checkpoints are MODEL/checkpoints/iteration_N.b3dgs");
   }
   const auto version = file.read<std::uint32_t>();
   if (version != kCheckpointVersion) {
