@@ -23,12 +23,12 @@ inline std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
 }
 
 /// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph
-/// has been used --lr_decay_from_epoch times (0 = no such limit). Few photographs are overfitted after fewer
-/// iterations.
+/// has been used --lr_decay_from_epoch times (0 = no such limit). The fewer photographs, the fewer
+/// iterations until training overfits them.
 inline int decay_start(const TrainConfig& config, const Scene& scene) {
-  if (config.lr_decay_from_epoch == 0) return config.lr_decay_from_iter;
-  const std::int64_t n_views = static_cast<std::int64_t>(scene.train.size()) * config.lr_decay_from_epoch;
-  return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, n_views));
+  if (config.lr_final_scale == 1 || config.lr_decay_from_epoch == 0) return config.lr_decay_from_iter;
+  const std::int64_t latest = static_cast<std::int64_t>(scene.train.size()) * config.lr_decay_from_epoch;
+  return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, latest));
 }
 
 /// The options of a training of this scene, with these limits. Applying it again changes nothing.

@@ -124,6 +124,8 @@ TEST(DecayStart, IsNoLaterThanSoManyUsesOfEachPhotograph) {
   config.lr_decay_from_iter = 7500;
   EXPECT_EQ(decay_start(config, scene), 7500) << "no limit";
   config.lr_decay_from_epoch = 100;
+  EXPECT_EQ(decay_start(config, scene), 7500) << "nothing decays";
+  config.lr_final_scale = 0.1;
   EXPECT_EQ(decay_start(config, scene), 2100);
   config.lr_decay_from_epoch = std::numeric_limits<int>::max();
   EXPECT_EQ(decay_start(config, scene), 7500);

@@ -40,12 +40,12 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.feature_lr / 20};
 }
 
-/// --scale_reg and --noise_lr hold for scenes of this extent, world units; published values were found on scenes of
-/// about this extent. lengths_per_reference() converts, so that a training does not depend on the unit of length.
+/// --scale_reg and --noise_lr are given for a scene of this extent, in world units, which is about that of bonsai, fox
+/// and kitti_street. lengths_per_reference() converts them, so that a training does not depend on the unit of length.
 inline constexpr double kReferenceExtent = 5;
 
-/// Lengths of a scene of this extent, times the result: as in a scene of the reference extent. At most 10, since the
-/// cameras of a panorama are all in one place and say nothing about the size of its scene.
+/// What converts a length in a scene of this extent to a scene of the reference extent. At most 10: where all cameras
+/// are close together, as in a panorama, the extent says nothing about the size of the scene.
 inline double lengths_per_reference(double extent) {
   constexpr double kMost = 10;
   return kReferenceExtent / std::max(extent, kReferenceExtent / kMost);

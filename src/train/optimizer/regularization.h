@@ -1,8 +1,8 @@
 // Regularisation of opacity and scale, which makes Gaussians that the image does not need transparent and small:
 //   loss += opacity_reg mean(o) + scale_reg mean(s)
-// The means are over the M Gaussians that the view sees (scales: 3 M numbers, in units of a fifth of the scene's
-// extent), so that the effect on one Gaussian depends neither on how many others are out of view, nor on the unit of
-// length. Kheradmand et al. 2024 average over all Gaussians.
+// The means are over the M Gaussians that the view sees (scales: 3 M numbers), so that the effect on one
+// Gaussian does not depend on how many others are out of view. --scale_reg is for scales in units of a fifth of the
+// scene extent; regularization_weights() converts it to world units. Kheradmand et al. 2024 average over all Gaussians.
 // The same arithmetic on CPU and GPU.
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace b3dgs {
 
-/// Factors of the mean opacity and of the mean scale in world units; 0 = off.
+/// Factors of the two means, for scales in world units (see regularization_weights()); 0 = off.
 struct RegularizationWeights {
   double opacity = 0, scale = 0;
 };
