@@ -223,4 +223,17 @@ DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
   return options;
 }
 
+bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
+  const nlohmann::ordered_json before = config_to_json(a), after = config_to_json(b);
+  std::string_view group;
+  bool differs = false;
+  visit_fields(a, [&](const Option& option, const auto&, const auto&, const char*) {
+    if (*option.group_name != '\0') group = option.group_name;
+    const bool is_neutral = group == "Kernels" || group == "Device and memory" || option.steps == Steps::kOutput;
+    const std::string name(option.name);
+    differs = differs || (!is_neutral && before.at(name) != after.at(name));
+  });
+  return differs;
+}
+
 }  // namespace b3dgs

@@ -44,4 +44,8 @@ struct DifferingOptions {
 };
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b);
 
+/// Whether two configurations differ in what is learned: in options other than those of kernels, of device and memory,
+/// and of what is written when.
+bool learns_differently(const TrainConfig& a, const TrainConfig& b);
+
 }  // namespace b3dgs

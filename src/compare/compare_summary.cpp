@@ -24,7 +24,7 @@ struct Measure {
 };
 
 constexpr Measure kMeasures[] = {
-    {"PSNR, dB", 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {kPsnrMeasure, 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
     {"SSIM", 0.003, false, [](const LogPoint& point) { return point.test_ssim; }},
     {"Gaussians", 0.02, true,
      [](const LogPoint& point) {
@@ -154,6 +154,7 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   const DifferingOptions differing = differing_options(baseline.config, ours.config);
   compared.differs_in = differing.others;
   compared.has_own_kernel = !differing.forward_kernel.empty();
+  compared.learns_differently = learns_differently(baseline.config, ours.config);
   std::vector<double> overall, before, after, switch_iterations;
   compared.was_slower_from_start = true;
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
@@ -295,6 +296,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   summary.baseline = baseline.name;
   summary.ours = ours.name;
   if (repeated.second != nullptr) summary.repetition = repeated.second->name;
+  summary.holds_out_views = baseline.config.eval;
   summary.iterations = iterations;
   summary.results = final_results(configurations);
   summary.done_by_seed = common_iterations(configurations, iterations);

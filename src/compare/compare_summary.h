@@ -15,9 +15,11 @@
 
 namespace b3dgs {
 
+inline constexpr const char* kPsnrMeasure = "PSNR, dB";
+
 /// A measure of quality of the baseline and of another configuration, for the same seeds and the same iteration.
 struct QualityDifference {
-  std::string measure;  // "PSNR, dB"
+  std::string measure;  // kPsnrMeasure, ...
   int iteration = 0;    // the last one at which all configurations were measured for at least one seed
   Spread baseline, ours;
   double tolerance = 0;         // means that differ by at most this much are called equal
@@ -40,6 +42,7 @@ struct ComparedConfiguration {
   std::string name;
   std::vector<std::string> differs_in;  // options, except those of the forward kernel
   bool has_own_kernel = false;          // also differs in options of the forward kernel
+  bool learns_differently = false;      // quality may differ, not only time
   std::vector<TimeSaved> by_seed;       // of the seeds that have started
   std::optional<Spread> overall, switch_iteration;
   std::optional<Spread> before, after;  // the kernel switch; over the seeds that have both
@@ -58,6 +61,7 @@ struct PaperComparison {
 struct ComparisonSummary {
   std::string baseline, ours;     // names; `ours` is the configuration that the verdict is about
   std::string repetition;         // the second training of the baseline; "" if there is none
+  bool holds_out_views = false;   // to measure quality on them
   int iterations = 0;             // requested, of the longest configuration
   int done = 0;                   // completed by all runs of the seeds that have started
   std::vector<int> done_by_seed;  // completed by all configurations; 0: the seed is ignored, not all have started

@@ -13,7 +13,8 @@ inline constexpr double kNoDifference = 0.01;
 
 /// The headline of the report. Time is attributed to load balancing only relative to the fastest kernel without load
 /// balancing, and only between configurations that differ in nothing but the forward kernel; otherwise the
-/// configuration is named with the options in which it differs.
+/// configuration is named with the options in which it differs. If configurations differ in what they learn, PSNR is
+/// stated as well, or that it was not measured.
 std::string verdict(const ComparisonSummary& summary);
 
 /// "18.3 %"

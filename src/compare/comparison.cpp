@@ -256,7 +256,8 @@ void print_comparison(const Comparison& comparison) {
                 share_width, share(&ComparedConfiguration::overall, &RunToRunVariation::overall).c_str(), share_width,
                 share(&ComparedConfiguration::before, &RunToRunVariation::before).c_str(), share_width,
                 share(&ComparedConfiguration::after, &RunToRunVariation::after).c_str(),
-                quality_cell(summary, i, "PSNR, dB", "%.2f").c_str(), quality_cell(summary, i, "SSIM", "%.4f").c_str(),
+                quality_cell(summary, i, kPsnrMeasure, "%.2f").c_str(),
+                quality_cell(summary, i, "SSIM", "%.4f").c_str(),
                 quality_cell(summary, i, "Gaussians", "%.0f").c_str());
   }
   std::printf(

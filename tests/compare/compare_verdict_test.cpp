@@ -76,7 +76,8 @@ TEST(Verdict, NamesOtherOptionsInsteadOfLoadBalancing) {
   EXPECT_TRUE(summary.balancing.empty());
   EXPECT_EQ(verdict(summary),
             "The configuration adaptive saved 40.0 % of the training time of naive, from which it differs in the "
-            "forward kernel, sh_degree and densify_until_iter (adaptive 24.0 s, naive 40.0 s).");
+            "forward kernel, sh_degree and densify_until_iter (adaptive 24.0 s, naive 40.0 s). No views were held out "
+            "(--no_eval), so quality was not measured.");
 }
 
 TEST(Verdict, NamesTheFirstOfManyOtherOptions) {
@@ -91,7 +92,50 @@ TEST(Verdict, NamesTheFirstOfManyOtherOptions) {
   ours.config.densify_from_iter = 0;
   EXPECT_EQ(verdict(summarize_comparison({trained("naive", {history(10, 10)}), ours}, 4000)),
             "The configuration fast saved 50.0 % of the training time of naive, from which it differs in sh_degree, "
-            "preset, feature_lr, opacity_lr, scaling_lr and 2 more options (fast 20.0 s, naive 40.0 s).");
+            "preset, feature_lr, opacity_lr, scaling_lr and 2 more options (fast 20.0 s, naive 40.0 s). No views were "
+            "held out (--no_eval), so quality was not measured.");
+}
+
+/// A configuration that learns with another rate.
+ConfigurationHistory with_other_rate(const std::string& name, std::vector<TrainHistory> by_seed) {
+  ConfigurationHistory own = trained("naive", std::move(by_seed));
+  own.name = name;
+  own.config.feature_lr *= 2;
+  return own;
+}
+
+std::string last_sentence(const std::string& text, const std::string& beginning) {
+  const std::size_t at = text.find(beginning);
+  return at == std::string::npos ? text : text.substr(at);
+}
+
+TEST(Verdict, NamesThePsnrOfConfigurationsThatLearnDifferently) {
+  const auto measured = [](double psnr, int until = 4000) { return with_quality(history(5, 5, until), psnr, 1000); };
+  std::vector<ConfigurationHistory> all{trained("naive", {measured(28.3)}), with_other_rate("fast", {measured(26.1)}),
+                                        with_other_rate("fine", {measured(28.9)}),
+                                        with_other_rate("same", {measured(28.35)})};
+  for (ConfigurationHistory& own : all) own.config.eval = true;
+  EXPECT_EQ(verdict(summarize_comparison(all, 4000)),
+            "The configuration fast took as long as naive (within 1 %), from which it differs in feature_lr (fast 20.0 "
+            "s, naive 20.0 s). PSNR of the held-out views: naive 28.30 dB, fast 26.10 dB (-2.20 dB), fine 28.90 dB "
+            "(+0.60 dB), same 28.35 dB (equal within 0.10 dB).");
+  for (ConfigurationHistory& own : all) own.by_seed = {with_quality(history(5, 5, 1000), 20, 10)};
+  EXPECT_EQ(last_sentence(verdict(summarize_comparison(all, 4000)), "PSNR"),
+            "PSNR of the held-out views after 1000 iterations: naive 20.00 dB, fast 20.00 dB (equal within 0.10 dB), "
+            "fine 20.00 dB (equal within 0.10 dB), same 20.00 dB (equal within 0.10 dB).");
+  for (ConfigurationHistory& own : all) own.by_seed = {history(5, 5, 1000)};
+  EXPECT_EQ(last_sentence(verdict(summarize_comparison(all, 4000)), "Quality"), "Quality has not been measured yet.");
+}
+
+TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
+  ConfigurationHistory original = trained("naive", {with_quality(history(20, 20), 28, 1000)});
+  original.name = "original";
+  original.config.culling = "square";
+  original.config.backward_kernel = "per-pixel";
+  original.config.stats_interval = 7;
+  const std::string text =
+      verdict(summarize_comparison({original, trained("naive", {with_quality(history(10, 10), 25, 1000)})}, 4000));
+  EXPECT_EQ(text.find("PSNR"), std::string::npos) << text;
 }
 
 TEST(Verdict, SeparatesLoadBalancingFromOtherOptions) {
