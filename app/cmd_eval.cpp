@@ -8,6 +8,7 @@
 #include "app/model.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
+#include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/photographs.h"
@@ -151,12 +152,33 @@ class SplitEvaluator {
   StatusLine& status_;
 };
 
+/// Refuses, before anything is rendered, a folder to which the results cannot be written. The scene is not read yet:
+/// whether there are test views follows from the training's --eval.
+void require_writable_results(const LoadedModel& model, const EvalOptions& options) {
+  const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
+  const std::string with_results = model.config.eval ? "test" : "train";
+  const bool is_any = options.split == "auto" || options.split == "all";
+  if (is_any || options.split == with_results) {
+    for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
+  }
+  if (!options.save_images) return;
+  for (const std::string split : {"test", "train"}) {
+    const bool is_evaluated =
+        options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
+    if (is_evaluated) require_writable(model.folder.root() / split / "views.json", remedy);
+  }
+}
+
 /// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
 void evaluate_file(const ModelOptions& model_options, const EvalOptions& options, const torch::Device& device,
                    const LpipsNetwork* lpips, StatusLine& status) {
   const std::filesystem::path file = model_options.model_path;
-  const LoadedModel model = load_file_to_evaluate(file, model_options, status);
   const std::string split = options.split == "auto" ? "all" : options.split;
+  const std::filesystem::path images = file.parent_path() / (file.stem().string() + "_" + split);
+  if (options.save_images) {
+    require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
+  }
+  const LoadedModel model = load_file_to_evaluate(file, model_options, status);
   std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
   if (split == "all") {
     views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
@@ -167,7 +189,7 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
     std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
   }
   SplitEvaluator evaluator(model, device, options.save_images, lpips, status);
-  evaluator.run(views, split, {}, file.parent_path() / (file.stem().string() + "_" + split));
+  evaluator.run(views, split, {}, images);
 }
 
 }  // namespace
@@ -197,7 +219,9 @@ int run_eval(const std::vector<std::string>& words) {
     evaluate_file(model_options, options, device, lpips ? &*lpips : nullptr, status);
     return 0;
   }
-  const LoadedModel model = load_model(model_options, status);
+  LoadedModel model = load_without_scene(model_options, status);
+  require_writable_results(model, options);
+  add_scene(model, status);
   const std::string default_split = model.scene.test.empty() ? "train" : "test";
   const std::string split = options.split == "auto" ? default_split : options.split;
   if (split == "test" && model.scene.test.empty()) {

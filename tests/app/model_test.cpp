@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 
 #include "core/files/atomic_file.h"
@@ -52,6 +54,49 @@ class TrainedModel : public ::testing::Test {
   std::ostringstream messages_;
   StatusLine status_{messages_, 0, /*quiet=*/true};
 };
+
+TEST_F(TrainedModel, AFolderThatCannotBeWrittenIsRefusedBeforeAnythingIsRendered) {
+  test::RunOptions as_user;
+  as_user.obeys_permissions = true;
+  const auto evaluate = [&](std::vector<std::string> more) {
+    std::vector<std::string> words{"eval", path("model"), "--device", "cpu"};
+    words.insert(words.end(), more.begin(), more.end());
+    return run_b3dgs(words, as_user);
+  };
+  const auto listed = [&] {
+    std::set<std::string> names;
+    for (const auto& entry : fs::recursive_directory_iterator(path("model"))) names.insert(entry.path().string());
+    return names;
+  };
+  fs::remove(path("model/results.json"));
+  const std::set<std::string> before = listed();
+  const auto expect_refused = [&](const Outcome& outcome, const std::string& file) {
+    EXPECT_EQ(outcome.exit_code, 2);
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_EQ(outcome.err.rfind("error: cannot write " + path("model/" + file) + " (expected a ", 0), 0u)
+        << outcome.err;
+    EXPECT_NE(outcome.err.find("; allow writing there, or evaluate a copy of the model folder\n"), std::string::npos)
+        << outcome.err;
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  };
+  fs::permissions(path("model"), fs::perms::owner_read | fs::perms::owner_exec);
+  expect_refused(evaluate({}), "results.json");
+  expect_refused(evaluate({"--split", "all"}), "results.json");
+  expect_refused(evaluate({"--split", "train", "--save_images"}), "train/views.json");
+  const Outcome prints_only = evaluate({"--split", "train", "--quiet"});
+  EXPECT_EQ(prints_only.exit_code, 0) << prints_only.err;
+  EXPECT_NE(prints_only.out.find("mean of"), std::string::npos) << "writes nothing, so needs no permission";
+  fs::permissions(path("model"), fs::perms::owner_all);
+  EXPECT_EQ(listed(), before);
+
+  fs::remove(path("model/per_view.json"));
+  fs::create_directory(path("model/per_view.json"));
+  expect_refused(evaluate({}), "per_view.json");
+  remove_tree(path("model/per_view.json"));
+  const Outcome writable = evaluate({"--save_images", "--quiet"});
+  EXPECT_EQ(writable.exit_code, 0) << writable.err;
+  EXPECT_TRUE(results().contains("ours_3"));
+}
 
 TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
   change_config("device", "cuda");

@@ -156,6 +156,20 @@ TEST(AtomicFile, RewriteReplacesEarlierBytes) {
   EXPECT_EQ(read_bytes(folder / "a"), "012abc6789more");
 }
 
+TEST(RequireWritable, RefusesWhatCannotBeWrittenAndLeavesNothing) {
+  TempDir folder;
+  require_writable(folder / "new/deep/file.txt", "remedy");
+  EXPECT_EQ(count_files(folder.path()), 0u);
+  test::write_bytes(folder / "a", "old");
+  require_writable(folder / "a", "remedy");
+  EXPECT_EQ(read_bytes(folder / "a"), "old");
+  EXPECT_TRUE(fails_with<InputError>({"cannot write", "a/b", "Not a directory); use another"},
+                                     [&] { require_writable(folder / "a/b", "use another"); }));
+  EXPECT_TRUE(fails_with<InputError>({"expected a file, found a folder); use another"},
+                                     [&] { require_writable(folder.path(), "use another"); }));
+  EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
 TEST(UnfinishedFiles, OnlyThoseOfDeadProcessesAreRemoved) {
   TempDir folder;
   const pid_t dead = ::fork();

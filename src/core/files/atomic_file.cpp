@@ -161,6 +161,25 @@ void write_file(const fs::path& path, std::string_view content) {
   file.commit();
 }
 
+void require_writable(const fs::path& file, std::string_view remedy) {
+  std::error_code error;
+  if (fs::is_directory(file, error)) {
+    input_error("cannot write ", file.string(), " (expected a file, found a folder); ", remedy);
+  }
+  fs::path folder = fs::absolute(file).parent_path();
+  while (!fs::exists(folder, error) && folder.has_relative_path()) folder = folder.parent_path();
+  const fs::path probe = temporary_name(folder);
+  const int opened = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (opened >= 0) {
+    ::close(opened);
+    ::unlink(probe.c_str());
+  } else if (errno != EEXIST) {
+    const std::string reason = std::strerror(errno);
+    input_error("cannot write ", file.string(), " (expected a folder where files can be made, found ", folder.string(),
+                ": ", reason, "); ", remedy);
+  }
+}
+
 void create_folder(const fs::path& folder) {
   create_folders(folder, folder.string());
 }

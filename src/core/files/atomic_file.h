@@ -43,6 +43,10 @@ class AtomicFile {
 /// Writes a file atomically. @throws IoError
 void write_file(const std::filesystem::path& path, std::string_view content);
 
+/// Checks, before long work whose result goes to `file`, that the file can be made or replaced. Leaves nothing behind.
+/// `remedy`: what to do otherwise. @throws InputError
+void require_writable(const std::filesystem::path& file, std::string_view remedy);
+
 /// Creates a folder and its missing parents, and syncs them to disk. @throws IoError
 void create_folder(const std::filesystem::path& folder);
 
