@@ -229,7 +229,8 @@ bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
   bool differs = false;
   visit_fields(a, [&](const Option& option, const auto&, const auto&, const char*) {
     if (*option.group_name != '\0') group = option.group_name;
-    const bool is_neutral = group == "Kernels" || group == "Device and memory" || option.steps == Steps::kOutput;
+    const bool is_neutral = group == "Kernels" || group == "Device and memory" || option.steps == Steps::kOutput ||
+                            option.name == "preset";  // its values are compared
     const std::string name(option.name);
     differs = differs || (!is_neutral && before.at(name) != after.at(name));
   });
