@@ -13,6 +13,7 @@
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/threads.h"
@@ -160,6 +161,15 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
   }
 }
 
+/// The default number of iterations is meant for a GPU.
+void suggest_fewer_iterations(const ComparisonPlan& plan, const torch::Device& device, StatusLine& status) {
+  constexpr int kFewer = 2000;
+  if (!device.is_cpu() || plan.given.contains("iterations") || plan.longest() <= kFewer) return;
+  status.print(detail::concat("training on a CPU: ", format_count(plan.longest()), " iterations of each of ",
+                              plan.configurations().size(), " configurations take long; --iterations ", kFewer,
+                              " gives a first comparison sooner"));
+}
+
 void remove_runs(const ComparisonPlan& plan) {
   for (const Configuration& configuration : plan.configurations()) {
     for (const std::int64_t seed : plan.seeds) remove_model(plan.folder(configuration, seed));
@@ -238,6 +248,7 @@ int run_compare(const std::vector<std::string>& words) {
   if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
+  if (!options.resume && !options.quiet) suggest_fewer_iterations(plan, device, status);
   const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);

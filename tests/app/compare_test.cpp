@@ -107,6 +107,22 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
   EXPECT_EQ(result()["runs"], parts["runs"]);
 }
 
+TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
+  const std::string hint = "training on a CPU: 30,000 iterations of each of 2 configurations take long; --iterations";
+  test::RunOptions stop;
+  stop.signal = SIGTERM;
+  stop.signal_when = [&] { return fs::exists(output() / "naive/seed_0/train.jsonl"); };
+  const Outcome by_default = compare({}, "out", stop);
+  EXPECT_EQ(by_default.exit_code, 143) << by_default.err;
+  EXPECT_EQ(by_default.err.rfind(hint, 0), 0u) << by_default.err;
+  const Outcome chosen = compare({"--iterations", "10"}, "chosen");
+  ASSERT_EQ(chosen.exit_code, 0) << chosen.err;
+  EXPECT_EQ(chosen.err.find("take long"), std::string::npos) << chosen.err;
+  const Outcome by_entry = compare({"--configs", "a:iterations=10,b:iterations=20"}, "by_entry");
+  ASSERT_EQ(by_entry.exit_code, 0) << by_entry.err;
+  EXPECT_EQ(by_entry.err.find("take long"), std::string::npos) << by_entry.err;
+}
+
 TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
   const std::string configs = "long:preset=original+iterations=40,fast:preset=fast+iterations=20";
   const Words options{"--configs", configs, "--kernel", "shared-memory", "--chunk", "15", "--quiet"};
