@@ -59,6 +59,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> vis
 template <class... Args>
 void print_line(const char* name, const char* format, Args... args) {
   std::printf("%-12s%s\n", name, print_to_string(format, args...).c_str());
+  std::fflush(stdout);  // the next step may take long
 }
 
 bool is_spz(const fs::path& output) {
@@ -162,8 +163,8 @@ void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits,
   write_spz(output, splats, sh_bits);
 }
 
-std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not) {
-  if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not);
+std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not, StatusLine& status) {
+  if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not, status);
   return read_splats(output);
 }
 
@@ -236,7 +237,7 @@ int run_export(const std::vector<std::string>& words) {
                                                 static_cast<std::size_t>(options.compare_views));
   std::optional<SplatCloud> written;
   if (options.compare_views == 0) why_not = "--compare_views is 0";
-  if (why_not.empty()) written = read_back(output, why_not);
+  if (why_not.empty()) written = read_back(output, why_not, status);
   if (!written) {
     print_line("PSNR", "not measured: %s", why_not.c_str());
     return 0;

@@ -1,6 +1,7 @@
 #include "app/export/export_quality.h"
 
 #include "app/train_setup.h"
+#include "core/check.h"
 #include "model/raster_input.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
@@ -16,6 +17,7 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   after.background = model.background;
   after.splats = std::move(exported);
   after.splats.antialiased = model.splats.antialiased;  // not every format says so
+  status.show(detail::concat("measuring PSNR on ", views.size(), views.size() == 1 ? " view" : " views"), /*now=*/true);
   ModelRenderer before_renderer(model, device), after_renderer(after, device);
   ExportQuality quality;
   quality.n_views = views.size();
@@ -29,7 +31,7 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
     quality.psnr_before += image_quality(before, *photograph, view.valid.get()).psnr / n;
     quality.psnr_after += image_quality(rendered, *photograph, view.valid.get()).psnr / n;
     quality.psnr_between += image_quality(rendered, to_image8(before), view.valid.get()).psnr / n;
-    progress("comparing views", i + 1, views.size());
+    progress("measuring PSNR, view", i + 1, views.size());
   }
   status.clear();
   return quality;

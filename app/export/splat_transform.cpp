@@ -148,6 +148,7 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   Conversion conversion = convert(ply, result, /*on_cpu=*/false);
   if (!has_written(conversion, result) && conversion.result.signal == 0) {
     // Some formats are compressed on a GPU, if there is one that the program can use.
+    status.show(std::string(kProgram) + " writes " + file.filename().string() + " without a GPU", /*now=*/true);
     const Conversion again = convert(ply, result, /*on_cpu=*/true);
     if (has_written(again, result)) conversion = again;
   }
@@ -160,7 +161,7 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   if (error) io_error("cannot write ", file.string(), ": ", error.message());
 }
 
-std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::string& why_not) {
+std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::string& why_not, StatusLine& status) {
   const std::string name = lower_case_name(file);
   const bool is_readable = std::any_of(std::begin(kSuffixes), std::end(kSuffixes),
                                        [&](const char* suffix) { return ends_with(name, suffix); });
@@ -180,7 +181,9 @@ std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::str
     write_file(source, sog);
   }
   const fs::path ply = work.path() / "back.ply";
+  status.show(std::string(kProgram) + " reads " + file.filename().string() + " back", /*now=*/true);
   const Conversion conversion = convert(source, ply, /*on_cpu=*/false);
+  status.clear();
   if (!has_written(conversion, ply)) {
     why_not = std::string(kProgram) + " cannot read it back (" + conversion.reason + ")";
     return std::nullopt;

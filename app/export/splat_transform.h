@@ -22,6 +22,7 @@ void write_by_splat_transform(const std::filesystem::path& file, const SplatClou
 
 /// Reads such a file back; a page (.html) by the SOG file inside. Nothing, and the reason in `why_not`, if that is not
 /// possible.
-std::optional<SplatCloud> read_by_splat_transform(const std::filesystem::path& file, std::string& why_not);
+std::optional<SplatCloud> read_by_splat_transform(const std::filesystem::path& file, std::string& why_not,
+                                                  StatusLine& status);
 
 }  // namespace b3dgs

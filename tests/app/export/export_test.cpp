@@ -242,6 +242,14 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   EXPECT_TRUE(contains(glb.out, "not measured: splat-transform does not read .glb")) << glb.out;
   ASSERT_EQ(run_export({path("model"), path("b.compressed.ply")}).exit_code, 0);
 
+  const Outcome loud = run_b3dgs({"export", path("model"), path("loud.sog"), "--device", "cpu"});
+  ASSERT_EQ(loud.exit_code, 0) << loud.err;
+  const std::size_t writes = loud.err.find("splat-transform writes loud.sog\n"),
+                    reads = loud.err.find("splat-transform reads loud.sog back\n"),
+                    measures = loud.err.find("measuring PSNR on 2 views\n");
+  ASSERT_NE(measures, std::string::npos) << loud.err;
+  EXPECT_TRUE(writes < reads && reads < measures) << loud.err;
+
   install("echo 'x Error: no such thing' >&2; exit 3\n");
   const Outcome bad = run_export({path("model"), path("c.sog")});
   EXPECT_EQ(bad.exit_code, 2);
