@@ -42,7 +42,7 @@ TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
                                     "bench", "bench step", "bench sweep"}) {
     EXPECT_NE(page.find("\n## b3dgs " + command + "\n"), std::string::npos) << command;
   }
-  const std::string row = "\n| `--rotation_lr` |";
+  const std::string row = "\n| `--position_lr_init` |";
   ASSERT_NE(page.find(row), std::string::npos);
   EXPECT_EQ(page.find(row), page.rfind(row)) << "compare and bench step refer to train";
   EXPECT_NE(page.find("\nSame as for `b3dgs train`.\n"), std::string::npos);
