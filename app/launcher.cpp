@@ -32,7 +32,7 @@ std::string general_help() {
 }
 
 ExitCode fail(const std::string& message, ExitCode code) {
-  std::cerr << "error: " << message << '\n';
+  std::cerr << "error: " + message + '\n';  // one write: lines of several ranks on one terminal do not mix
   return code;
 }
 

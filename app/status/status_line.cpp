@@ -45,17 +45,17 @@ void StatusLine::show(const std::string& text, bool now) {
   if (!now && time_s - last_shown_s_ < (is_terminal() ? kRedrawSeconds : kPlainLineSeconds)) return;
   last_shown_s_ = time_s;
   if (!is_terminal()) {
-    out_ << text << '\n' << std::flush;
+    out_ << text + '\n' << std::flush;  // one write: errors of other ranks do not get into the line
     return;
   }
   shown_ = text.substr(0, static_cast<std::size_t>(columns_ - 1));  // a full line would wrap
-  out_ << '\r' << shown_ << "\x1b[K" << std::flush;
+  out_ << '\r' + shown_ + "\x1b[K" << std::flush;
 }
 
 void StatusLine::print(const std::string& line) {
   const std::string status = shown_;
   clear();
-  out_ << line << '\n' << std::flush;
+  out_ << line + '\n' << std::flush;
   if (!status.empty()) show(status, true);
 }
 

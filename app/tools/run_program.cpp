@@ -17,8 +17,8 @@ namespace {
 enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
 
 int report(const std::string& message, ExitCode code) {
-  std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
-  std::cerr << "error: " << line << '\n';
+  const std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
+  std::cerr << "error: " + line + '\n';  // one write: lines of several ranks on one terminal do not mix
   return code;
 }
 
