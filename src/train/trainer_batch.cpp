@@ -14,6 +14,7 @@
 #include "raster/torch/tensor_storage.h"
 #include "train/loss/loss_weights.h"
 #include "train/optimizer/lr_schedule.h"
+#include "train/ranks/rows/sharded_rows.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -75,7 +76,7 @@ void Trainer::Impl::learn_from_kept_views() {
                                         state.background);
   }
   timer.begin(Stage::kDensify);
-  for (const LearnedView& view : learned_views) density->after_step(view.iteration, state.gaussians, shards());
+  for (const LearnedView& view : learned_views) density->after_step(view.iteration, state.gaussians, owners.own());
   timer.end();
 }
 

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "core/text.h"
-#include "train/ranks/sharded_row_edit.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -48,10 +47,14 @@ std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
     count = largest_count(limits, memory_of_gaussian());
   }
   if (!is_distributed()) return count;
-  // The rank with the least memory decides.
+  // Of the model, if each rank keeps its share of it. The rank with the least memory for its share decides.
   constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
+  if (count && owners.n_own() > 0) {
+    const double share = static_cast<double>(owners.n_own()) / static_cast<double>(owners.n_rows());
+    count = static_cast<std::int64_t>(static_cast<double>(*count) / share);
+  }
   const std::int64_t least = -ranks->max("room", -count.value_or(kUnlimited));
-  return least == kUnlimited ? std::nullopt : std::optional(least * ranks->size());
+  return least == kUnlimited ? std::nullopt : std::optional(least);
 }
 
 void Trainer::Impl::hold_count(std::int64_t count) {
@@ -81,42 +84,36 @@ MemoryRemedy Trainer::Impl::together(MemoryRemedy remedy) {
   return [this, remedy = std::move(remedy)] { return ranks->max("remedy", remedy() ? 1 : 0) != 0; };
 }
 
-void Trainer::Impl::plan_and_apply_round(int iteration) {
+void Trainer::Impl::plan_and_apply_round(int iteration, bool adds) {
   const std::int64_t before = state.n_gaussians();
   const std::int64_t room = room_for_gaussians().value_or(0);
   if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
   const std::int64_t allowed = smaller_limit(config.max_gaussians, state.held_at);
-  const std::int64_t limit = smaller_limit(allowed, room);
+  const std::int64_t limit = adds ? smaller_limit(allowed, room) : 1;
   const DensityRound round = is_distributed()
                                  ? plan_round_of_ranks(iteration, limit)
                                  : density->plan_round(state.gaussians, state.statistics, iteration, limit);
   if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
-  if (is_distributed()) {
-    round_phases.begin(RoundPhase::kEdit);
-    allocate_together([&] { try_room_for(round.edit); });
-    is_consistent = false;
-    apply_row_edit(*ranks, round.edit, before, state.gaussians, state.adam, state.statistics);
-    state.n_of_all_ranks = round.edit.sources.size(0);
-    density->end_round(iteration, state.statistics);
-    is_consistent = true;
-    return;
-  }
-  const std::int64_t n_rows = round.edit.sources.size(0);
-  // Spare capacity, so that most rounds reallocate nothing, but within the limit.
-  constexpr std::int64_t kSparePart = 8;
-  std::int64_t n_room = n_rows + n_rows / kSparePart;
-  if (limit > 0) n_room = std::max(n_rows, std::min(n_room, limit));
-  try {
-    row_editor.reserve(round.edit, n_room, state.gaussians, state.adam, state.statistics);
-  } catch (const OutOfMemoryError&) {
-    if (n_room == n_rows) throw;
-    row_editor.reserve(round.edit, n_rows, state.gaussians, state.adam, state.statistics);
-  }
+  if (is_distributed()) return apply_round_of_ranks(round, iteration, limit);
+  reserve_rows(round.edit, limit);
   is_consistent = false;
   row_editor.apply(round.edit, state.gaussians, state.adam, state.statistics);
   density->end_round(iteration, state.statistics);
   is_consistent = true;
+}
+
+void Trainer::Impl::reserve_rows(const RowEdit& edit, std::int64_t limit) {
+  const std::int64_t n_rows = edit.sources.size(0);
+  constexpr std::int64_t kSparePart = 8;
+  std::int64_t n_room = n_rows + n_rows / kSparePart;
+  if (limit > 0) n_room = std::max(n_rows, std::min(n_room, limit));
+  try {
+    row_editor.reserve(edit, n_room, state.gaussians, state.adam, state.statistics);
+  } catch (const OutOfMemoryError&) {
+    if (n_room == n_rows) throw;
+    row_editor.reserve(edit, n_rows, state.gaussians, state.adam, state.statistics);
+  }
 }
 
 void Trainer::Impl::run_density_round(int iteration) {
@@ -128,7 +125,13 @@ void Trainer::Impl::run_density_round(int iteration) {
     growth_has_failed = true;
     hold_count(state.n_gaussians());
     // Once more without growth: pruning still takes place.
-    with_remedies(remedies, [&] { plan_and_apply_round(iteration); });
+    try {
+      with_remedies(remedies, [&] { plan_and_apply_round(iteration); });
+    } catch (const OutOfMemoryError&) {
+      if (!is_distributed()) throw;
+      // With as many Gaussians in all, a rank may get more than it has.
+      with_remedies(remedies, [&] { plan_and_apply_round(iteration, /*adds=*/false); });
+    }
   }
   has_failed_together = false;
   trim_memory();

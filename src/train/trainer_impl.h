@@ -40,7 +40,7 @@
 #include "train/ranks/draw_plan.h"
 #include "train/ranks/part_exchange.h"
 #include "train/ranks/rank_load.h"
-#include "train/ranks/sharded_rows.h"
+#include "train/ranks/rows/row_owners.h"
 #include "train/selection/kernel_chooser.h"
 #include "train/timing/phase_timer.h"
 #include "train/timing/stage_timer.h"
@@ -220,11 +220,14 @@ struct Trainer::Impl {
   void agree_on_start(bool& lacks_ply, bool& lacks_checkpoint);
   /// Whether all files of the last iteration could be written; the same on all ranks.
   bool has_written_files();
-  /// Which rows of the model this rank has.
-  RowShards shards() const { return is_distributed() ? shards_of(*ranks) : RowShards{}; }
   DensityRound plan_round_of_ranks(int iteration, std::int64_t limit);
-  /// Allocates what apply_row_edit() will need, and frees it again.
-  void try_room_for(const RowEdit& edit);
+  /// Applies a round's edit to the own rows. `limit`: of the model's Gaussians; 0 = none.
+  void apply_round_of_ranks(const DensityRound& round, int iteration, std::int64_t limit);
+  /// reserve() of the editor, if possible with spare capacity, so that most rounds reallocate nothing. `limit`: of the
+  /// rows; 0 = none.
+  void reserve_rows(const RowEdit& edit, std::int64_t limit);
+  /// Deals the rows anew if some ranks have many more than others and there is memory for it.
+  void deal_rows_anew();
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
@@ -251,7 +254,8 @@ struct Trainer::Impl {
   void control_density(int iteration);
   /// A round of density control, with fewer or no new Gaussians if memory is short.
   void run_density_round(int iteration);
-  void plan_and_apply_round(int iteration);
+  /// `adds`: whether Gaussians may be added.
+  void plan_and_apply_round(int iteration, bool adds = true);
   GaussianMemory memory_of_gaussian();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   std::optional<std::int64_t> room_for_gaussians();
@@ -349,6 +353,7 @@ struct Trainer::Impl {
   };
   std::vector<OwnPart> own_parts;
   std::optional<PartExchange> splats;
+  RowOwners owners;  // which rows of the model this rank has
   DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
   RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
   RankTotals own_totals;

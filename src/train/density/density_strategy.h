@@ -19,7 +19,6 @@
 #include <memory>
 
 #include "config/train_config.h"
-#include "core/row_shards.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/density/density_statistics.h"
 #include "train/density/row_edit.h"
@@ -67,9 +66,11 @@ class DensityStrategy {
   /// change, from where on a step is not rolled back.
   virtual void after_view(const DensityStep& step, DensityStatistics& statistics) const = 0;
 
-  /// May change parameters in place; called for each iteration of the step, with the same restrictions. `shards`:
-  /// which rows of the model `gaussians` are; what happens to a row must not depend on it.
-  virtual void after_step(int /*iteration*/, GaussianTensors& /*gaussians*/, const RowShards& /*shards*/ = {}) const {}
+  /// May change parameters in place; called for each iteration of the step, with the same restrictions. `model_rows`:
+  /// [N] int32, the row of the model that each of `gaussians` is; undefined if they are the model. What happens to a
+  /// Gaussian must not depend on which others are there.
+  virtual void after_step(int /*iteration*/, GaussianTensors& /*gaussians*/,
+                          const torch::Tensor& /*model_rows*/ = {}) const {}
 
   /// Changes nothing. The edit leaves at most `max_gaussians` rows (0 = no limit), or adds none if there are more
   /// already. Once the edit is applied, end_round() follows.

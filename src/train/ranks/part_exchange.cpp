@@ -69,7 +69,7 @@ torch::Tensor touches_bands(const ViewSplats& splats, const std::vector<TileRowS
 }
 
 std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::vector<ViewSplats>& views,
-                                              std::int32_t tile_height) {
+                                              std::int32_t tile_height, const torch::Tensor& model_rows) {
   plan_ = plan;
   tile_height_ = tile_height;
   is_banded_ = b3dgs::is_banded(plan);
@@ -83,7 +83,7 @@ std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::v
       own_.push_back(views.at(part.view));
       counts.push_back(own_.back().size());
     }
-    splats_.pack(own_, drawers_of(plan_));
+    splats_.pack(own_, drawers_of(plan_), model_rows);
     return counts;
   }
   for (std::size_t p = 0; p < plan_.size();) {  // the parts of a view together
@@ -102,7 +102,7 @@ std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::v
       begin = end;
     }
   }
-  splats_.pack(own_, drawers_of(plan_));
+  splats_.pack(own_, drawers_of(plan_), model_rows);
   return counts;
 }
 

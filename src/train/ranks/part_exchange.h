@@ -31,7 +31,9 @@ class PartExchange {
   explicit PartExchange(Communicator& ranks) : ranks_(ranks), splats_(ranks) {}
 
   /// Begins a step: views[v] are this rank's splats of view v. Returns how many of them go to each part.
-  std::vector<std::int64_t> begin(const StepPlan& plan, const std::vector<ViewSplats>& views, std::int32_t tile_height);
+  /// @param model_rows  RowOwners::own()
+  std::vector<std::int64_t> begin(const StepPlan& plan, const std::vector<ViewSplats>& views, std::int32_t tile_height,
+                                  const torch::Tensor& model_rows);
 
   /// counts[r] are those that begin() returned on rank r. Returns the splats of the parts that this rank draws.
   std::vector<ViewSplats> to_drawers(const std::vector<std::vector<std::int64_t>>& counts);

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/check.h"
-#include "train/ranks/sharded_rows.h"
 #include "train/ranks/splats/merge_splats.h"
 
 namespace b3dgs {
@@ -29,16 +28,17 @@ void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, co
 
 }  // namespace
 
-SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks), shards_(shards_of(ranks)) {}
+SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks) {}
 
-void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers) {
-  const auto size = static_cast<std::size_t>(shards_.size);
+void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers,
+                         const torch::Tensor& model_rows) {
+  const auto size = static_cast<std::size_t>(ranks_.size());
   const std::size_t n_views = own.size();
   B3DGS_CHECK(drawers.size() == n_views, "drawers of ", drawers.size(), " views of ", n_views);
   own_counts_.clear();
   views_of_.assign(size, {});
   for (std::size_t v = 0; v < n_views; ++v) {
-    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < shards_.size, "view ", v, " is drawn by rank ", drawers[v], " of ",
+    B3DGS_CHECK(drawers[v] >= 0 && drawers[v] < ranks_.size(), "view ", v, " is drawn by rank ", drawers[v], " of ",
                 size);
     views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
     own_counts_.push_back(own[v].size());
@@ -54,7 +54,7 @@ void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<i
   std::int64_t n_packed = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
     for (const std::size_t v : views_of_[drawer]) {
-      pack_splats(own[v], shards_, packed_.slice(0, n_packed, n_packed + own_counts_[v]));
+      pack_splats(own[v], model_rows, packed_.slice(0, n_packed, n_packed + own_counts_[v]));
       n_packed += own_counts_[v];
       send_[drawer] += own_counts_[v];
     }
@@ -62,7 +62,7 @@ void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<i
 }
 
 std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<std::int64_t>>& counts) {
-  const auto size = static_cast<std::size_t>(shards_.size), rank = static_cast<std::size_t>(shards_.rank);
+  const auto size = static_cast<std::size_t>(ranks_.size()), rank = static_cast<std::size_t>(ranks_.rank());
   const std::size_t n_views = own_counts_.size();
   B3DGS_CHECK(counts.size() == size, "numbers of splats from ", counts.size(), " ranks of ", size);
   for (const std::vector<std::int64_t>& of_rank : counts) {
@@ -104,7 +104,7 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<
 
 torch::Tensor SplatExchange::exchange(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                       const std::vector<std::int64_t>& receive) {
-  const auto own = static_cast<std::size_t>(shards_.rank);
+  const auto own = static_cast<std::size_t>(ranks_.rank());
   const std::int64_t row_bytes = rows.size(1) * static_cast<std::int64_t>(rows.element_size());
   sent_bytes_ += (sum_of(send) - send[own]) * row_bytes;
   received_bytes_ += (sum_of(receive) - receive[own]) * row_bytes;
@@ -123,14 +123,14 @@ std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Ten
                 " on ", device_.str());
   }
   if (own_counts_.empty()) return {};
-  if (shards_.size == 1) return drawn;
+  if (ranks_.size() == 1) return drawn;
 
   torch::Tensor sent = torch::empty({sum_of(receive_), n_columns}, torch::dtype(type).device(device_));
   for (std::size_t i = 0; i < drawn.size(); ++i) sent.index_copy_(0, drawn_[i].places, drawn[i]);
   const torch::Tensor received = exchange(sent, receive_, send_);
 
   // Rows come by drawer, those of a drawer by view.
-  const auto size = static_cast<std::size_t>(shards_.size);
+  const auto size = static_cast<std::size_t>(ranks_.size());
   std::vector<torch::Tensor> own(own_counts_.size());
   std::int64_t n_read = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
@@ -147,7 +147,7 @@ std::vector<SplatPairs> SplatExchange::pairs_to_owners(const std::vector<SplatPa
   for (const SplatPairs& pairs : drawn) drawn_counts.push_back(pairs.counts.unsqueeze(1));
   const std::vector<torch::Tensor> own_counts = to_owners(drawn_counts, 1, torch::kInt64);
   if (own_counts.empty()) return {};
-  if (shards_.size == 1) return drawn;
+  if (ranks_.size() == 1) return drawn;
 
   // In the order of the rows that all_to_all_rows() returned.
   const auto integers = torch::dtype(torch::kInt64).device(device_);
@@ -200,8 +200,8 @@ std::vector<torch::Tensor> SplatExchange::columns_to_drawers(const std::vector<t
                 " on ", device_.str());
   }
   if (own.empty()) return {};
-  if (shards_.size == 1) return own;
-  const auto size = static_cast<std::size_t>(shards_.size);
+  if (ranks_.size() == 1) return own;
+  const auto size = static_cast<std::size_t>(ranks_.size());
   std::vector<torch::Tensor> parts;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
     for (const std::size_t v : views_of_[drawer]) parts.push_back(own[v]);

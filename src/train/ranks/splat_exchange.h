@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/row_shards.h"
 #include "dist/communicator.h"
 #include "raster/torch/rasterizer.h"
 
@@ -19,19 +18,19 @@ class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
 
-  /// Begins a step: own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = local row;
+  /// Begins a step: own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = own row;
   /// drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and does not wait for a GPU.
+  /// @param model_rows  RowOwners::own()
   /// @throws LogicError if they disagree, or naming splats that do not fit
-  void pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers);
+  void pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers, const torch::Tensor& model_rows);
 
   /// counts[r][v] is the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views
-  /// that this rank draws, in the order of the views, rows ascending by global row, with Splat::gaussian = global row
-  /// (< 2^31). @throws LogicError if they are not those of pack()
+  /// that this rank draws, in the order of the views, ascending by Gaussian, with Splat::gaussian = row of the model. @throws LogicError if they are not those of pack()
   std::vector<ViewSplats> to_drawers(const std::vector<std::vector<std::int64_t>>& counts);
   std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
                                      const std::vector<std::vector<std::int64_t>>& counts,
-                                     const std::vector<int>& drawers) {
-    pack(own, drawers);
+                                     const std::vector<int>& drawers, const torch::Tensor& model_rows) {
+    pack(own, drawers, model_rows);
     return to_drawers(counts);
   }
 
@@ -71,7 +70,6 @@ class SplatExchange {
   };
 
   Communicator& ranks_;
-  RowShards shards_;
   torch::Device device_ = torch::kCPU;
   std::vector<ViewSplats> own_;               // between pack() and to_drawers()
   torch::Tensor packed_;                      // likewise

@@ -1,25 +1,30 @@
 // Density control of several ranks: each plans the same round, from statistics of the whole model.
 
 #include <algorithm>
+#include <utility>
 
 #include "train/density/invalid_gaussians.h"
-#include "train/ranks/sharded_row_edit.h"
+#include "train/ranks/rows/sharded_row_edit.h"
+#include "train/ranks/rows/sharded_rows.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
 
-void Trainer::Impl::try_room_for(const RowEdit& edit) {
-  const std::int64_t n_before = state.gaussians.size(), n_after = shards().n_local(edit.sources.size(0));
-  const torch::TensorOptions options = state.gaussians.means.options();
-  const std::int64_t n_floats = state_row_bytes(state) / static_cast<std::int64_t>(sizeof(float));
-  // The largest tensor, or some small ones, are there twice; all of them have grown by then.
-  constexpr std::int64_t kPieceFloats = kExchangePieceBytes / static_cast<std::int64_t>(sizeof(float));
-  const std::int64_t n_widest = std::max<std::int64_t>(4, state.gaussians.shN.size(1) * 3);
-  const std::int64_t n_together =
-      std::clamp(kPieceFloats / std::max<std::int64_t>(1, n_after), n_widest, std::max(n_widest, n_floats));
-  const torch::Tensor largest = memory->allocate({n_after, n_together}, options);
-  const torch::Tensor growth = memory->allocate({std::max<std::int64_t>(0, n_after - n_before), n_floats}, options);
-  const torch::Tensor pieces = memory->allocate({2, std::min(kPieceFloats, n_after * n_together)}, options);
+void Trainer::Impl::apply_round_of_ranks(const DensityRound& round, int iteration, std::int64_t limit) {
+  round_phases.begin(RoundPhase::kEdit);
+  check_row_edit(*ranks, round.edit, owners, state.gaussians, state.adam, state.statistics);
+  OwnRowEdit own;
+  allocate_together([&] {
+    own = own_part(round.edit, owners);
+    reserve_rows(own.edit, limit > 0 ? limit * own.owners.n_own() / std::max<std::int64_t>(1, own.owners.n_rows()) : 0);
+  });
+  is_consistent = false;
+  row_editor.apply(own.edit, state.gaussians, state.adam, state.statistics);
+  owners = std::move(own.owners);
+  state.n_of_all_ranks = owners.n_rows();
+  density->end_round(iteration, state.statistics);
+  is_consistent = true;
+  if (owners.are_uneven()) deal_rows_anew();
 }
 
 void Trainer::Impl::allocate_together(const std::function<void()>& work) {
@@ -61,7 +66,7 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
     gathered.push_back(column);
     rows.push_back(*column);
   }
-  rows = gather_rows(*ranks, rows, n);
+  rows = gather_rows(*ranks, rows, owners);
   for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
   round_phases.begin(RoundPhase::kPlan);
   DensityRound round;
@@ -82,10 +87,10 @@ std::int64_t Trainer::Impl::remove_invalid_rows(std::int64_t row) {
   const std::int64_t n = state.n_gaussians();
   const GaussianWidths widths = gaussian_widths(state.gaussians, state.adam);
   const RowEdit edit = edit_without_invalid(
-      row, scene.extent, {gather_rows(*ranks, widths.is_finite, n), gather_rows(*ranks, widths.largest, n)});
-  apply_row_edit(*ranks, edit, n, state.gaussians, state.adam, state.statistics);
-  state.n_of_all_ranks = edit.n_kept;
-  return n - edit.n_kept;
+      row, scene.extent, {gather_rows(*ranks, widths.is_finite, owners), gather_rows(*ranks, widths.largest, owners)});
+  owners = apply_row_edit(*ranks, edit, owners, state.gaussians, state.adam, state.statistics);
+  state.n_of_all_ranks = owners.n_rows();
+  return n - owners.n_rows();
 }
 
 }  // namespace b3dgs

@@ -52,13 +52,13 @@ RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const Rend
     own = rasterizer.project(flushed_state().gaussians, view, settings);
     record.n_splats = own.size();
   } catch (const InvalidGaussianError& error) {
-    record.first_invalid = shards().global_row(error.row());
+    record.first_invalid = owners.row_of_model(error.row());
   }
   const std::vector<ProjectRecord> records = ranks->exchange_record("projected", record);
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  splats->begin(whole_views({0}), {own}, settings.tile.height);
+  splats->begin(whole_views({0}), {own}, settings.tile.height, owners.own());
   const std::vector<ViewSplats> drawn = splats->to_drawers(counts);
   if (drawn.empty()) return {};
   return rasterizer.forward_splats(drawn.front(), view, settings);

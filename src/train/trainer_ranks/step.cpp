@@ -112,9 +112,9 @@ std::vector<std::int64_t> Trainer::Impl::project_own_gaussians(ViewsOfRanks& ste
       step.views[v].own = own[v];
       record.n_seen[v] = own[v].size();
     }
-    n_splats = splats->begin(step.plan, own, settings[0].tile.height);
+    n_splats = splats->begin(step.plan, own, settings[0].tile.height, owners.own());
   } catch (const InvalidGaussianError& error) {
-    record.first_invalid = shards().global_row(error.row());
+    record.first_invalid = owners.row_of_model(error.row());
   } catch (const OutOfMemoryError&) {
     record.is_out_of_memory = 1;
   }

@@ -1,8 +1,11 @@
 // The model as a whole, of which each rank has some rows: dealt at the start, gathered for PLYs and checkpoints.
 
 #include <set>
+#include <vector>
 
 #include "train/checkpoint/checkpoint.h"
+#include "train/ranks/rows/row_dealing.h"
+#include "train/ranks/rows/sharded_rows.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -32,16 +35,37 @@ void visit_shared(TrainState& state, Visit&& visit) {
 
 void Trainer::Impl::keep_own_rows() {
   state.n_of_all_ranks = state.gaussians.size();
+  owners = RowOwners::deal(ranks->rank(), ranks->size(), state.gaussians.size(), device);
   visit_rows(state, [&](torch::Tensor& tensor) {
-    if (tensor.defined()) tensor = own_rows(tensor, shards()).to(device);
+    if (tensor.defined()) tensor = own_rows(tensor, owners).to(device);
   });
   visit_shared(state, [&](torch::Tensor& tensor) { tensor = tensor.to(device); });
+}
+
+void Trainer::Impl::deal_rows_anew() {
+  const RowOwners after = RowOwners::deal(ranks->rank(), ranks->size(), owners.n_rows(), device);
+  std::vector<torch::Tensor*> rows;
+  visit_rows(state, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) rows.push_back(&tensor);
+  });
+  bool has_room = true;
+  try {
+    const torch::Tensor room =
+        memory->allocate({bytes_to_move_rows(rows, owners, after)}, state.gaussians.means.options().dtype(torch::kUInt8));
+  } catch (const OutOfMemoryError&) {
+    has_room = false;
+  }
+  if (ranks->max("room to deal rows", has_room ? 0 : 1) != 0) return;
+  is_consistent = false;
+  move_rows(*ranks, rows, owners, after);
+  owners = after;
+  is_consistent = true;
 }
 
 GaussianTensors Trainer::Impl::gathered_gaussians() {
   GaussianTensors whole = flushed_state().gaussians;
   const auto gather = [&](torch::Tensor& tensor) {
-    if (tensor.defined()) tensor = gather_rows_on_first(*ranks, tensor, state.n_gaussians());
+    if (tensor.defined()) tensor = gather_rows_on_first(*ranks, tensor, owners);
   };
   for (torch::Tensor* tensor : whole.all()) gather(*tensor);
   gather(whole.filters);
@@ -67,7 +91,7 @@ void Trainer::Impl::write_checkpoint_of_ranks() {
                          const auto take_rows = [&](const torch::Tensor& piece) {
                            take(piece.data_ptr(), piece.nbytes());
                          };
-                         if (has_part) return stream_rows_to_first(*ranks, part, state.n_gaussians(), take_rows);
+                         if (has_part) return stream_rows_to_first(*ranks, part, owners, take_rows);
                          take_rows(part.cpu());
                        }});
   }

@@ -393,6 +393,23 @@ TEST(BalancedStrategy, LowersOpacitiesByTheFactor) {
   EXPECT_TRUE(test::within(torch::sigmoid(model.gaussians.logit_opacities), 0.9 * before, 1e-6));
 }
 
+TEST(BalancedStrategy, LowersAnOpacityAlikeAtAnyPlace) {
+  TrainConfig config = balanced_config();
+  config.opacity_decay = 0.9;
+  const auto lower = [&](const torch::Tensor& logits) {
+    GaussianTensors gaussians = make_model(logits.size(0)).gaussians;
+    gaussians.logit_opacities.copy_(logits);
+    AdamState adam = make_adam_state(gaussians);
+    make_balanced_strategy(config, 1)->lower_opacities(600, gaussians, adam);
+    return gaussians.logit_opacities;
+  };
+  const torch::Tensor logits = torch::linspace(-9, 9, 61), lowered = lower(logits);
+  EXPECT_TRUE(torch::equal(lower(logits.slice(0, 1)), lowered.slice(0, 1)));
+  for (std::int64_t i = 0; i < logits.size(0); ++i) {
+    EXPECT_TRUE(torch::equal(lower(logits.slice(0, i, i + 1)), lowered.slice(0, i, i + 1))) << i;
+  }
+}
+
 TEST(BalancedStrategy, AccumulatesAbsoluteGradientsAndScoresOfItsSteps) {
   const Scene scene = test::make_tiny_scene();
   const GaussianTensors gaussians = [] {

@@ -8,12 +8,11 @@
 #include <vector>
 
 #include "core/check.h"
-#include "core/row_shards.h"
 #include "raster/torch/splat_owner.h"
 #include "support/rank_program.h"
 #include "support/raster/test_scenes.h"
 #include "train/ranks/part_exchange.h"
-#include "train/ranks/sharded_rows.h"
+#include "train/ranks/rows/row_owners.h"
 
 namespace b3dgs {
 namespace {
@@ -45,19 +44,16 @@ torch::Tensor gaussians_of(const ViewSplats& splats) {
   return splats.splats.view(torch::kInt32).select(1, kGaussian).to(torch::kInt64);
 }
 
-/// Places of the rows that a rank owns.
-torch::Tensor own_places(const ViewSplats& splats, const RowShards& shards) {
-  const torch::Tensor blocks = torch::div(gaussians_of(splats), RowShards::kBlock, "floor");
-  return (blocks.remainder(shards.size) == shards.rank).nonzero().flatten();
+/// Places of the rows of this rank.
+torch::Tensor own_places(const ViewSplats& splats, const RowOwners& owners) {
+  if (owners.size() == 1) return torch::arange(splats.size());
+  return (owners.owners().index_select(0, gaussians_of(splats)) == owners.rank()).nonzero().flatten();
 }
 
-ViewSplats own_splats(const ViewSplats& all, const torch::Tensor& places, const RowShards& shards) {
+ViewSplats own_splats(const ViewSplats& all, const torch::Tensor& places, const RowOwners& owners) {
   ViewSplats own{all.splats.index_select(0, places), all.extents.index_select(0, places),
                  all.radii.index_select(0, places)};
-  torch::Tensor gaussians = own.splats.view(torch::kInt32).select(1, kGaussian);
-  for (std::int64_t i = 0; i < own.size(); ++i) {
-    gaussians[i] = static_cast<std::int32_t>(shards.local_row(gaussians[i].item<std::int32_t>()));
-  }
+  own.splats.view(torch::kInt32).select(1, kGaussian).copy_(owners.places_of(gaussians_of(own)));
   return own;
 }
 
@@ -72,7 +68,9 @@ std::vector<Counts> exchange_counts(Communicator& ranks, const Counts& own) {
 }
 
 void check_view(Communicator& ranks, const TestScene& scene, int variant, const std::vector<Counts>& work) {
-  const RowShards shards = shards_of(ranks);
+  // Any Gaussian may belong to any rank.
+  const RowOwners owners = RowOwners::deal(ranks.rank(), ranks.size(), 5000, torch::kCPU)
+                               .after(torch::randint(5000, {scene.gaussians.size()}, torch::kInt64));
   RenderSettings settings = settings_of(scene, variant);
   const std::vector<std::int64_t> size{scene.view.height, scene.view.width};
   const RenderedViewGrad grad{torch::randn({size[0], size[1], 3}), torch::randn(size), torch::randn(size)};
@@ -93,10 +91,10 @@ void check_view(Communicator& ranks, const TestScene& scene, int variant, const 
   }
 
   const StepPlan plan = counted_bands(work, ranks.size());
-  const torch::Tensor places = own_places(splats, shards);
-  const std::vector<ViewSplats> own(work.size(), own_splats(splats, places, shards));
+  const torch::Tensor places = own_places(splats, owners);
+  const std::vector<ViewSplats> own(work.size(), own_splats(splats, places, owners));
   PartExchange exchange(ranks);
-  const std::vector<Counts> counts = exchange_counts(ranks, exchange.begin(plan, own, settings.tile.height));
+  const std::vector<Counts> counts = exchange_counts(ranks, exchange.begin(plan, own, settings.tile.height, owners.own()));
   const std::vector<ViewSplats> drawn = exchange.to_drawers(counts);
   expect(exchange.is_banded() == is_banded(plan), what + ": bands");
   std::vector<torch::Tensor> sums, scores;

@@ -34,13 +34,15 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
   for (const int n_ranks : {1, 2, 3, 5, 16, 40}) {
     torch::manual_seed(n_ranks);
     // Of 3000 Gaussians some are seen, and those of rank 1 never are.
-    std::vector<std::vector<std::int64_t>> local(static_cast<std::size_t>(n_ranks));
+    const auto size = static_cast<std::size_t>(n_ranks);
+    std::vector<std::vector<std::int32_t>> model_rows(size);  // of each rank's own rows
+    std::vector<std::vector<std::int64_t>> seen(size);        // own rows
     std::vector<std::int64_t> global;
-    for (std::int64_t row = 0; row < 3000; ++row) {
-      const RowShards shards{0, n_ranks};
-      const int owner = shards.owner(row);
+    for (std::int32_t row = 0; row < 3000; ++row) {
+      const std::size_t owner = random() % size;
+      model_rows[owner].push_back(row);
       if (random() % 3 == 0 || owner == 1) continue;
-      local[static_cast<std::size_t>(owner)].push_back(shards.local_row(row));
+      seen[owner].push_back(static_cast<std::int64_t>(model_rows[owner].size()) - 1);
       global.push_back(row);
     }
     const ViewSplats whole = splats_of(global);
@@ -48,11 +50,11 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
     torch::Tensor words = torch::full({static_cast<std::int64_t>(global.size()) + 7, kRowWords}, -1, torch::kInt32);
     std::vector<RowRange> lists;
     std::int64_t begin = 7;
-    for (int r = 0; r < n_ranks; ++r) {
-      const std::vector<std::int64_t>& own = local[static_cast<std::size_t>(r)];
+    for (std::size_t r = 0; r < size; ++r) {
+      const std::vector<std::int64_t>& own = seen[r];
       std::vector<std::int64_t> places;
       for (const std::int64_t row : own) {
-        const std::int64_t of_model = RowShards{r, n_ranks}.global_row(row);
+        const std::int32_t of_model = model_rows[r][static_cast<std::size_t>(row)];
         places.push_back(std::lower_bound(global.begin(), global.end(), of_model) - global.begin());
       }
       const torch::Tensor rows = torch::tensor(places, torch::kInt64);
@@ -60,7 +62,7 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
                         whole.radii.index_select(0, rows)};
       splats.splats.view(torch::kInt32).select(1, kGaussianColumn).copy_(torch::tensor(own, torch::kInt64));
       const auto n = static_cast<std::int64_t>(own.size());
-      pack_splats(splats, {r, n_ranks}, words.slice(0, begin, begin + n));
+      pack_splats(splats, torch::tensor(model_rows[r], torch::kInt32), words.slice(0, begin, begin + n));
       lists.push_back({begin, begin + n});
       begin += n;
     }

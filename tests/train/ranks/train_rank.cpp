@@ -15,8 +15,10 @@
 #include "train/density/density_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
 #include "train/ranks/draw_plan.h"
-#include "train/ranks/sharded_row_edit.h"
-#include "train/ranks/sharded_rows.h"
+#include "train/ranks/rows/row_dealing.h"
+#include "train/ranks/rows/row_owners.h"
+#include "train/ranks/rows/sharded_row_edit.h"
+#include "train/ranks/rows/sharded_rows.h"
 #include "train/ranks/splat_exchange.h"
 
 namespace b3dgs {
@@ -26,7 +28,7 @@ using test::expect;
 using test::same_bytes;
 using Counts = std::vector<std::int64_t>;
 
-constexpr std::int64_t kOneBlock = 1;  // bytes of a piece: the least, a block of rows
+constexpr std::int64_t kSmallPiece = 2048;  // bytes: about 100 rows or fewer
 
 void expect_same(const torch::Tensor& found, const torch::Tensor& expected, const std::string& what) {
   expect(found.defined() && found.sizes() == expected.sizes() && found.scalar_type() == expected.scalar_type(),
@@ -54,48 +56,116 @@ torch::Tensor random_words(torch::IntArrayRef sizes) {
 // --- Rows ---
 
 /// The rows of a rank, dealt one by one.
-Counts deal_rows(int rank, int size, std::int64_t n_global) {
+Counts deal_rows(int rank, int size, std::int64_t n_rows) {
   Counts rows;
-  for (std::int64_t row = 0; row < n_global; ++row) {
-    if (row / RowShards::kBlock % size == rank) rows.push_back(row);
+  for (std::int64_t row = 0; row < n_rows; ++row) {
+    if (row / RowOwners::kBlock % size == rank) rows.push_back(row);
   }
   return rows;
 }
 
-void check_shards(const RowShards& shards, std::int64_t n_global) {
-  const Counts expected = deal_rows(shards.rank, shards.size, n_global);
-  expect(shards.n_local(n_global) == static_cast<std::int64_t>(expected.size()), "number of local rows");
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    const auto local = static_cast<std::int64_t>(i);
-    expect(shards.global_row(local) == expected[i] && shards.local_row(expected[i]) == local &&
-               shards.owner(expected[i]) == shards.rank,
-           "row " + std::to_string(expected[i]));
+RowOwners deal(const Communicator& ranks, std::int64_t n_rows) {
+  return RowOwners::deal(ranks.rank(), ranks.size(), n_rows, torch::kCPU);
+}
+
+/// As after many edits: any row may belong to any rank.
+RowOwners random_owners(const Communicator& ranks, std::int64_t n_rows) {
+  return deal(ranks, 5000).after(torch::randint(5000, {n_rows}, torch::kInt64));
+}
+
+/// The rows of the model that this rank has, found one by one.
+torch::Tensor rows_of(const RowOwners& owners) {
+  Counts rows;
+  for (std::int64_t row = 0; row < owners.n_rows(); ++row) {
+    if (owners.size() == 1 || owners.owners()[row].item<std::int16_t>() == owners.rank()) rows.push_back(row);
   }
-  expect_same(global_rows(shards, n_global, torch::kCPU), torch::tensor(expected, torch::kInt64), "global rows");
+  return torch::tensor(rows, torch::kInt64);
+}
+
+void check_owners(const RowOwners& owners, std::int64_t n_rows) {
+  const torch::Tensor rows = rows_of(owners);
+  expect(owners.n_rows() == n_rows && owners.n_own() == rows.size(0), "numbers of rows");
+  std::int64_t n_all = 0;
+  for (const std::int64_t n : owners.n_of_ranks()) n_all += n;
+  expect(n_all == n_rows && owners.n_most() >= (n_rows + owners.size() - 1) / owners.size(), "numbers of all ranks");
+  if (owners.size() > 1) expect_same(owners.own().to(torch::kInt64), rows, "own rows of the model");
+  for (std::int64_t i = 0; i < rows.size(0); i += 97) {
+    expect(owners.row_of_model(i) == rows[i].item<std::int64_t>(), "row of the model");
+  }
+  const torch::Tensor some = torch::randint(1 << 20, {50}, torch::kInt64);
+  if (rows.size(0) == 0) return;
+  const torch::Tensor places = some.remainder(rows.size(0));
+  const torch::Tensor asked = owners.size() == 1 ? places : rows.index_select(0, places);
+  expect_same(owners.places_of(asked), places, "places of rows");
+}
+
+void check_dealt(const Communicator& ranks, std::int64_t n_rows) {
+  for (int r = 0; r < ranks.size(); ++r) {
+    const RowOwners dealt = RowOwners::deal(r, ranks.size(), n_rows, torch::kCPU);
+    check_owners(dealt, n_rows);
+    expect(dealt.n_of_ranks()[static_cast<std::size_t>(r)] ==
+               static_cast<std::int64_t>(deal_rows(r, ranks.size(), n_rows).size()),
+           "rows dealt to rank " + std::to_string(r));
+    expect_same(rows_of(dealt), torch::tensor(deal_rows(r, ranks.size(), n_rows), torch::kInt64), "dealt rows");
+    expect(!dealt.are_uneven(), "dealt rows are even");
+  }
 }
 
 void check_gathering(Communicator& ranks) {
-  const RowShards shards = shards_of(ranks);
-  expect(shards.rank == ranks.rank() && shards.size == ranks.size(), "shards of the communicator");
   for (const std::int64_t n : {0, 1, 1023, 1024, 1025, 5000}) {
-    for (int r = 0; r < ranks.size(); ++r) check_shards({r, ranks.size()}, n);
+    check_dealt(ranks, n);
     const torch::Tensor wide = random_words({n, 6});
     const std::vector<torch::Tensor> tensors{
         wide.view(torch::kFloat32).view({n, 2, 3}), wide.select(1, 0).contiguous(), wide.view(torch::kInt64),
         wide.select(1, 1).to(torch::kUInt8),        wide.select(1, 2) > 0,          torch::empty({n, 0, 3}),
         wide.t().contiguous().t().select(1, 2)};
-    for (const torch::Tensor& whole : tensors) {
-      const torch::Tensor own = own_rows(whole, shards);
-      expect_same(own, whole.index_select(0, torch::tensor(deal_rows(shards.rank, shards.size, n), torch::kInt64)),
-                  "own rows");
-      expect(n == 0 || whole.numel() == 0 || own.data_ptr() != whole.data_ptr(), "own rows are a copy");
-      for (const std::int64_t piece_bytes : {kExchangePieceBytes, kOneBlock}) {
-        expect_same(gather_rows(ranks, own, n, piece_bytes), whole, "gathered rows");
-        const torch::Tensor first = gather_rows_on_first(ranks, own, n, piece_bytes);
-        if (ranks.is_first()) {
-          expect_same(first, whole, "rows gathered on rank 0");
-        } else {
-          expect(!first.defined(), "rows gathered elsewhere");
+    for (const RowOwners& owners : {deal(ranks, n), random_owners(ranks, n)}) {
+      check_owners(owners, n);
+      for (const torch::Tensor& whole : tensors) {
+        const torch::Tensor own = own_rows(whole, owners);
+        expect_same(own, whole.index_select(0, rows_of(owners)), "own rows");
+        expect(n == 0 || whole.numel() == 0 || own.data_ptr() != whole.data_ptr(), "own rows are a copy");
+        for (const std::int64_t piece_bytes : {kExchangePieceBytes, kSmallPiece}) {
+          expect_same(gather_rows(ranks, own, owners, piece_bytes), whole, "gathered rows");
+          const torch::Tensor first = gather_rows_on_first(ranks, own, owners, piece_bytes);
+          if (ranks.is_first()) {
+            expect_same(first, whole, "rows gathered on rank 0");
+          } else {
+            expect(!first.defined(), "rows gathered elsewhere");
+          }
+        }
+      }
+      const std::vector<torch::Tensor> words{tensors[0].view(torch::kFloat32), tensors[1], tensors[5]};
+      std::vector<torch::Tensor> own;
+      for (const torch::Tensor& whole : words) own.push_back(own_rows(whole, owners));
+      for (const std::int64_t piece_bytes : {kExchangePieceBytes, kSmallPiece}) {
+        const std::vector<torch::Tensor> gathered = gather_rows(ranks, own, owners, piece_bytes);
+        for (std::size_t i = 0; i < words.size(); ++i) expect_same(gathered[i], words[i], "rows gathered together");
+      }
+    }
+  }
+}
+
+/// Rows that a rank has too many of move to the others.
+void check_dealing(Communicator& ranks) {
+  for (const std::int64_t n : {0, 3, 1024, 5000}) {
+    const RowOwners dealt = deal(ranks, n);
+    const RowOwners uneven = deal(ranks, 5000).after(torch::randint(40, {n}, torch::kInt64));
+    expect(uneven.are_uneven() == (ranks.size() > 1 && n > 3), "most rows come from those of rank 0");
+    const torch::Tensor wide = random_words({n, 45});
+    const std::vector<torch::Tensor> whole{wide.view({n, 15, 3}), wide.select(1, 1).contiguous(),
+                                           wide.select(1, 2).contiguous().view(torch::kFloat32),
+                                           torch::empty({n, 0, 3})};
+    for (const auto& [before, after] : {std::pair{uneven, dealt}, {dealt, uneven}, {dealt, dealt}}) {
+      for (const std::int64_t piece_bytes : {kExchangePieceBytes, kSmallPiece}) {
+        std::vector<torch::Tensor> own;
+        for (const torch::Tensor& tensor : whole) own.push_back(own_rows(tensor, before));
+        std::vector<torch::Tensor*> moved;
+        for (torch::Tensor& tensor : own) moved.push_back(&tensor);
+        expect(bytes_to_move_rows(moved, before, after, piece_bytes) >= after.n_own() * 45 * 4, "memory for moving");
+        move_rows(ranks, moved, before, after, piece_bytes);
+        for (std::size_t i = 0; i < own.size(); ++i) {
+          expect_same(own[i], own_rows(whole[i], after), "moved rows of " + std::to_string(n));
         }
       }
     }
@@ -133,9 +203,9 @@ Model random_model(std::int64_t n, std::int64_t n_coefficients, int n_columns) {
   return model;
 }
 
-Model own_part(const Model& whole, const RowShards& shards) {
+Model own_part(const Model& whole, const RowOwners& owners) {
   Model own = whole;
-  for (torch::Tensor* tensor : own.all()) *tensor = own_rows(*tensor, shards);
+  for (torch::Tensor* tensor : own.all()) *tensor = own_rows(*tensor, owners);
   return own;
 }
 
@@ -154,17 +224,21 @@ RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_o
 }
 
 void check_edit(Communicator& ranks, const Model& before, const RowEdit& edit) {
-  const RowShards shards = shards_of(ranks);
   const std::int64_t n = before.gaussians.size();
-  for (const std::int64_t piece_bytes : {kExchangePieceBytes, kOneBlock}) {
-    if (piece_bytes == kOneBlock && n != 1024) continue;  // many small messages
-    Model sharded = own_part(before, shards), whole = own_part(before, {0, 1});
+  for (const RowOwners& owners : {deal(ranks, n), random_owners(ranks, n)}) {
+    Model sharded = own_part(before, owners), whole = own_part(before, RowOwners());
     apply_row_edit(edit, whole.gaussians, whole.adam, whole.statistics);
-    apply_row_edit(ranks, edit, n, sharded.gaussians, sharded.adam, sharded.statistics, piece_bytes);
+    const RowOwners after =
+        apply_row_edit(ranks, edit, owners, sharded.gaussians, sharded.adam, sharded.statistics);
+    check_owners(after, edit.sources.size(0));
+    const torch::Tensor sources = edit.sources.index_select(0, rows_of(after));
+    if (ranks.size() > 1) {
+      expect((owners.owners().index_select(0, sources) == ranks.rank()).all().item<bool>(), "rows stay on their rank");
+    }
     const std::vector<torch::Tensor*> found = sharded.all(), expected = whole.all();
     expect(found.size() == expected.size(), "tensors after the edit");
     for (std::size_t i = 0; i < found.size(); ++i) {
-      expect_same(*found[i], own_rows(*expected[i], shards),
+      expect_same(*found[i], own_rows(*expected[i], after),
                   "tensor " + std::to_string(i) + " of " + std::to_string(n) + " rows after an edit to " +
                       std::to_string(edit.sources.size(0)));
     }
@@ -207,40 +281,38 @@ WholeView random_view(std::int64_t n_global, double part) {
   return view;
 }
 
-/// Places in view.rows of the rows that the rank owns.
-torch::Tensor places_of(const WholeView& view, const RowShards& shards) {
-  return (torch::div(view.rows, RowShards::kBlock, "floor").remainder(shards.size) == shards.rank).nonzero().flatten();
+/// Places in view.rows of the rows of a rank.
+torch::Tensor places_of(const WholeView& view, const RowOwners& owners, int rank) {
+  if (owners.size() == 1) return torch::arange(view.rows.size(0));
+  return (owners.owners().index_select(0, view.rows) == rank).nonzero().flatten();
 }
 
-ViewSplats own_splats(const WholeView& view, const RowShards& shards) {
-  const torch::Tensor places = places_of(view, shards);
+ViewSplats own_splats(const WholeView& view, const RowOwners& owners) {
+  const torch::Tensor places = places_of(view, owners, owners.rank());
   ViewSplats own{view.splats.splats.index_select(0, places), view.splats.extents.index_select(0, places),
                  view.splats.radii.index_select(0, places)};
-  torch::Tensor gaussians = own.splats.view(torch::kInt32).select(1, 7);
-  for (std::int64_t i = 0; i < own.size(); ++i) {
-    gaussians[i] = static_cast<std::int32_t>(shards.local_row(gaussians[i].item<std::int32_t>()));
-  }
+  own.splats.view(torch::kInt32).select(1, 7).copy_(owners.places_of(view.rows.index_select(0, places)));
   return own;
 }
 
 void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<int>& drawers) {
   const int n_views = static_cast<int>(drawers.size());
   const auto is_drawn_here = [&](int v) { return drawers[static_cast<std::size_t>(v)] == ranks.rank(); };
-  const RowShards shards = shards_of(ranks);
+  const RowOwners owners = random_owners(ranks, n_global);
   std::vector<WholeView> views;
   for (int v = 0; v < n_views; ++v) views.push_back(random_view(n_global, v == 1 ? 0 : 0.2 * v + 0.1));
   std::vector<Counts> counts(static_cast<std::size_t>(ranks.size()));
   for (int r = 0; r < ranks.size(); ++r) {
     for (const WholeView& view : views) {
-      counts[static_cast<std::size_t>(r)].push_back(places_of(view, {r, ranks.size()}).size(0));
+      counts[static_cast<std::size_t>(r)].push_back(places_of(view, owners, r).size(0));
     }
   }
   std::vector<ViewSplats> own;
-  for (const WholeView& view : views) own.push_back(own_splats(view, shards));
+  for (const WholeView& view : views) own.push_back(own_splats(view, owners));
 
   SplatExchange exchange(ranks);
   for (int step = 0; step < 2; ++step) {
-    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts, drawers);
+    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts, drawers, owners.own());
     std::size_t i = 0;
     for (int v = 0; v < n_views; ++v) {
       if (!is_drawn_here(v)) continue;
@@ -264,7 +336,7 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
       const std::vector<torch::Tensor> received = exchange.to_owners(from_here, n_columns, type);
       expect(received.size() == views.size(), "views at the owner");
       for (std::size_t v = 0; v < views.size(); ++v) {
-        expect_same(received[v], sums[v].index_select(0, places_of(views[v], shards)), "sums at the owner");
+        expect_same(received[v], sums[v].index_select(0, places_of(views[v], owners, ranks.rank())), "sums at the owner");
       }
       const std::vector<torch::Tensor> returned = exchange.columns_to_drawers(received, n_columns, type);
       expect(returned.size() == from_here.size(), "views at the drawer");
@@ -306,25 +378,25 @@ void check_splats(Communicator& ranks) {
 
 void check_noise(Communicator& ranks) {
   constexpr std::int64_t kRows = 5000;
-  const RowShards shards = shards_of(ranks);
+  const RowOwners owners = random_owners(ranks, kRows);
   GaussianTensors before = random_gaussians(kRows, 0);
   before.logit_opacities.sub_(5);  // nearly transparent, which gets noise
-  const auto copy = [&](const RowShards& of) {
+  const auto copy = [&](const RowOwners& of) {
     GaussianTensors gaussians = before;
     for (torch::Tensor* tensor : gaussians.all()) *tensor = own_rows(*tensor, of);
     return gaussians;
   };
   const auto check = [&](const std::string& what, auto&& add_noise) {
-    GaussianTensors whole = copy({0, 1}), own = copy(shards), as_if_whole = copy(shards);
-    add_noise(whole, RowShards{});
-    add_noise(own, shards);
-    add_noise(as_if_whole, RowShards{});
-    expect_same(own.means, own_rows(whole.means, shards), "noise of " + what);
+    GaussianTensors whole = copy({}), own = copy(owners), as_if_whole = copy(owners);
+    add_noise(whole, torch::Tensor());
+    add_noise(own, owners.own());
+    add_noise(as_if_whole, torch::Tensor());
+    expect_same(own.means, own_rows(whole.means, owners), "noise of " + what);
     expect(!torch::equal(whole.means, before.means), "no noise of " + what);
     expect(torch::equal(own.means, as_if_whole.means) == (ranks.size() == 1),
-           "noise of " + what + " depends on the shards");
+           "noise of " + what + " depends on the row of the model");
   };
-  check("add_mean_noise()", [](GaussianTensors& gaussians, const RowShards& of) {
+  check("add_mean_noise()", [](GaussianTensors& gaussians, const torch::Tensor& of) {
     add_mean_noise(gaussians, /*rate=*/400, /*seed=*/3, /*iteration=*/77, of);
   });
   for (const char* const name : {"mcmc", "balanced"}) {
@@ -333,72 +405,73 @@ void check_noise(Communicator& ranks) {
     config.noise_lr = 500000;
     config.noise_from_iter = 0;
     const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, /*extent=*/2);
-    check(name, [&](GaussianTensors& gaussians, const RowShards& of) { strategy->after_step(77, gaussians, of); });
+    check(name, [&](GaussianTensors& gaussians, const torch::Tensor& of) { strategy->after_step(77, gaussians, of); });
   }
 }
 
 // --- What does not fit: all ranks throw, and can go on ---
 
 void check_misfits(Communicator& ranks) {
-  const RowShards shards = shards_of(ranks);
   constexpr std::int64_t kRows = 5000;
+  const RowOwners owners = deal(ranks, kRows), others = deal(ranks, 2 * kRows);
   const bool is_last = ranks.rank() == ranks.size() - 1;
   const std::string last = "rank " + std::to_string(ranks.size() - 1) + " of ";
 
-  const torch::Tensor own = own_rows(torch::arange(kRows), shards);
-  expect_failure("rows of 6024", [&] { gather_rows(ranks, own, kRows + 1024); });
-  expect_failure(last, [&] { gather_rows(ranks, is_last ? own.slice(0, 1) : own, kRows); });
-  expect_failure(last, [&] { gather_rows_on_first(ranks, is_last ? own.slice(0, 1) : own, kRows); });
+  const torch::Tensor own = own_rows(torch::arange(kRows), owners);
+  expect_failure("rows of 10000", [&] { gather_rows(ranks, own, others); });
+  expect_failure(last, [&] { gather_rows(ranks, is_last ? own.slice(0, 1) : own, owners); });
+  expect_failure(last, [&] { gather_rows_on_first(ranks, is_last ? own.slice(0, 1) : own, owners); });
   if (ranks.size() > 1) {
     expect_failure("disagree", [&] {
-      const std::int64_t n = is_last ? 2 * kRows : kRows;
-      gather_rows(ranks, own_rows(torch::arange(n), shards), n);
+      const RowOwners& of_rank = is_last ? others : owners;
+      gather_rows(ranks, own_rows(torch::arange(of_rank.n_rows()), of_rank), of_rank);
     });
-    expect_failure("disagree", [&] { gather_rows(ranks, is_last ? own.to(torch::kFloat32) : own, kRows); });
+    expect_failure("disagree", [&] { gather_rows(ranks, is_last ? own.to(torch::kFloat32) : own, owners); });
   }
 
   const Model whole = random_model(kRows, 3, 1);
-  const auto edit_fails = [&](const std::string& part, const RowEdit& edit, std::int64_t n_before, Model model) {
+  const auto edit_fails = [&](const std::string& part, const RowEdit& edit, const RowOwners& before, Model model) {
     const torch::Tensor means = model.gaussians.means.clone();
-    expect_failure(part, [&] { apply_row_edit(ranks, edit, n_before, model.gaussians, model.adam, model.statistics); });
+    expect_failure(part, [&] { apply_row_edit(ranks, edit, before, model.gaussians, model.adam, model.statistics); });
     expect_same(model.gaussians.means, means, "means after a refused edit");
   };
   const RowEdit edit = random_edit(kRows, 0.7, 500, true, false);
-  edit_fails(last, edit, is_last ? kRows + RowShards::kBlock * ranks.size() : kRows, own_part(whole, shards));
-  Model short_column = own_part(whole, shards);
+  edit_fails(last, edit, is_last ? others : owners, own_part(whole, owners));
+  Model short_column = own_part(whole, owners);
   if (is_last) short_column.statistics.extra[0].values = short_column.statistics.extra[0].values.slice(0, 1);
-  edit_fails(last, edit, kRows, short_column);
+  edit_fails(last, edit, owners, short_column);
   RowEdit other = edit;
   if (is_last) other.sources = edit.sources + kRows;
-  edit_fails("sources of the edit", other, kRows, own_part(whole, shards));
+  edit_fails("sources of the edit", other, owners, own_part(whole, owners));
   other = edit;
   if (is_last) other.n_kept -= 1;
-  edit_fails("the edit keeps", other, kRows, own_part(whole, shards));
+  edit_fails("the edit keeps", other, owners, own_part(whole, owners));
   if (ranks.size() > 1) {
     other = edit;
     if (is_last) other.sources = edit.sources.flip(0);
-    edit_fails("disagree on the row edit", other, kRows, own_part(whole, shards));
+    edit_fails("disagree on the row edit", other, owners, own_part(whole, owners));
     other = edit;
     other.copies_moments = is_last;
-    edit_fails("disagree on the row edit", other, kRows, own_part(whole, shards));
+    edit_fails("disagree on the row edit", other, owners, own_part(whole, owners));
   }
 
   const WholeView view = random_view(kRows, 0.5);
   std::vector<Counts> counts;
-  for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, {r, ranks.size()}).size(0)});
-  const std::vector<ViewSplats> splats{own_splats(view, shards)};
+  for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, owners, r).size(0)});
+  const std::vector<ViewSplats> splats{own_splats(view, owners)};
   SplatExchange exchange(ranks);
-  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}); });
-  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}, {0}); });
-  expect_failure("drawers of", [&] { exchange.to_drawers(splats, counts, {}); });
-  expect_failure("is drawn by rank", [&] { exchange.to_drawers(splats, counts, {ranks.size()}); });
+  const torch::Tensor& rows = owners.own();
+  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}, rows); });
+  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}, {0}, rows); });
+  expect_failure("drawers of", [&] { exchange.to_drawers(splats, counts, {}, rows); });
+  expect_failure("is drawn by rank", [&] { exchange.to_drawers(splats, counts, {ranks.size()}, rows); });
   std::vector<Counts> wrong = counts;
   ++wrong[static_cast<std::size_t>(ranks.rank())][0];
-  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}); });
+  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}, rows); });
   ViewSplats without_radii = splats[0];
   without_radii.radii = torch::Tensor();
-  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}); });
-  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0});
+  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}, rows); });
+  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0}, rows);
   expect_failure("views of the step", [&] {
     exchange.to_owners(std::vector<torch::Tensor>(drawn.size() + 1, torch::empty({0, 2})), 2, torch::kFloat32);
   });
@@ -415,6 +488,7 @@ void check_misfits(Communicator& ranks) {
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "gathering") return check_gathering(ranks);
+  if (scenario == "dealing") return check_dealing(ranks);
   if (scenario == "edits") return check_edits(ranks);
   if (scenario == "splats") return check_splats(ranks);
   if (scenario == "noise") return check_noise(ranks);

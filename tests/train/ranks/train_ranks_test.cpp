@@ -45,7 +45,8 @@ std::string name_of(const testing::TestParamInfo<std::tuple<int, const char*>>& 
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
                          testing::Combine(testing::Values(1, 2, 3, 4),
-                                          testing::Values("gathering", "edits", "splats", "noise", "misfits")),
+                                          testing::Values("gathering", "dealing", "edits", "splats", "noise",
+                                                          "misfits")),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, DrawBands,

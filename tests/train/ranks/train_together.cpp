@@ -22,7 +22,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/ranks/sharded_rows.h"
+#include "train/ranks/rows/row_owners.h"
 
 namespace b3dgs {
 namespace {
@@ -330,33 +330,32 @@ void check_skips(Communicator& ranks) {
   }
 }
 
-/// A rank without memory for more Gaussians: all hold their number, as one process does.
+/// Ranks without memory for more Gaussians: all hold their number, as one process does, and training can go on.
 void check_memory(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  const TrainConfig config = config_of("default");
+  TrainConfig config = config_of("default");
   const bool is_last = ranks.rank() == ranks.size() - 1;
-  Files alone;
-  if (ranks.is_first()) {
-    TrainHooks hooks;
-    const auto memory = std::make_shared<test::ShortMemory>();
-    memory->rows_that_fit = 120;  // there are 120 at the start
-    hooks.memory = memory;
-    alone = train(config, scene, folder / "alone", nullptr, {}, hooks);
-    expect(alone.result.n_gaussians <= 120, "alone, the number is held");
-  }
-  ranks.barrier("trained alone");
   const auto memory = std::make_shared<test::ShortMemory>();
-  if (is_last) memory->rows_that_fit = shards_of(ranks).n_local(120);
+  memory->rows_that_fit = RowOwners::deal(ranks.rank(), ranks.size(), 120, torch::kCPU).n_own();  // as at the start
   std::string messages;
   TrainHooks hooks;
   hooks.memory = memory;
   hooks.on_message = [&](const std::string& message) { messages += message + "\n"; };
-  expect_same(train(config, scene, folder / "together", &ranks, {}, hooks), alone, "held", ranks);
+  const Files held = train(config, scene, folder / "held", &ranks, {}, hooks);
+  for (const std::int64_t count : ranks.exchange_record("counts", held.result.n_gaussians)) {
+    expect(count == held.result.n_gaussians && count <= 120, "the number is held");
+  }
   expect(messages.find("held at 120 Gaussians: GPU memory\n") != std::string::npos, "held: " + messages);
   expect(memory->n_releases > 0, "all ranks free memory first");
+  hooks = {};
+  config.iterations = 29;
+  const fs::path checkpoint = ranks.exchange("checkpoint", held.result.checkpoint.string()).front();
+  const Files later = train_alone(config, scene, folder / "alone", ranks, checkpoint);
+  expect_same(train(config, scene, folder / "later", &ranks, checkpoint), later, "after a hold", ranks);
 
   // One that frees memory, and one that knows its limit.
+  config.iterations = 23;
   const Files whole = train_alone(config, scene, folder / "whole", ranks);
   hooks.memory = std::make_shared<test::ShortMemory>();
   if (is_last) dynamic_cast<test::ShortMemory&>(*hooks.memory).n_failures = 1;
@@ -376,7 +375,7 @@ void check_exhausted(Communicator& ranks) {
   const TrainConfig config = config_of("default");
   TrainHooks hooks;
   hooks.memory = std::make_shared<test::ShortMemory>();
-  if (ranks.rank() == ranks.size() - 1) dynamic_cast<test::ShortMemory&>(*hooks.memory).rows_that_fit = 2;
+  if (ranks.rank() == ranks.size() - 1) dynamic_cast<test::ShortMemory&>(*hooks.memory).n_failures = 1000;
   const fs::path checkpoint = ModelFolder(folder / "together").checkpoint(12);
   try {
     train(config, scene, folder / "together", &ranks, {}, hooks);

@@ -23,6 +23,11 @@ __global__ void __launch_bounds__(kThreads) make_parts_kernel(const PartArgs arg
   if (i < 2 * args.n_parents) make_part(args, i);
 }
 
+__global__ void __launch_bounds__(kThreads) decay_opacities_kernel(const DecayArgs args) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i < args.n_gaussians) decay_opacity(args, i);
+}
+
 }  // namespace
 
 void add_absolute_gradients(const AbsoluteGradArgs& args, cudaStream_t stream) {
@@ -33,6 +38,9 @@ void draw_parent_keys(const ParentKeyArgs& args, cudaStream_t stream) {
 }
 void make_parts(const PartArgs& args, cudaStream_t stream) {
   launch_rows<kThreads>(make_parts_kernel, args, 2 * args.n_parents, stream);
+}
+void decay_opacities(const DecayArgs& args, cudaStream_t stream) {
+  launch_rows<kThreads>(decay_opacities_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda

@@ -1,6 +1,6 @@
-// Strategy balanced for one Gaussian: its absolute gradient, the key by which parents are drawn, and the two parts that
-// replace a parent. CPU and GPU share this arithmetic; keys and parts are computed in double, so that CPU and GPU
-// differ by one ulp at most.
+// Strategy balanced for one Gaussian: its absolute gradient, the key by which parents are drawn, the two parts that
+// replace a parent, and the decay of opacities. CPU and GPU share this arithmetic; all but the gradient is computed in
+// double, so that CPU and GPU differ by one ulp at most.
 #pragma once
 
 #include <cmath>
@@ -112,6 +112,19 @@ B3DGS_HD void make_part(const PartArgs& args, std::int64_t i) {
   const double opacity = parent_opacity * (split.opacity + split.per_opacity * parent_opacity);
   args.out_logit_opacities[i] =
       split.opacity == 1 ? args.logit_opacities[row] : static_cast<float>(std::log(opacity / (1 - opacity)));
+}
+
+struct DecayArgs {
+  std::int64_t n_gaussians = 0;
+  float* logit_opacities = nullptr;  // [N] in and out
+  double decay = 1;                  // what opacities are multiplied by
+};
+
+/// With o = 1 / (1 + e), e = exp(-x): logit(d o) = ln(d / (1 - d + e)). Not by operations of LibTorch, whose results on
+/// a CPU depend on a row's place in the tensor, and so on which ranks have the others.
+B3DGS_HD void decay_opacity(const DecayArgs& args, std::int64_t i) {
+  const double e = std::exp(-static_cast<double>(args.logit_opacities[i]));
+  args.logit_opacities[i] = static_cast<float>(std::log(args.decay / (1 - args.decay + e)));
 }
 
 }  // namespace b3dgs

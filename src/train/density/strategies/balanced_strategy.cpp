@@ -147,9 +147,9 @@ class BalancedStrategy final : public DensityStrategy {
     }
   }
 
-  void after_step(int iteration, GaussianTensors& gaussians, const RowShards& shards) const override {
+  void after_step(int iteration, GaussianTensors& gaussians, const torch::Tensor& model_rows) const override {
     if (!adds_mean_noise(config_, iteration)) return;
-    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, shards);
+    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, model_rows);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
@@ -188,7 +188,11 @@ class BalancedStrategy final : public DensityStrategy {
   }
 
   void lower_opacities(int, GaussianTensors& gaussians, AdamState&) const override {
-    gaussians.logit_opacities.copy_(torch::logit(torch::sigmoid(gaussians.logit_opacities) * config_.opacity_decay));
+    const DecayArgs args{gaussians.size(), gaussians.logit_opacities.data_ptr<float>(), config_.opacity_decay};
+#if B3DGS_TORCH_CUDA
+    if (gaussians.logit_opacities.is_cuda()) return cuda::decay_opacities(args, torch_launch_context().stream);
+#endif
+    on_rows(args.n_gaussians, args, decay_opacity);
   }
 
   bool is_recovering(int) const override { return false; }

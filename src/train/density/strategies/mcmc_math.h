@@ -8,7 +8,6 @@
 #include <cstdint>
 
 #include "core/random.h"
-#include "core/row_shards.h"
 #include "raster/math/array_rows.h"
 #include "raster/math/covariance.h"
 
@@ -144,7 +143,7 @@ struct MeanNoiseArgs {
   RandomKey key{};
   double rate = 0;      // --noise_lr times the learning rate of the means
   float log_bound = 0;  // log_noise_bound(rate)
-  RowShards shards{};   // the noise of a row is that of its global row
+  const std::int32_t* model_rows = nullptr;  // [N] whose noise each row gets; null: its own
 };
 
 inline constexpr double kNoiseSlope = 100, kNoiseOpacity = 0.005;
@@ -173,7 +172,8 @@ B3DGS_HD void add_mean_noise(const MeanNoiseArgs& args, std::int64_t i) {
   if (args.log_bound + 2 * largest - kSlope * (opacity - kOpacity) < log(nearest)) return;
 
   const double size = args.rate * sigmoid(-kNoiseSlope * (sigmoid(logit) - kNoiseOpacity));
-  const auto normal = random_normal(args.key, static_cast<std::uint64_t>(args.shards.global_row(i)));
+  const std::int64_t row = args.model_rows == nullptr ? i : args.model_rows[i];
+  const auto normal = random_normal(args.key, static_cast<std::uint64_t>(row));
   const Vec4f quat = load4(args.quats, i);
   const Mat3<double> m =
       make_shape<double>({log_scales.x, log_scales.y, log_scales.z}, {quat.x, quat.y, quat.z, quat.w}).factor;

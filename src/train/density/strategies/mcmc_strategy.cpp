@@ -123,9 +123,9 @@ class McmcStrategy final : public DensityStrategy {
 
   void after_view(const DensityStep&, DensityStatistics&) const override {}
 
-  void after_step(int iteration, GaussianTensors& gaussians, const RowShards& shards) const override {
+  void after_step(int iteration, GaussianTensors& gaussians, const torch::Tensor& model_rows) const override {
     if (!adds_mean_noise(config_, iteration)) return;
-    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, shards);
+    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, model_rows);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics&, int iteration,
@@ -199,7 +199,7 @@ bool adds_mean_noise(const TrainConfig& config, int iteration) {
 }
 
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
-                    const RowShards& shards) {
+                    const torch::Tensor& model_rows) {
   MeanNoiseArgs args;
   args.n_gaussians = gaussians.size();
   args.means = gaussians.means.data_ptr<float>();
@@ -209,7 +209,7 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
   args.key = {seed, RandomStream::kMeanNoise, static_cast<std::uint32_t>(iteration)};
   args.rate = rate;
   args.log_bound = log_noise_bound(rate);
-  args.shards = shards;
+  if (model_rows.defined()) args.model_rows = model_rows.data_ptr<std::int32_t>();
 #if B3DGS_TORCH_CUDA
   if (gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_launch_context().stream);
 #endif

@@ -8,7 +8,6 @@
 #include <memory>
 
 #include "config/train_config.h"
-#include "core/row_shards.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/density/density_strategy.h"
 
@@ -35,9 +34,9 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
 /// Whether the step of this iteration adds noise to the means.
 bool adds_mean_noise(const TrainConfig& config, int iteration);
 
-/// Adds noise to the means (mcmc_math.h); `rate` is --noise_lr times the learning rate of the means. `shards`: which
-/// rows of the model `gaussians` are; the noise of a row is that of its global row. Allocates nothing.
+/// Adds noise to the means (mcmc_math.h); `rate` is --noise_lr times the learning rate of the means. `model_rows` as
+/// DensityStrategy::after_step() has it: the noise of a Gaussian is that of its row of the model. Allocates nothing.
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
-                    const RowShards& shards = {});
+                    const torch::Tensor& model_rows = {});
 
 }  // namespace b3dgs

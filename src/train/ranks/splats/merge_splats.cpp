@@ -67,10 +67,9 @@ MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>&
 
 }  // namespace
 
-void pack_splats(const ViewSplats& splats, const RowShards& shards, const torch::Tensor& words) {
-  const PackSplatsArgs args{
-      splats.size(), words_of(splats.splats),       words_of(splats.extents), words_of(splats.radii),
-      shards,        words.data_ptr<std::int32_t>()};
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
+  const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
+                            words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
 #if B3DGS_TORCH_CUDA
   if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
 #endif

@@ -12,7 +12,8 @@
 namespace b3dgs {
 
 /// Writes the splats of this rank to `words`, [splats.size(), kRowWords] int32.
-void pack_splats(const ViewSplats& splats, const RowShards& shards, const torch::Tensor& words);
+/// @param model_rows  [own Gaussians] int32, the row of the model that each is
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words);
 
 struct RowRange {
   std::int64_t begin = 0, end = 0;

@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "core/row_shards.h"
 #include "core/vec.h"
 #include "raster/splat_rows.h"
 
@@ -23,8 +22,8 @@ struct PackSplatsArgs {
   const std::int32_t* splats = nullptr;   // [n_splats, kSplatWords]
   const std::int32_t* extents = nullptr;  // [n_splats, 2]
   const std::int32_t* radii = nullptr;    // [n_splats]
-  RowShards shards{};
-  std::int32_t* words = nullptr;  // [n_splats, kRowWords] out
+  const std::int32_t* model_rows = nullptr;  // [own rows] the row of the model that each is
+  std::int32_t* words = nullptr;          // [n_splats, kRowWords] out
 };
 
 /// Word k of the rows.
@@ -33,7 +32,7 @@ B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
   std::int32_t word = 0;
   if (column < kSplatWords) {
     word = args.splats[row * kSplatWords + column];
-    if (column == kGaussianColumn) word = static_cast<std::int32_t>(args.shards.global_row(word));
+    if (column == kGaussianColumn) word = args.model_rows[word];
   } else if (column < kRadiusColumn) {
     word = args.extents[row * 2 + column - kExtentColumn];
   } else {

@@ -1,6 +1,6 @@
-// Tensors with a row per Gaussian, whose rows are spread over the ranks (core/row_shards.h).
+// Tensors with a row per Gaussian, whose rows are spread over the ranks (row_owners.h).
 //
-// The global order of the rows is that of a training on one rank. All functions work on CPU and GPU alike. Those that
+// The order of the model's rows is that of a training on one rank. All functions work on CPU and GPU alike. Those that
 // take a Communicator are called by all ranks together.
 #pragma once
 
@@ -11,40 +11,35 @@
 #include <string>
 #include <vector>
 
-#include "core/row_shards.h"
 #include "dist/communicator.h"
+#include "train/ranks/rows/row_owners.h"
 
 namespace b3dgs {
 
-RowShards shards_of(const Communicator& ranks);
-
-/// [n_local] int64: the global row of each local row, ascending.
-torch::Tensor global_rows(const RowShards& shards, std::int64_t n_global, torch::Device device);
-
-/// A contiguous copy of this rank's rows.
-torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards);
+/// A contiguous copy of this rank's rows, on the device of `whole`.
+torch::Tensor own_rows(const torch::Tensor& whole, const RowOwners& owners);
 
 /// Rows are exchanged in pieces of about this many bytes on each rank, which bounds the memory beside the result.
 inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
 
-/// The whole tensor on every rank, in global order. A new tensor; with one rank, `local` itself.
-/// @throws LogicError on all ranks if they disagree on n_global, type or shape, or if one does not hold its
+/// The whole tensor on every rank, in the order of the model. A new tensor; with one rank, `own` itself.
+/// @throws LogicError on all ranks if they disagree on the owners, type or shape, or if one does not hold its
 /// number of rows
-torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 
 /// The same for several tensors of 32-bit elements, in one exchange, or one for each piece of piece_bytes.
-std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& local,
-                                       std::int64_t n_global, std::int64_t piece_bytes = kExchangePieceBytes);
+std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& own,
+                                       const RowOwners& owners, std::int64_t piece_bytes = kExchangePieceBytes);
 
-/// The same piece by piece: on rank 0, calls take() with the rows in global order, in host memory, which holds two
-/// pieces of each rank at a time. An exception of take() is thrown when all pieces have been exchanged.
-void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+/// The same piece by piece: on rank 0, calls take() with the rows in the order of the model, in host memory, which
+/// holds two pieces of each rank at a time. An exception of take() is thrown when all pieces have been exchanged.
+void stream_rows_to_first(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                           const std::function<void(const torch::Tensor& rows)>& take,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 
 /// The same in the host memory of rank 0; undefined on the other ranks. GPU memory holds one piece at a time.
-torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                                    std::int64_t piece_bytes = kExchangePieceBytes);
 
 /// What the rank that draws a view tells all ranks: view v is drawn by rank drawers[v]. `drawn` has a row for each view
@@ -59,8 +54,8 @@ torch::Tensor as_words(const torch::Tensor& rows);
 /// Bytes of one row. Contiguous tensors of any type and shape.
 std::int64_t bytes_per_row(const torch::Tensor& rows);
 
-/// Local rows that a rank exchanges at a time: whole blocks of about piece_bytes, at least one.
-std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes);
+/// How many rows of `bytes` each fit into piece_bytes: at least one.
+std::int64_t rows_per_piece(std::int64_t bytes, std::int64_t piece_bytes);
 
 /// @throws LogicError on all ranks, with the first cause that is not empty; returns if all are. For checks that may
 /// fail on some ranks only: a rank that threw alone would leave the others waiting.

@@ -1,4 +1,4 @@
-#include "train/ranks/sharded_rows.h"
+#include "train/ranks/rows/sharded_rows.h"
 
 #include <torch/types.h>
 
@@ -18,130 +18,124 @@ std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int6
   return sizes;
 }
 
-void check_local_rows(Communicator& ranks, const std::vector<torch::Tensor>& tensors, std::int64_t n_global) {
-  const std::int64_t expected = shards_of(ranks).n_local(n_global);
-  std::vector<std::int64_t> shapes{n_global};
+void check_own_rows(Communicator& ranks, const std::vector<torch::Tensor>& tensors, const RowOwners& owners) {
+  std::vector<std::int64_t> shapes{owners.n_rows()};
+  shapes.insert(shapes.end(), owners.n_of_ranks().begin(), owners.n_of_ranks().end());
   std::string cause;
-  for (const torch::Tensor& local : tensors) {
-    B3DGS_CHECK(local.defined() && local.dim() >= 1 && local.is_contiguous(), "expected a contiguous tensor with rows");
-    const std::vector<std::int64_t> shape = sizes_with_rows(local, n_global);
+  for (const torch::Tensor& own : tensors) {
+    B3DGS_CHECK(own.defined() && own.dim() >= 1 && own.is_contiguous(), "expected a contiguous tensor with rows");
+    const std::vector<std::int64_t> shape = sizes_with_rows(own, owners.n_rows());
     shapes.insert(shapes.end(), shape.begin(), shape.end());
-    shapes.push_back(static_cast<std::int64_t>(local.scalar_type()));
-    if (local.size(0) != expected) {
-      cause = detail::concat("a tensor has ", local.size(0), " rows of ", n_global, ", expected ", expected);
+    shapes.push_back(static_cast<std::int64_t>(own.scalar_type()));
+    if (own.size(0) != owners.n_own()) {
+      cause =
+          detail::concat("a tensor has ", own.size(0), " rows of ", owners.n_rows(), ", expected ", owners.n_own());
     }
   }
   check_together(ranks, "number of rows, shape or type of a tensor", shapes, cause);
 }
 
-/// What the ranks exchange at a time: the same local rows of each, which together are a range of global rows.
+/// What the ranks exchange at a time: a range of rows of the model.
 struct Piece {
-  std::int64_t begin = 0, end = 0;   // global rows
-  std::int64_t local_begin = 0;      // on every rank
+  std::int64_t begin = 0, end = 0;
+  std::int64_t own_begin = 0;        // its first row among the own rows
   std::vector<std::int64_t> counts;  // of each rank
 };
 
-/// `n_rows`: of each rank in a piece.
-std::vector<Piece> pieces_of(std::int64_t n_rows, std::int64_t n_global, int size) {
+/// Pieces of about `n_rows` on each rank. Waits for the device if there are several.
+std::vector<Piece> pieces_of(std::int64_t n_rows, const RowOwners& owners) {
+  const std::int64_t n_all = owners.n_rows(), n_piece = n_rows * owners.size();
+  if (n_all == 0) return {};
+  if (n_all <= n_piece) return {{0, n_all, 0, owners.n_of_ranks()}};
+  std::vector<torch::Tensor> sums;
   std::vector<Piece> pieces;
-  for (std::int64_t begin = 0; begin < n_global; begin += n_rows * size) {
-    Piece piece{begin, std::min(begin + n_rows * size, n_global), begin / size, {}};
-    // A piece starts with a block of rank 0, so its rows are dealt like those of a table of their own.
-    for (int r = 0; r < size; ++r) piece.counts.push_back(RowShards{r, size}.n_local(piece.end - piece.begin));
-    pieces.push_back(std::move(piece));
+  for (std::int64_t begin = 0; begin < n_all; begin += n_piece) {
+    pieces.push_back({begin, std::min(begin + n_piece, n_all), 0, {}});
+    const torch::Tensor of_rows = owners.owners().slice(0, begin, pieces.back().end);
+    for (int r = 0; r < owners.size(); ++r) sums.push_back((of_rows == r).sum());
+  }
+  const torch::Tensor on_host = torch::stack(sums).cpu();
+  const auto* counts = on_host.data_ptr<std::int64_t>();
+  std::int64_t own_begin = 0;
+  for (Piece& piece : pieces) {
+    piece.counts.assign(counts, counts + owners.size());
+    piece.own_begin = own_begin;
+    own_begin += counts[owners.rank()];
+    counts += owners.size();
   }
   return pieces;
 }
 
-torch::Tensor rows_of_rank(const Piece& piece, const torch::Tensor& local, int rank) {
-  return local.slice(0, piece.local_begin, piece.local_begin + piece.counts[static_cast<std::size_t>(rank)]);
+torch::Tensor own_rows_of(const Piece& piece, const torch::Tensor& own, const RowOwners& owners) {
+  const std::int64_t n = piece.counts[static_cast<std::size_t>(owners.rank())];
+  return own.slice(0, piece.own_begin, piece.own_begin + n);
 }
 
 /// Places in the piece of its rows in the order of the ranks.
-torch::Tensor places_in_piece(const Piece& piece, torch::Device device) {
-  const int size = static_cast<int>(piece.counts.size());
-  std::vector<torch::Tensor> rows;
-  rows.reserve(piece.counts.size());
-  for (int r = 0; r < size; ++r) rows.push_back(global_rows({r, size}, piece.end - piece.begin, device));
-  return torch::cat(rows);
-}
-
-/// Copies rows in the order of the ranks to their places in `global`.
-void put_in_order(const Piece& piece, const torch::Tensor& by_rank, torch::Tensor& global) {
-  global.slice(0, piece.begin, piece.end).index_copy_(0, places_in_piece(piece, global.device()), by_rank);
+torch::Tensor places_in_piece(const Piece& piece, const RowOwners& owners) {
+  const torch::Tensor of_rows = owners.owners().slice(0, piece.begin, piece.end);
+  return std::get<1>(torch::sort(of_rows, /*stable=*/true, /*dim=*/0, /*descending=*/false));
 }
 
 }  // namespace
 
-RowShards shards_of(const Communicator& ranks) {
-  return {ranks.rank(), ranks.size()};
+torch::Tensor own_rows(const torch::Tensor& whole, const RowOwners& owners) {
+  if (owners.size() == 1) return whole.clone(torch::MemoryFormat::Contiguous);
+  return whole.index_select(0, owners.own().to(whole.device()));
 }
 
-torch::Tensor global_rows(const RowShards& shards, std::int64_t n_global, torch::Device device) {
-  torch::Tensor rows = torch::arange(shards.n_local(n_global), torch::dtype(torch::kInt64).device(device));
-  if (shards.size == 1) return rows;
-  const torch::Tensor blocks = torch::div(rows, RowShards::kBlock, "floor");
-  // l + (b (size - 1) + rank) kBlock for row l of local block b
-  return rows.add_(blocks, (shards.size - 1) * RowShards::kBlock).add_(shards.rank * RowShards::kBlock);
-}
-
-torch::Tensor own_rows(const torch::Tensor& global, const RowShards& shards) {
-  if (shards.size == 1) return global.clone(torch::MemoryFormat::Contiguous);
-  return global.index_select(0, global_rows(shards, global.size(0), global.device()));
-}
-
-torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                           std::int64_t piece_bytes) {
-  check_local_rows(ranks, {local}, n_global);
-  if (ranks.size() == 1) return local;
-  torch::Tensor global = torch::empty(sizes_with_rows(local, n_global), local.options());
-  for (const Piece& piece : pieces_of(rows_per_piece(local, piece_bytes), n_global, ranks.size())) {
-    put_in_order(piece, ranks.all_gather_rows(rows_of_rank(piece, local, ranks.rank()), piece.counts), global);
+  check_own_rows(ranks, {own}, owners);
+  if (ranks.size() == 1) return own;
+  torch::Tensor whole = torch::empty(sizes_with_rows(own, owners.n_rows()), own.options());
+  for (const Piece& piece : pieces_of(rows_per_piece(bytes_per_row(own), piece_bytes), owners)) {
+    const torch::Tensor by_rank = ranks.all_gather_rows(own_rows_of(piece, own, owners), piece.counts);
+    whole.slice(0, piece.begin, piece.end).index_copy_(0, places_in_piece(piece, owners), by_rank);
   }
-  return global;
+  return whole;
 }
 
-std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& local,
-                                       std::int64_t n_global, std::int64_t piece_bytes) {
-  check_local_rows(ranks, local, n_global);
-  if (ranks.size() == 1 || local.empty()) return local;
-  std::vector<torch::Tensor> global;
+std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<torch::Tensor>& own,
+                                       const RowOwners& owners, std::int64_t piece_bytes) {
+  check_own_rows(ranks, own, owners);
+  if (ranks.size() == 1 || own.empty()) return own;
+  std::vector<torch::Tensor> whole;
   std::int64_t n_words = 0;
-  for (const torch::Tensor& tensor : local) {
-    global.push_back(torch::empty(sizes_with_rows(tensor, n_global), tensor.options()));
+  for (const torch::Tensor& tensor : own) {
+    whole.push_back(torch::empty(sizes_with_rows(tensor, owners.n_rows()), tensor.options()));
     n_words += words_per_row(tensor);
   }
-  const torch::Tensor row = torch::empty({0, n_words}, torch::kInt32);  // for its size alone
-  for (const Piece& piece : pieces_of(rows_per_piece(row, piece_bytes), n_global, ranks.size())) {
+  const std::int64_t bytes = n_words * static_cast<std::int64_t>(sizeof(std::int32_t));
+  for (const Piece& piece : pieces_of(rows_per_piece(bytes, piece_bytes), owners)) {
     std::vector<torch::Tensor> columns;
-    for (const torch::Tensor& tensor : local) columns.push_back(rows_of_rank(piece, as_words(tensor), ranks.rank()));
+    for (const torch::Tensor& tensor : own) columns.push_back(own_rows_of(piece, as_words(tensor), owners));
     const torch::Tensor received = ranks.all_gather_rows(torch::cat(columns, 1), piece.counts);
-    const torch::Tensor places = places_in_piece(piece, received.device());
+    const torch::Tensor places = places_in_piece(piece, owners);
     std::int64_t column = 0;
-    for (const torch::Tensor& tensor : global) {
+    for (const torch::Tensor& tensor : whole) {
       const std::int64_t end = column + words_per_row(tensor);
       as_words(tensor).slice(0, piece.begin, piece.end).index_copy_(0, places, received.slice(1, column, end));
       column = end;
     }
   }
-  return global;
+  return whole;
 }
 
-void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+void stream_rows_to_first(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                           const std::function<void(const torch::Tensor& rows)>& take, std::int64_t piece_bytes) {
-  check_local_rows(ranks, {local}, n_global);
-  if (ranks.size() == 1) return take(local.cpu());
+  check_own_rows(ranks, {own}, owners);
+  if (ranks.size() == 1) return take(own.cpu());
   std::exception_ptr fault;
   const std::vector<std::int64_t> none(static_cast<std::size_t>(ranks.size()), 0);
-  for (Piece piece : pieces_of(rows_per_piece(local, piece_bytes), n_global, ranks.size())) {
-    const torch::Tensor rows = rows_of_rank(piece, local, ranks.rank());
+  for (const Piece& piece : pieces_of(rows_per_piece(bytes_per_row(own), piece_bytes), owners)) {
+    const torch::Tensor rows = own_rows_of(piece, own, owners);
     std::vector<std::int64_t> send = none;
     send[0] = rows.size(0);
     const torch::Tensor received = ranks.all_to_all_rows(rows, send, ranks.is_first() ? piece.counts : none);
     if (!ranks.is_first() || fault) continue;
-    torch::Tensor ordered = torch::empty(sizes_with_rows(local, received.size(0)), local.options().device(torch::kCPU));
-    piece.end -= std::exchange(piece.begin, 0);
-    put_in_order(piece, received.cpu(), ordered);
+    torch::Tensor ordered = torch::empty(sizes_with_rows(own, received.size(0)), own.options().device(torch::kCPU));
+    ordered.index_copy_(0, places_in_piece(piece, owners).cpu(), received.cpu());
     try {
       take(ordered);
     } catch (...) {
@@ -151,25 +145,25 @@ void stream_rows_to_first(Communicator& ranks, const torch::Tensor& local, std::
   if (fault) std::rethrow_exception(fault);
 }
 
-torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& local, std::int64_t n_global,
+torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                                    std::int64_t piece_bytes) {
   if (ranks.size() == 1) {
-    check_local_rows(ranks, {local}, n_global);
-    return local.cpu();
+    check_own_rows(ranks, {own}, owners);
+    return own.cpu();
   }
-  torch::Tensor global;
+  torch::Tensor whole;
   std::int64_t n_taken = 0;
-  if (ranks.is_first() && local.defined() && local.dim() >= 1) {
-    global = torch::empty(sizes_with_rows(local, n_global), local.options().device(torch::kCPU));
+  if (ranks.is_first() && own.defined() && own.dim() >= 1) {
+    whole = torch::empty(sizes_with_rows(own, owners.n_rows()), own.options().device(torch::kCPU));
   }
   stream_rows_to_first(
-      ranks, local, n_global,
+      ranks, own, owners,
       [&](const torch::Tensor& rows) {
-        global.slice(0, n_taken, n_taken + rows.size(0)).copy_(rows);
+        whole.slice(0, n_taken, n_taken + rows.size(0)).copy_(rows);
         n_taken += rows.size(0);
       },
       piece_bytes);
-  return global;
+  return whole;
 }
 
 torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers) {
@@ -202,9 +196,8 @@ torch::Tensor as_words(const torch::Tensor& rows) {
   return rows.view({rows.size(0), words_per_row(rows)}).view(torch::kInt32);
 }
 
-std::int64_t rows_per_piece(const torch::Tensor& rows, std::int64_t piece_bytes) {
-  const std::int64_t block_bytes = RowShards::kBlock * std::max<std::int64_t>(1, bytes_per_row(rows));
-  return RowShards::kBlock * std::max<std::int64_t>(1, piece_bytes / block_bytes);
+std::int64_t rows_per_piece(std::int64_t bytes, std::int64_t piece_bytes) {
+  return std::max<std::int64_t>(1, piece_bytes / std::max<std::int64_t>(1, bytes));
 }
 
 void throw_together(Communicator& ranks, const std::string& label, const std::string& cause) {

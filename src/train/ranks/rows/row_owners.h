@@ -1,0 +1,59 @@
+// Which rank holds which rows of the model.
+#pragma once
+
+#include <torch/types.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace b3dgs {
+
+/// The owner of each row, the same on all ranks. At the start rows are dealt in blocks; later a new row belongs to the
+/// owner of the row that it is a copy of, so that edits move nothing between ranks. A rank keeps its rows in the order
+/// of the model. With one rank, which holds all rows, there are no tables.
+class RowOwners {
+ public:
+  static constexpr std::int64_t kBlock = 32;
+
+  /// One rank and an empty model.
+  RowOwners() = default;
+
+  /// Row i belongs to block i / kBlock, and block b to rank b % size.
+  static RowOwners deal(int rank, int size, std::int64_t n_rows, torch::Device device);
+
+  int rank() const { return rank_; }
+  int size() const { return size_; }
+
+  /// Of the model.
+  std::int64_t n_rows() const { return n_rows_; }
+  std::int64_t n_own() const { return n_of_ranks_[static_cast<std::size_t>(rank_)]; }
+  /// How many rows each rank holds.
+  const std::vector<std::int64_t>& n_of_ranks() const { return n_of_ranks_; }
+  /// The most rows that a rank holds.
+  std::int64_t n_most() const;
+  /// Whether a rank holds over 1.05 times as many rows as it would if they were dealt anew.
+  bool are_uneven() const;
+
+  /// [n_rows] int16: the rank of each row; undefined with one rank.
+  const torch::Tensor& owners() const { return owners_; }
+  /// [n_own] int32, ascending: the row of the model that each own row is; undefined with one rank.
+  const torch::Tensor& own() const { return own_; }
+  /// The row of the model that an own row is. Waits for the device.
+  std::int64_t row_of_model(std::int64_t own_row) const;
+  /// [n] int64: where own rows of the model are among the own rows. @param rows  [n] integers, all of them own rows
+  torch::Tensor places_of(const torch::Tensor& rows) const;
+
+  /// After an edit: row i belongs to the owner of sources[i]. Waits for the device.
+  /// @param sources  [n] int64, on the device of the tables
+  RowOwners after(const torch::Tensor& sources) const;
+
+ private:
+  RowOwners(int rank, int size, torch::Tensor owners);
+
+  int rank_ = 0, size_ = 1;
+  std::int64_t n_rows_ = 0;
+  std::vector<std::int64_t> n_of_ranks_{0};
+  torch::Tensor owners_, own_;
+};
+
+}  // namespace b3dgs
