@@ -118,6 +118,7 @@ void Trainer::Impl::reserve_rows(const RowEdit& edit, std::int64_t limit) {
 
 void Trainer::Impl::run_density_round(int iteration) {
   view_ratios.begin_round();
+  model_ratios.begin_round();
   const std::vector<MemoryRemedy> remedies{together(wait_for_files()), together(free_scratch())};
   try {
     with_remedies(remedies, [&] { plan_and_apply_round(iteration); });

@@ -158,8 +158,13 @@ struct Trainer::Impl {
   void take_distributed_step();
   struct LearnedView;
   static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
-  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known.
+  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known, and as many as the
+  /// ranks take at a time.
   std::vector<LearnedView> next_views_of_step(int last);
+  /// Whether views of this iteration may be drawn in bands: what is learned with a view, and the loss of masked
+  /// regions, need the whole image of one rank.
+  bool may_cut_views(int iteration) const;
+  std::size_t n_views_at_a_time(int iteration) const;
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
   /// `from`, `last`: the iteration before this part of the step, and the step's last one.
   void keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last, bool is_filter_due);
@@ -353,7 +358,8 @@ struct Trainer::Impl {
   };
   std::vector<OwnPart> own_parts;
   std::optional<PartExchange> splats;
-  RowOwners owners;  // which rows of the model this rank has
+  RowOwners owners;         // which rows of the model this rank has
+  ViewRatios model_ratios;  // of whole views, to the Gaussians of all ranks; without pairs
   DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
   RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
   RankTotals own_totals;

@@ -55,6 +55,11 @@ std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_b
 /// @param work  of each row of tiles of each view
 StepPlan counted_bands(const std::vector<std::vector<std::int64_t>>& work, int n_ranks);
 
+/// How many views of a step the ranks take at a time, so that none has more than about `most_splats` splats of whole
+/// views or bands. At least 1, and if views cannot be cut, one for each rank.
+/// @param splats  that a view has, on all ranks together
+std::size_t views_at_a_time(double splats, int most_splats, int n_ranks, bool may_cut);
+
 /// Decides for each step, and remembers it until the step has been taken, so that photographs can be read ahead.
 class DrawPlan {
  public:

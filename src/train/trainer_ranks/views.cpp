@@ -30,7 +30,8 @@ TrainView Trainer::Impl::take_own_view(int iteration, std::int32_t index, const 
 
 std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int last) {
   std::vector<LearnedView> views;
-  while (state.iteration < last) {
+  const std::size_t n_most = n_views_at_a_time(state.iteration + 1);
+  while (state.iteration < last && views.size() < n_most) {
     const int iteration = state.iteration + 1;
     const std::int32_t index = state.view_order.upcoming(config.seed, images.size(), 1).front();
     if (may_skip_step(iteration)) {
@@ -50,6 +51,15 @@ std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int la
   return views;
 }
 
+bool Trainer::Impl::may_cut_views(int iteration) const {
+  return n_shared_columns() == 0 && loss_weights(config, iteration).alpha == 0;
+}
+
+std::size_t Trainer::Impl::n_views_at_a_time(int iteration) const {
+  const double n_splats = model_ratios.splats() * static_cast<double>(state.n_gaussians());
+  return views_at_a_time(n_splats, config.rank_splats, ranks->size(), may_cut_views(iteration));
+}
+
 std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
   // How many views are read ahead differs between ranks, but plans must not: a few steps are planned, others guessed.
   const std::size_t batch = static_cast<std::size_t>(config.batch), n_wanted = images.n_upcoming_wanted();
@@ -62,17 +72,23 @@ std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
   int iteration = state.iteration;
   auto view = upcoming.begin();
   for (std::size_t n_steps = 0; view != upcoming.end() && iteration < config.iterations; ++n_steps) {
-    const int from = iteration, last = step_end(config.batch, config.iterations, from);
-    std::vector<LearnedView> step;
-    for (; view != upcoming.end() && iteration < last; ++view) {
-      ++iteration;
-      if (may_skip_step(iteration) && skips.skip(*view, iteration - config.skip_from_iter, config.skip_share)) continue;
-      step.push_back({*view, iteration});
-    }
-    const StepPlan plan =
-        n_steps + 1 < kPlannedSteps ? planned_step(from, step) : whole_views(equal_drawers(step.size(), ranks->size()));
-    for (const DrawnPart& part : plan) {
-      if (part.rank == ranks->rank()) own.push_back(step[part.view].index);
+    const int last = step_end(config.batch, config.iterations, iteration);
+    while (view != upcoming.end() && iteration < last) {
+      const int from = iteration;
+      const std::size_t n_most = n_views_at_a_time(from + 1);
+      std::vector<LearnedView> step;  // or a part of it
+      for (; view != upcoming.end() && iteration < last && step.size() < n_most; ++view) {
+        ++iteration;
+        if (may_skip_step(iteration) && skips.skip(*view, iteration - config.skip_from_iter, config.skip_share)) {
+          continue;
+        }
+        step.push_back({*view, iteration});
+      }
+      const StepPlan plan = n_steps + 1 < kPlannedSteps ? planned_step(from, step)
+                                                        : whole_views(equal_drawers(step.size(), ranks->size()));
+      for (const DrawnPart& part : plan) {
+        if (part.rank == ranks->rank()) own.push_back(step[part.view].index);
+      }
     }
   }
   return own;
@@ -86,9 +102,7 @@ StepPlan Trainer::Impl::planned_step(int from, const std::vector<LearnedView>& v
     const std::int32_t height = camera_of(view.index, view.iteration).height;
     planned.push_back({view.index, (height + height_of_tile - 1) / height_of_tile});
   }
-  // What is learned with the view, and the loss of masked regions, need the whole image of one rank.
-  const bool may_cut = n_shared_columns() == 0 && loss_weights(config, views.front().iteration).alpha == 0;
-  return draw_plan.plan(from, planned, may_cut);
+  return draw_plan.plan(from, planned, may_cut_views(views.front().iteration));
 }
 
 }  // namespace b3dgs

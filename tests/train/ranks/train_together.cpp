@@ -161,6 +161,28 @@ void check_bands(Communicator& ranks) {
   check_strategy(config, scene, ranks);
 }
 
+/// Splats of few views at a time: a step takes several parts, of views that are cut or whole.
+void check_parts(Communicator& ranks) {
+  test::TinySceneOptions options;
+  options.masked = true;
+  const Scene scene = test::make_tiny_scene(options);
+  TrainConfig config = config_of("balanced");
+  config.batch = 5;
+  for (const int rank_splats : {1, 90, 150}) {
+    config.rank_splats = rank_splats;
+    check_strategy(config, scene, ranks);
+  }
+  config.rank_splats = 1;
+  config.exposure = true;  // views are not cut
+  check_strategy(config, scene, ranks);
+  config.exposure = false;
+  config.strategy = "default";
+  config.densify_until_iter = 12;
+  config.skip_share = 0.5;
+  config.skip_from_iter = 8;
+  check_strategy(config, scene, ranks);
+}
+
 /// Fewer Gaussians than ranks x rows of a block, some ranks have none.
 void check_few(Communicator& ranks) {
   test::TinySceneOptions options;
@@ -464,6 +486,7 @@ void check_scenes(Communicator& ranks) {
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "options") return check_options(ranks);
+  if (scenario == "parts") return check_parts(ranks);
   if (scenario == "bands") return check_bands(ranks);
   if (scenario == "few") return check_few(ranks);
   if (scenario == "resume") return check_resume(ranks);
