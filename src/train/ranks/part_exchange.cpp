@@ -24,11 +24,6 @@ namespace {
 constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
 constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
 
-ViewSplats select(const ViewSplats& splats, const torch::Tensor& rows) {
-  return {splats.splats.index_select(0, rows), splats.extents.index_select(0, rows),
-          splats.radii.index_select(0, rows)};
-}
-
 /// Parts of the step that this rank draws.
 std::vector<std::size_t> parts_of(const StepPlan& plan, int rank) {
   std::vector<std::size_t> parts;
@@ -74,35 +69,33 @@ std::vector<std::int64_t> PartExchange::begin(const StepPlan& plan, const std::v
   tile_height_ = tile_height;
   is_banded_ = b3dgs::is_banded(plan);
   n_own_.clear();
-  own_.clear();
-  rows_.clear();
+  places_.clear();
+  std::vector<SentSplats> sent;
   std::vector<std::int64_t> counts;
   for (const ViewSplats& view : views) n_own_.push_back(view.size());
   if (!is_banded_) {
     for (const DrawnPart& part : plan_) {
-      own_.push_back(views.at(part.view));
-      counts.push_back(own_.back().size());
+      sent.push_back({views.at(part.view), {}});
+      counts.push_back(sent.back().size());
     }
-    splats_.pack(own_, drawers_of(plan_), model_rows);
+    splats_.pack(sent, drawers_of(plan_), model_rows);
     return counts;
   }
   for (std::size_t p = 0; p < plan_.size();) {  // the parts of a view together
     const ViewSplats& view = views.at(plan_[p].view);
     const torch::Tensor touches = touches_bands(view, bands_of(plan_[p].view), tile_height);
-    const torch::Tensor found = touches.nonzero();  // by band, rows ascending
-    const torch::Tensor n_rows = touches.sum(1).cpu(), rows = found.select(1, 1).contiguous();
-    const ViewSplats selected = select(view, rows);
+    const torch::Tensor found = touches.nonzero();  // by band, splats ascending
+    const torch::Tensor n_of_bands = touches.sum(1).cpu(), places = found.select(1, 1).contiguous();
     std::int64_t begin = 0;
-    for (std::int64_t band = 0; band < n_rows.size(0); ++band, ++p) {
-      const std::int64_t end = begin + n_rows.data_ptr<std::int64_t>()[band];
-      rows_.push_back(rows.slice(0, begin, end));
-      own_.push_back({selected.splats.slice(0, begin, end), selected.extents.slice(0, begin, end),
-                      selected.radii.slice(0, begin, end)});
+    for (std::int64_t band = 0; band < n_of_bands.size(0); ++band, ++p) {
+      const std::int64_t end = begin + n_of_bands.data_ptr<std::int64_t>()[band];
+      places_.push_back(places.slice(0, begin, end));
+      sent.push_back({view, places_.back()});
       counts.push_back(end - begin);
       begin = end;
     }
   }
-  splats_.pack(own_, drawers_of(plan_), model_rows);
+  splats_.pack(sent, drawers_of(plan_), model_rows);
   return counts;
 }
 
@@ -189,7 +182,7 @@ std::vector<torch::Tensor> PartExchange::sums_to_owners(const std::vector<torch:
   for (const std::int64_t n : n_own_) {
     views.push_back(torch::zeros({n, kSums}, torch::dtype(torch::kFloat32).device(splats_.device())));
   }
-  for (std::size_t p = 0; p < plan_.size(); ++p) views[plan_[p].view].index_add_(0, rows_[p], by_part[p]);
+  for (std::size_t p = 0; p < plan_.size(); ++p) views[plan_[p].view].index_add_(0, places_[p], by_part[p]);
   if (!is_exact) return views;
 
   const std::vector<SplatPairs> own_pairs = splats_.pairs_to_owners(pairs, kSums);
@@ -197,7 +190,7 @@ std::vector<torch::Tensor> PartExchange::sums_to_owners(const std::vector<torch:
     std::vector<torch::Tensor> splat_of_pair, rows;  // by band, from top to bottom
     for (std::size_t p = 0; p < plan_.size(); ++p) {
       if (plan_[p].view != v) continue;
-      splat_of_pair.push_back(rows_[p].repeat_interleave(own_pairs[p].counts));
+      splat_of_pair.push_back(places_[p].repeat_interleave(own_pairs[p].counts));
       rows.push_back(own_pairs[p].sums);
     }
     const torch::Tensor splats = torch::cat(splat_of_pair);
@@ -220,10 +213,10 @@ std::vector<torch::Tensor> PartExchange::scores_to_owners(const std::vector<torc
   }
   for (std::size_t p = 0; p < plan_.size(); ++p) {
     torch::Tensor& view = views[plan_[p].view];
-    const torch::Tensor part = by_part[p].view(torch::kInt64), before = view.index_select(0, rows_[p]);
+    const torch::Tensor part = by_part[p].view(torch::kInt64), before = view.index_select(0, places_[p]);
     const torch::Tensor after = torch::cat(
         {before.slice(1, 0, 2) + part.slice(1, 0, 2), torch::maximum(before.slice(1, 2, 3), part.slice(1, 2, 3))}, 1);
-    view.index_copy_(0, rows_[p], after);
+    view.index_copy_(0, places_[p], after);
   }
   for (torch::Tensor& view : views) view = view.view(torch::kInt32);
   return views;

@@ -71,10 +71,9 @@ class PartExchange {
   StepPlan plan_;
   bool is_banded_ = false;
   std::int32_t tile_height_ = 1;
-  std::vector<std::int64_t> n_own_;  // of each view
-  std::vector<ViewSplats> own_;      // by part
-  std::vector<torch::Tensor> rows_;  // by part: rows of the view's own splats that go there, if banded
-  std::vector<ViewSplats> drawn_;    // by part drawn here
+  std::vector<std::int64_t> n_own_;    // of each view
+  std::vector<torch::Tensor> places_;  // by part: which of the view's own splats go there, if banded
+  std::vector<ViewSplats> drawn_;      // by part drawn here
   std::int64_t sent_bytes_ = 0, received_bytes_ = 0;
 };
 

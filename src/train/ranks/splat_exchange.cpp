@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/check.h"
-#include "train/ranks/splats/merge_splats.h"
 
 namespace b3dgs {
 namespace {
@@ -15,22 +14,25 @@ std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
 }
 
-void check_splats(const ViewSplats& splats, std::size_t view, std::int64_t n, const torch::Device& device) {
+void check_splats(const SentSplats& sent, std::size_t view, const torch::Device& device) {
+  const ViewSplats& splats = sent.splats;
+  const std::int64_t n = splats.splats.defined() ? splats.splats.size(0) : 0;
   const auto fits = [&](const torch::Tensor& tensor, torch::IntArrayRef sizes, torch::ScalarType type) {
     return tensor.defined() && tensor.sizes() == sizes && tensor.scalar_type() == type && tensor.is_contiguous() &&
            tensor.device() == device;
   };
   B3DGS_CHECK(fits(splats.splats, {n, kSplatWords}, torch::kFloat32) && fits(splats.extents, {n, 2}, torch::kFloat32) &&
-                  fits(splats.radii, {n}, torch::kInt32),
-              "splats of view ", view, " of the step: expected ", n, " rows, contiguous on ", device.str(), ", found ",
-              splats.size());
+                  fits(splats.radii, {n}, torch::kInt32) &&
+                  (!sent.places.defined() || fits(sent.places, {sent.places.size(0)}, torch::kInt64)),
+              "splats of view ", view, " of the step: expected ", n, " rows in each tensor, contiguous on ",
+              device.str());
 }
 
 }  // namespace
 
 SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks) {}
 
-void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers,
+void SplatExchange::pack(const std::vector<SentSplats>& own, const std::vector<int>& drawers,
                          const torch::Tensor& model_rows) {
   const auto size = static_cast<std::size_t>(ranks_.size());
   const std::size_t n_views = own.size();
@@ -43,13 +45,19 @@ void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<i
     views_of_[static_cast<std::size_t>(drawers[v])].push_back(v);
     own_counts_.push_back(own[v].size());
   }
-  own_ = own;
+  own_.clear();
   send_.assign(size, 0);
   if (n_views == 0) return;
-  B3DGS_CHECK(own[0].splats.defined(), "splats of view 0 of the step are undefined");
-  device_ = own[0].splats.device();
-  for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, own_counts_[v], device_);
-  if (size == 1) return;
+  B3DGS_CHECK(own[0].splats.splats.defined(), "splats of view 0 of the step are undefined");
+  device_ = own[0].splats.splats.device();
+  for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, device_);
+  if (size == 1) {
+    for (const SentSplats& sent : own) {
+      B3DGS_CHECK(!sent.places.defined(), "some of the splats, to the only rank");
+      own_.push_back(sent.splats);
+    }
+    return;
+  }
   packed_ = torch::empty({sum_of(own_counts_), kRowWords}, torch::dtype(torch::kInt32).device(device_));
   std::int64_t n_packed = 0;
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
@@ -78,7 +86,6 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<
     for (const std::int64_t n : own_counts_) drawn_.push_back({n, {}});
     return std::exchange(own_, {});
   }
-  own_.clear();
   receive_.assign(size, 0);
   for (std::size_t r = 0; r < size; ++r) {
     for (const std::size_t v : views_of_[rank]) receive_[r] += counts[r][v];

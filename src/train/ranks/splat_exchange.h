@@ -9,6 +9,7 @@
 
 #include "dist/communicator.h"
 #include "raster/torch/rasterizer.h"
+#include "train/ranks/splats/merge_splats.h"
 
 namespace b3dgs {
 
@@ -18,16 +19,18 @@ class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
 
-  /// Begins a step: own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = own row;
-  /// drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and does not wait for a GPU.
+  /// Begins a step: own[v] are those of this rank's splats of view v that go to its drawer, ascending by Gaussian, with
+  /// Splat::gaussian = own row; drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and
+  /// does not wait for a GPU.
   /// @param model_rows  RowOwners::own()
   /// @throws LogicError if they disagree, or naming splats that do not fit
-  void pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers, const torch::Tensor& model_rows);
+  void pack(const std::vector<SentSplats>& own, const std::vector<int>& drawers, const torch::Tensor& model_rows);
 
   /// counts[r][v] is the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views
-  /// that this rank draws, in the order of the views, ascending by Gaussian, with Splat::gaussian = row of the model. @throws LogicError if they are not those of pack()
+  /// that this rank draws, in the order of the views, ascending by Gaussian, with Splat::gaussian = row of the model.
+  /// @throws LogicError if they are not those of pack()
   std::vector<ViewSplats> to_drawers(const std::vector<std::vector<std::int64_t>>& counts);
-  std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
+  std::vector<ViewSplats> to_drawers(const std::vector<SentSplats>& own,
                                      const std::vector<std::vector<std::int64_t>>& counts,
                                      const std::vector<int>& drawers, const torch::Tensor& model_rows) {
     pack(own, drawers, model_rows);
@@ -71,8 +74,8 @@ class SplatExchange {
 
   Communicator& ranks_;
   torch::Device device_ = torch::kCPU;
-  std::vector<ViewSplats> own_;               // between pack() and to_drawers()
-  torch::Tensor packed_;                      // likewise
+  std::vector<ViewSplats> own_;               // with one rank, between pack() and to_drawers()
+  torch::Tensor packed_;                      // with several, likewise
   std::vector<std::int64_t> own_counts_;      // of each view
   std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the drawers
   std::vector<DrawnView> drawn_;

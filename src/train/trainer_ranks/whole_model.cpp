@@ -50,8 +50,8 @@ void Trainer::Impl::deal_rows_anew() {
   });
   bool has_room = true;
   try {
-    const torch::Tensor room =
-        memory->allocate({bytes_to_move_rows(rows, owners, after)}, state.gaussians.means.options().dtype(torch::kUInt8));
+    const torch::Tensor room = memory->allocate({bytes_to_move_rows(rows, owners, after)},
+                                                state.gaussians.means.options().dtype(torch::kUInt8));
   } catch (const OutOfMemoryError&) {
     has_room = false;
   }

@@ -94,7 +94,8 @@ void check_view(Communicator& ranks, const TestScene& scene, int variant, const 
   const torch::Tensor places = own_places(splats, owners);
   const std::vector<ViewSplats> own(work.size(), own_splats(splats, places, owners));
   PartExchange exchange(ranks);
-  const std::vector<Counts> counts = exchange_counts(ranks, exchange.begin(plan, own, settings.tile.height, owners.own()));
+  const std::vector<Counts> counts =
+      exchange_counts(ranks, exchange.begin(plan, own, settings.tile.height, owners.own()));
   const std::vector<ViewSplats> drawn = exchange.to_drawers(counts);
   expect(exchange.is_banded() == is_banded(plan), what + ": bands");
   std::vector<torch::Tensor> sums, scores;

@@ -228,8 +228,7 @@ void check_edit(Communicator& ranks, const Model& before, const RowEdit& edit) {
   for (const RowOwners& owners : {deal(ranks, n), random_owners(ranks, n)}) {
     Model sharded = own_part(before, owners), whole = own_part(before, RowOwners());
     apply_row_edit(edit, whole.gaussians, whole.adam, whole.statistics);
-    const RowOwners after =
-        apply_row_edit(ranks, edit, owners, sharded.gaussians, sharded.adam, sharded.statistics);
+    const RowOwners after = apply_row_edit(ranks, edit, owners, sharded.gaussians, sharded.adam, sharded.statistics);
     check_owners(after, edit.sources.size(0));
     const torch::Tensor sources = edit.sources.index_select(0, rows_of(after));
     if (ranks.size() > 1) {
@@ -307,8 +306,8 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
       counts[static_cast<std::size_t>(r)].push_back(places_of(view, owners, r).size(0));
     }
   }
-  std::vector<ViewSplats> own;
-  for (const WholeView& view : views) own.push_back(own_splats(view, owners));
+  std::vector<SentSplats> own;
+  for (const WholeView& view : views) own.push_back({own_splats(view, owners), {}});
 
   SplatExchange exchange(ranks);
   for (int step = 0; step < 2; ++step) {
@@ -336,7 +335,8 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
       const std::vector<torch::Tensor> received = exchange.to_owners(from_here, n_columns, type);
       expect(received.size() == views.size(), "views at the owner");
       for (std::size_t v = 0; v < views.size(); ++v) {
-        expect_same(received[v], sums[v].index_select(0, places_of(views[v], owners, ranks.rank())), "sums at the owner");
+        expect_same(received[v], sums[v].index_select(0, places_of(views[v], owners, ranks.rank())),
+                    "sums at the owner");
       }
       const std::vector<torch::Tensor> returned = exchange.columns_to_drawers(received, n_columns, type);
       expect(returned.size() == from_here.size(), "views at the drawer");
@@ -458,7 +458,7 @@ void check_misfits(Communicator& ranks) {
   const WholeView view = random_view(kRows, 0.5);
   std::vector<Counts> counts;
   for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, owners, r).size(0)});
-  const std::vector<ViewSplats> splats{own_splats(view, owners)};
+  const std::vector<SentSplats> splats{{own_splats(view, owners), {}}};
   SplatExchange exchange(ranks);
   const torch::Tensor& rows = owners.own();
   expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}, rows); });
@@ -468,8 +468,8 @@ void check_misfits(Communicator& ranks) {
   std::vector<Counts> wrong = counts;
   ++wrong[static_cast<std::size_t>(ranks.rank())][0];
   expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}, rows); });
-  ViewSplats without_radii = splats[0];
-  without_radii.radii = torch::Tensor();
+  SentSplats without_radii = splats[0];
+  without_radii.splats.radii = torch::Tensor();
   expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}, rows); });
   const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0}, rows);
   expect_failure("views of the step", [&] {

@@ -44,9 +44,8 @@ std::string name_of(const testing::TestParamInfo<std::tuple<int, const char*>>& 
 }
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
-                         testing::Combine(testing::Values(1, 2, 3, 4),
-                                          testing::Values("gathering", "dealing", "edits", "splats", "noise",
-                                                          "misfits")),
+                         testing::Combine(testing::Values(1, 2, 3, 4), testing::Values("gathering", "dealing", "edits",
+                                                                                       "splats", "noise", "misfits")),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, DrawBands,
@@ -54,10 +53,10 @@ INSTANTIATE_TEST_SUITE_P(Ranks, DrawBands,
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
-                                          testing::Values("default", "mcmc", "balanced", "options", "bands", "parts", "few",
-                                                          "resume", "invalid", "stop", "appearance", "background",
-                                                          "poses", "skips", "memory", "exhausted", "failure",
-                                                          "scenes")),
+                                          testing::Values("default", "mcmc", "balanced", "options", "bands", "parts",
+                                                          "few", "resume", "invalid", "stop", "appearance",
+                                                          "background", "poses", "skips", "memory", "exhausted",
+                                                          "failure", "scenes")),
                          name_of);
 
 }  // namespace

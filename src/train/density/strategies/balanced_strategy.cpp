@@ -195,7 +195,9 @@ class BalancedStrategy final : public DensityStrategy {
     on_rows(args.n_gaussians, args, decay_opacity);
   }
 
-  bool is_recovering(int) const override { return false; }
+  bool is_recovering(int) const override {
+    return false;
+  }
 
  private:
   /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)

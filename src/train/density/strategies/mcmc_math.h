@@ -141,8 +141,8 @@ struct MeanNoiseArgs {
   const float* quats = nullptr;            // [N, 4] w x y z
   const float* logit_opacities = nullptr;  // [N]
   RandomKey key{};
-  double rate = 0;      // --noise_lr times the learning rate of the means
-  float log_bound = 0;  // log_noise_bound(rate)
+  double rate = 0;                           // --noise_lr times the learning rate of the means
+  float log_bound = 0;                       // log_noise_bound(rate)
   const std::int32_t* model_rows = nullptr;  // [N] whose noise each row gets; null: its own
 };
 

@@ -26,7 +26,8 @@ std::vector<MovedGroup> groups_of(const std::vector<torch::Tensor*>& tensors, st
   std::vector<MovedGroup> groups;
   for (torch::Tensor* tensor : tensors) {
     const std::int64_t n_words = words_per_row(*tensor);
-    if (groups.empty() || (groups.back().words_per_row + n_words) * kWordBytes * n_most > max_bytes) groups.push_back({});
+    if (groups.empty() || (groups.back().words_per_row + n_words) * kWordBytes * n_most > max_bytes)
+      groups.push_back({});
     groups.back().tensors.push_back(tensor);
     groups.back().words_per_row += n_words;
   }

@@ -28,8 +28,7 @@ void check_own_rows(Communicator& ranks, const std::vector<torch::Tensor>& tenso
     shapes.insert(shapes.end(), shape.begin(), shape.end());
     shapes.push_back(static_cast<std::int64_t>(own.scalar_type()));
     if (own.size(0) != owners.n_own()) {
-      cause =
-          detail::concat("a tensor has ", own.size(0), " rows of ", owners.n_rows(), ", expected ", owners.n_own());
+      cause = detail::concat("a tensor has ", own.size(0), " rows of ", owners.n_rows(), ", expected ", owners.n_own());
     }
   }
   check_together(ranks, "number of rows, shape or type of a tensor", shapes, cause);

@@ -11,9 +11,16 @@
 
 namespace b3dgs {
 
-/// Writes the splats of this rank to `words`, [splats.size(), kRowWords] int32.
+/// Splats of a view that a rank sends to another.
+struct SentSplats {
+  ViewSplats splats;
+  torch::Tensor places;  // [K] int64: which of them, ascending; undefined: all
+  std::int64_t size() const { return places.defined() ? places.size(0) : splats.size(); }
+};
+
+/// Writes them to `words`, [sent.size(), kRowWords] int32.
 /// @param model_rows  [own Gaussians] int32, the row of the model that each is
-void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words);
+void pack_splats(const SentSplats& sent, const torch::Tensor& model_rows, const torch::Tensor& words);
 
 struct RowRange {
   std::int64_t begin = 0, end = 0;

@@ -16,7 +16,7 @@ struct MergeRowsArgs {
 
 __global__ void __launch_bounds__(kThreads) pack_splats_kernel(const PackSplatsArgs args) {
   const std::int64_t k = own_row<kThreads>();
-  if (k < args.n_splats * kRowWords) pack_splat_word(args, k);
+  if (k < args.n_packed * kRowWords) pack_splat_word(args, k);
 }
 
 __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsArgs args) {
@@ -32,7 +32,7 @@ __global__ void __launch_bounds__(kThreads) find_touched_bands_kernel(const Touc
 }  // namespace
 
 void pack_splats(const PackSplatsArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(pack_splats_kernel, args, args.n_splats * kRowWords, stream);
+  launch_rows<kThreads>(pack_splats_kernel, args, args.n_packed * kRowWords, stream);
 }
 
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream) {

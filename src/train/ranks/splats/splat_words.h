@@ -18,17 +18,19 @@ inline constexpr std::int64_t kRowWords = kRadiusColumn + 1;
 
 /// Splats of a rank to rows of words.
 struct PackSplatsArgs {
-  std::int64_t n_splats = 0;
-  const std::int32_t* splats = nullptr;   // [n_splats, kSplatWords]
-  const std::int32_t* extents = nullptr;  // [n_splats, 2]
-  const std::int32_t* radii = nullptr;    // [n_splats]
+  std::int64_t n_packed = 0;
+  const std::int64_t* places = nullptr;      // [n_packed] which of the splats; null: all
+  const std::int32_t* splats = nullptr;      // [M, kSplatWords]
+  const std::int32_t* extents = nullptr;     // [M, 2]
+  const std::int32_t* radii = nullptr;       // [M]
   const std::int32_t* model_rows = nullptr;  // [own rows] the row of the model that each is
-  std::int32_t* words = nullptr;          // [n_splats, kRowWords] out
+  std::int32_t* words = nullptr;             // [n_packed, kRowWords] out
 };
 
 /// Word k of the rows.
 B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
-  const std::int64_t row = k / kRowWords, column = k % kRowWords;
+  const std::int64_t column = k % kRowWords;
+  const std::int64_t row = args.places == nullptr ? k / kRowWords : args.places[k / kRowWords];
   std::int32_t word = 0;
   if (column < kSplatWords) {
     word = args.splats[row * kSplatWords + column];
