@@ -65,6 +65,25 @@ TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
   }
 }
 
+TEST(BalancedOnGpu, LowersOpacitiesAsTheCpu) {
+  B3DGS_NEEDS_GPU();
+  constexpr std::int64_t kCount = 5000;
+  GaussianTensors host{torch::zeros({kCount, 3}),        torch::zeros({kCount, 3}),    torch::zeros({kCount, 4}),
+                       torch::linspace(-12, 12, kCount), torch::zeros({kCount, 1, 3}), torch::zeros({kCount, 3, 3})};
+  GaussianTensors device;
+  for (std::size_t i = 0; i < host.all().size(); ++i) *device.all()[i] = host.all()[i]->to(torch::kCUDA);
+  TrainConfig config;
+  config.opacity_decay = 0.98;
+  const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
+  const torch::Tensor before = host.logit_opacities.clone();
+  AdamState adam = make_adam_state(host), device_adam = make_adam_state(device);
+  strategy->lower_opacities(600, host, adam);
+  strategy->lower_opacities(600, device, device_adam);
+  EXPECT_TRUE((host.logit_opacities < before).all().item<bool>());
+  EXPECT_TRUE(test::within(device.logit_opacities.to(torch::kCPU), host.logit_opacities,
+                           host.logit_opacities.abs() * 0x1p-23 + 1e-9));
+}
+
 TEST(BalancedOnGpu, ErrorImageIsThatOfTheCpu) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(5);

@@ -600,6 +600,13 @@ TEST(McmcOnGpu, DoesWhatTheCpuDoes) {
   EXPECT_GT((host.means != before).any(1).sum().item<int>(), 1000);
   EXPECT_GT((host.means == before).all(1).sum().item<int>(), 1000);
   EXPECT_TRUE(test::within(device.means.to(torch::kCPU), host.means, host.means.abs() * 0x1p-22 + 1e-37));
+
+  const torch::Tensor rows = torch::arange(kCount, torch::kInt32) * 3 + 5;  // as if others had the rows between
+  const torch::Tensor added_once = host.means.clone();
+  add_mean_noise(host, 400, 3, 77, rows);
+  add_mean_noise(device, 400, 3, 77, rows.to(torch::kCUDA));
+  EXPECT_GT((host.means != added_once).any(1).sum().item<int>(), 1000);
+  EXPECT_TRUE(test::within(device.means.to(torch::kCPU), host.means, host.means.abs() * 0x1p-21 + 1e-37));
 }
 
 }  // namespace
