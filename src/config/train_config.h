@@ -196,7 +196,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
         "photographs in host memory, GB per rank (-1 = ranks share 80 %); rest read from disk");
   field(Option{"rank_splats"}, c.rank_splats, AtLeast{1},
-        "of several ranks: splats of views that each has at a time; with fewer, more exchanges");
+        "with several ranks: splats that each draws at a time; fewer take less memory");
 
   field(Option{"sh_degree"}.group("Model and image"), c.sh_degree, InRange{0, 3},
         "highest degree of the spherical harmonics");

@@ -5,8 +5,6 @@
 #include <tuple>
 #include <utility>
 
-#include "config/batch_steps.h"
-
 namespace b3dgs {
 
 std::vector<int> equal_drawers(std::size_t n_views, int n_ranks) {
@@ -104,8 +102,7 @@ StepPlan counted_bands(const std::vector<std::vector<std::int64_t>>& work, int n
 
 std::size_t views_at_a_time(double splats, int most_splats, int n_ranks, bool may_cut) {
   const double n_views = static_cast<double>(most_splats) * n_ranks / std::max(1.0, splats);
-  const double least = may_cut ? 1 : n_ranks;
-  return static_cast<std::size_t>(std::clamp<double>(n_views, least, kMaxBatch));
+  return static_cast<std::size_t>(std::max<double>(n_views, may_cut ? 1 : n_ranks));
 }
 
 std::int64_t DrawPlan::expected_work(std::int32_t view) const {

@@ -51,7 +51,7 @@ TEST(DrawPlan, TakesAsManyViewsAtATimeAsRanksHaveRoomFor) {
   EXPECT_EQ(views_at_a_time(1e8, 2000000, 2, true), 1u) << "more than fits: as few as possible";
   EXPECT_EQ(views_at_a_time(4000000, 2000000, 8, true), 4u) << "four views, each in two bands";
   EXPECT_EQ(views_at_a_time(1e8, 2000000, 8, false), 8u) << "whole views: one for each rank";
-  EXPECT_EQ(views_at_a_time(0, 2000000, 2, true), 32u) << "the most views of a step";
+  EXPECT_GE(views_at_a_time(0, 2000000, 2, true), 32u) << "all views of a step";
 }
 
 Ranks whole_drawers_of(const StepPlan& plan) {
