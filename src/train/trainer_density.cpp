@@ -47,9 +47,10 @@ std::optional<std::int64_t> Trainer::Impl::room_for_gaussians() {
     count = largest_count(limits, memory_of_gaussian());
   }
   if (!is_distributed()) return count;
-  // Of the model, if each rank keeps its share of it. The rank with the least memory for its share decides.
+  // Scaled to the whole model, as if each rank's share stayed the same; the smallest result counts.
   constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
-  if (count && owners.n_own() > 0) {
+  if (owners.n_own() == 0) count.reset();
+  if (count) {
     const double share = static_cast<double>(owners.n_own()) / static_cast<double>(owners.n_rows());
     count = static_cast<std::int64_t>(static_cast<double>(*count) / share);
   }
@@ -93,7 +94,7 @@ void Trainer::Impl::plan_and_apply_round(int iteration, bool adds) {
   const DensityRound round = is_distributed()
                                  ? plan_round_of_ranks(iteration, limit)
                                  : density->plan_round(state.gaussians, state.statistics, iteration, limit);
-  if (round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
+  if (adds && round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
 
   if (is_distributed()) return apply_round_of_ranks(round, iteration, limit);
   reserve_rows(round.edit, limit);
@@ -130,11 +131,12 @@ void Trainer::Impl::run_density_round(int iteration) {
       with_remedies(remedies, [&] { plan_and_apply_round(iteration); });
     } catch (const OutOfMemoryError&) {
       if (!is_distributed()) throw;
-      // With as many Gaussians in all, a rank may get more than it has.
+      // Even with as many Gaussians in all, one rank's part can grow. Once more without new ones.
       with_remedies(remedies, [&] { plan_and_apply_round(iteration, /*adds=*/false); });
     }
   }
   has_failed_together = false;
+  if (is_distributed() && owners.are_uneven()) redistribute_rows();
   trim_memory();
 }
 

@@ -158,11 +158,11 @@ struct Trainer::Impl {
   void take_distributed_step();
   struct LearnedView;
   static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
-  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known, and as many as the
-  /// ranks take at a time.
+  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known; at most
+  /// n_views_at_a_time().
   std::vector<LearnedView> next_views_of_step(int last);
   /// Whether views of this iteration may be drawn in bands: what is learned with a view, and the loss of masked
-  /// regions, need the whole image of one rank.
+  /// regions, need the whole image on one rank.
   bool may_cut_views(int iteration) const;
   std::size_t n_views_at_a_time(int iteration) const;
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
@@ -231,8 +231,8 @@ struct Trainer::Impl {
   /// reserve() of the editor, if possible with spare capacity, so that most rounds reallocate nothing. `limit`: of the
   /// rows; 0 = none.
   void reserve_rows(const RowEdit& edit, std::int64_t limit);
-  /// Deals the rows anew if some ranks have many more than others and there is memory for it.
-  void deal_rows_anew();
+  /// Redistributes the rows evenly. Does nothing if a rank lacks the memory for it.
+  void redistribute_rows();
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);

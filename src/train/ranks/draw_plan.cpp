@@ -1,6 +1,7 @@
 #include "train/ranks/draw_plan.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <tuple>
 #include <utility>
@@ -102,7 +103,11 @@ StepPlan counted_bands(const std::vector<std::vector<std::int64_t>>& work, int n
 
 std::size_t views_at_a_time(double splats, int most_splats, int n_ranks, bool may_cut) {
   const double n_views = static_cast<double>(most_splats) * n_ranks / std::max(1.0, splats);
-  return static_cast<std::size_t>(std::max<double>(n_views, may_cut ? 1 : n_ranks));
+  if (n_views >= n_ranks || !may_cut)
+    return static_cast<std::size_t>(std::max(1.0, std::floor(n_views / n_ranks))) * static_cast<std::size_t>(n_ranks);
+  int n_cut = std::max(1, static_cast<int>(n_views));
+  while (n_ranks % n_cut != 0) --n_cut;  // as many bands of each
+  return static_cast<std::size_t>(n_cut);
 }
 
 std::int64_t DrawPlan::expected_work(std::int32_t view) const {

@@ -55,8 +55,8 @@ std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_b
 /// @param work  of each row of tiles of each view
 StepPlan counted_bands(const std::vector<std::vector<std::int64_t>>& work, int n_ranks);
 
-/// How many views of a step the ranks take at a time, so that none has more than about `most_splats` splats of whole
-/// views or bands. At least 1, and if views cannot be cut, one for each rank.
+/// How many views of a step the ranks take at a time, so that none draws more than about `most_splats` splats of whole
+/// views or bands: a multiple of the number of ranks, or, if views can be cut, a divisor of it.
 /// @param splats  that a view has, on all ranks together
 std::size_t views_at_a_time(double splats, int most_splats, int n_ranks, bool may_cut);
 

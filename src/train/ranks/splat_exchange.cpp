@@ -53,7 +53,7 @@ void SplatExchange::pack(const std::vector<SentSplats>& own, const std::vector<i
   for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, device_);
   if (size == 1) {
     for (const SentSplats& sent : own) {
-      B3DGS_CHECK(!sent.places.defined(), "some of the splats, to the only rank");
+      B3DGS_CHECK(!sent.places.defined(), "with one rank, all splats are sent");
       own_.push_back(sent.splats);
     }
     return;

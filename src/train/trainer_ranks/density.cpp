@@ -12,11 +12,14 @@ namespace b3dgs {
 
 void Trainer::Impl::apply_round_of_ranks(const DensityRound& round, int iteration, std::int64_t limit) {
   round_phases.begin(RoundPhase::kEdit);
-  check_row_edit(*ranks, round.edit, owners, state.gaussians, state.adam, state.statistics);
+  SourceNumbers numbers;
+  allocate_together([&] { numbers = source_numbers(round.edit); });
+  check_row_edit(*ranks, round.edit, numbers, owners, state.gaussians, state.adam, state.statistics);
   OwnRowEdit own;
   allocate_together([&] {
     own = own_part(round.edit, owners);
-    reserve_rows(own.edit, limit > 0 ? limit * own.owners.n_own() / std::max<std::int64_t>(1, own.owners.n_rows()) : 0);
+    const std::int64_t n_own = own.owners.n_own(), n_rows = std::max<std::int64_t>(1, own.owners.n_rows());
+    reserve_rows(own.edit, limit > 0 ? std::max<std::int64_t>(1, limit * n_own / n_rows) : 0);
   });
   is_consistent = false;
   row_editor.apply(own.edit, state.gaussians, state.adam, state.statistics);
@@ -24,7 +27,6 @@ void Trainer::Impl::apply_round_of_ranks(const DensityRound& round, int iteratio
   state.n_of_all_ranks = owners.n_rows();
   density->end_round(iteration, state.statistics);
   is_consistent = true;
-  if (owners.are_uneven()) deal_rows_anew();
 }
 
 void Trainer::Impl::allocate_together(const std::function<void()>& work) {

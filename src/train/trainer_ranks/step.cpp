@@ -1,7 +1,7 @@
-// A step of several ranks. Every rank projects its Gaussians for all views of the step; the splats of a view go to the
-// rank that draws it, which compares it with the photograph and blends backward; the sums of each splat go back to the
-// rank of its Gaussian, which takes the Adam step. With more ranks than views, a view is drawn in bands of tile rows;
-// the ranks of a view exchange their rows of the image, and each compares the whole image.
+// A step of several ranks, of all its views at a time or some of them. Every rank projects its Gaussians for these; the
+// splats of a view go to the rank that draws it, which compares it with the photograph and blends backward; the sums of
+// each splat go back to the rank of its Gaussian, which takes the Adam step. With more ranks than views, a view is
+// drawn in bands of tile rows; the ranks of a view exchange their rows of the image, and each compares the whole image.
 
 #include <algorithm>
 #include <utility>
@@ -32,7 +32,7 @@ void Trainer::Impl::take_distributed_step() {
   step_phases.finish();
 }
 
-/// Some views of a step, on all ranks: all of them, unless some are skipped.
+/// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer if some are skipped.
 struct Trainer::Impl::ViewsOfRanks {
   struct View {
     DensityPlan plan;

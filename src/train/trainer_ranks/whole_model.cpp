@@ -1,10 +1,10 @@
-// The model as a whole, of which each rank has some rows: dealt at the start, gathered for PLYs and checkpoints.
+// The model as a whole, of which each rank has some rows: distributed at the start, gathered for PLYs and checkpoints.
 
 #include <set>
 #include <vector>
 
 #include "train/checkpoint/checkpoint.h"
-#include "train/ranks/rows/row_dealing.h"
+#include "train/ranks/rows/move_rows.h"
 #include "train/ranks/rows/sharded_rows.h"
 #include "train/trainer_impl.h"
 
@@ -35,27 +35,30 @@ void visit_shared(TrainState& state, Visit&& visit) {
 
 void Trainer::Impl::keep_own_rows() {
   state.n_of_all_ranks = state.gaussians.size();
-  owners = RowOwners::deal(ranks->rank(), ranks->size(), state.gaussians.size(), device);
+  owners = RowOwners::round_robin(ranks->rank(), ranks->size(), state.gaussians.size(), device);
   visit_rows(state, [&](torch::Tensor& tensor) {
     if (tensor.defined()) tensor = own_rows(tensor, owners).to(device);
   });
   visit_shared(state, [&](torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
-void Trainer::Impl::deal_rows_anew() {
-  const RowOwners after = RowOwners::deal(ranks->rank(), ranks->size(), owners.n_rows(), device);
+void Trainer::Impl::redistribute_rows() {
   std::vector<torch::Tensor*> rows;
   visit_rows(state, [&](torch::Tensor& tensor) {
     if (tensor.defined()) rows.push_back(&tensor);
   });
+  RowOwners after;
   bool has_room = true;
   try {
-    const torch::Tensor room = memory->allocate({bytes_to_move_rows(rows, owners, after)},
-                                                state.gaussians.means.options().dtype(torch::kUInt8));
+    after = RowOwners::round_robin(ranks->rank(), ranks->size(), owners.n_rows(), device);
+    const torch::TensorOptions bytes = state.gaussians.means.options().dtype(torch::kUInt8);
+    const torch::Tensor room = memory->allocate({bytes_to_move_rows(rows, owners, after)}, bytes);
   } catch (const OutOfMemoryError&) {
     has_room = false;
+  } catch (const c10::OutOfMemoryError&) {
+    has_room = false;
   }
-  if (ranks->max("room to deal rows", has_room ? 0 : 1) != 0) return;
+  if (ranks->max("room to move rows", has_room ? 0 : 1) != 0) return;
   is_consistent = false;
   move_rows(*ranks, rows, owners, after);
   owners = after;

@@ -1,4 +1,5 @@
-// Own rows and splats on the way between ranks: on a GPU as on the CPU. One process plays all ranks in turn.
+// Own rows and splats on the way between ranks: on a GPU as on the CPU. One process does the work of each rank
+// in turn.
 #include <gtest/gtest.h>
 #include <torch/types.h>
 
@@ -24,7 +25,7 @@ bool are_same(const torch::Tensor& found, const torch::Tensor& expected) {
 
 /// Any row may belong to any rank, as after many edits.
 RowOwners random_owners(int rank, const torch::Tensor& sources) {
-  return RowOwners::deal(rank, kRanks, kRows, sources.device()).after(sources);
+  return RowOwners::round_robin(rank, kRanks, kRows, sources.device()).after(sources);
 }
 
 TEST(RowOwnersOnGpu, EqualThoseOfTheCpu) {
@@ -38,7 +39,7 @@ TEST(RowOwnersOnGpu, EqualThoseOfTheCpu) {
     EXPECT_EQ(device.n_of_ranks(), host.n_of_ranks());
     EXPECT_EQ(device.row_of_model(7), host.row_of_model(7));
     const torch::Tensor some = host.own().slice(0, 3, host.n_own(), 5).contiguous();
-    EXPECT_TRUE(are_same(device.places_of(on_gpu(some)), host.places_of(some)));
+    EXPECT_TRUE(are_same(device.own_rows_of(on_gpu(some)), host.own_rows_of(some)));
   }
 }
 

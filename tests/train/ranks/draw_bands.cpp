@@ -53,7 +53,7 @@ torch::Tensor own_places(const ViewSplats& splats, const RowOwners& owners) {
 ViewSplats own_splats(const ViewSplats& all, const torch::Tensor& places, const RowOwners& owners) {
   ViewSplats own{all.splats.index_select(0, places), all.extents.index_select(0, places),
                  all.radii.index_select(0, places)};
-  own.splats.view(torch::kInt32).select(1, kGaussian).copy_(owners.places_of(gaussians_of(own)));
+  own.splats.view(torch::kInt32).select(1, kGaussian).copy_(owners.own_rows_of(gaussians_of(own)));
   return own;
 }
 
@@ -69,7 +69,7 @@ std::vector<Counts> exchange_counts(Communicator& ranks, const Counts& own) {
 
 void check_view(Communicator& ranks, const TestScene& scene, int variant, const std::vector<Counts>& work) {
   // Any Gaussian may belong to any rank.
-  const RowOwners owners = RowOwners::deal(ranks.rank(), ranks.size(), 5000, torch::kCPU)
+  const RowOwners owners = RowOwners::round_robin(ranks.rank(), ranks.size(), 5000, torch::kCPU)
                                .after(torch::randint(5000, {scene.gaussians.size()}, torch::kInt64));
   RenderSettings settings = settings_of(scene, variant);
   const std::vector<std::int64_t> size{scene.view.height, scene.view.width};

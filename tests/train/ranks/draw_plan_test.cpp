@@ -46,10 +46,12 @@ TEST(DrawPlan, RanksDifferByAtMostAView) {
 }
 
 TEST(DrawPlan, TakesAsManyViewsAtATimeAsRanksHaveRoomFor) {
-  EXPECT_EQ(views_at_a_time(350000, 2000000, 2, true), 11u) << "2 x 2,000,000 / 350,000";
+  EXPECT_EQ(views_at_a_time(350000, 2000000, 2, true), 10u) << "five for each";
   EXPECT_EQ(views_at_a_time(4000000, 2000000, 2, true), 1u) << "half a view for each";
   EXPECT_EQ(views_at_a_time(1e8, 2000000, 2, true), 1u) << "more than fits: as few as possible";
   EXPECT_EQ(views_at_a_time(4000000, 2000000, 8, true), 4u) << "four views, each in two bands";
+  EXPECT_EQ(views_at_a_time(2600000, 2000000, 8, true), 4u) << "each in two bands, rather than six in one or two";
+  EXPECT_EQ(views_at_a_time(1900000, 2000000, 8, true), 8u) << "whole views";
   EXPECT_EQ(views_at_a_time(1e8, 2000000, 8, false), 8u) << "whole views: one for each rank";
   EXPECT_GE(views_at_a_time(0, 2000000, 2, true), 32u) << "all views of a step";
 }

@@ -15,7 +15,7 @@
 #include "train/density/density_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
 #include "train/ranks/draw_plan.h"
-#include "train/ranks/rows/row_dealing.h"
+#include "train/ranks/rows/move_rows.h"
 #include "train/ranks/rows/row_owners.h"
 #include "train/ranks/rows/sharded_row_edit.h"
 #include "train/ranks/rows/sharded_rows.h"
@@ -28,7 +28,7 @@ using test::expect;
 using test::same_bytes;
 using Counts = std::vector<std::int64_t>;
 
-constexpr std::int64_t kSmallPiece = 2048;  // bytes: about 100 rows or fewer
+constexpr std::int64_t kSmallPiece = 2048;  // bytes: small enough that most tensors here take several pieces
 
 void expect_same(const torch::Tensor& found, const torch::Tensor& expected, const std::string& what) {
   expect(found.defined() && found.sizes() == expected.sizes() && found.scalar_type() == expected.scalar_type(),
@@ -55,8 +55,8 @@ torch::Tensor random_words(torch::IntArrayRef sizes) {
 
 // --- Rows ---
 
-/// The rows of a rank, dealt one by one.
-Counts deal_rows(int rank, int size, std::int64_t n_rows) {
+/// The rows of a rank, assigned one by one.
+Counts assign_rows(int rank, int size, std::int64_t n_rows) {
   Counts rows;
   for (std::int64_t row = 0; row < n_rows; ++row) {
     if (row / RowOwners::kBlock % size == rank) rows.push_back(row);
@@ -64,13 +64,13 @@ Counts deal_rows(int rank, int size, std::int64_t n_rows) {
   return rows;
 }
 
-RowOwners deal(const Communicator& ranks, std::int64_t n_rows) {
-  return RowOwners::deal(ranks.rank(), ranks.size(), n_rows, torch::kCPU);
+RowOwners round_robin(const Communicator& ranks, std::int64_t n_rows) {
+  return RowOwners::round_robin(ranks.rank(), ranks.size(), n_rows, torch::kCPU);
 }
 
 /// As after many edits: any row may belong to any rank.
 RowOwners random_owners(const Communicator& ranks, std::int64_t n_rows) {
-  return deal(ranks, 5000).after(torch::randint(5000, {n_rows}, torch::kInt64));
+  return round_robin(ranks, 5000).after(torch::randint(5000, {n_rows}, torch::kInt64));
 }
 
 /// The rows of the model that this rank has, found one by one.
@@ -96,30 +96,31 @@ void check_owners(const RowOwners& owners, std::int64_t n_rows) {
   if (rows.size(0) == 0) return;
   const torch::Tensor places = some.remainder(rows.size(0));
   const torch::Tensor asked = owners.size() == 1 ? places : rows.index_select(0, places);
-  expect_same(owners.places_of(asked), places, "places of rows");
+  expect_same(owners.own_rows_of(asked), places, "places of rows");
 }
 
-void check_dealt(const Communicator& ranks, std::int64_t n_rows) {
+void check_round_robin(const Communicator& ranks, std::int64_t n_rows) {
   for (int r = 0; r < ranks.size(); ++r) {
-    const RowOwners dealt = RowOwners::deal(r, ranks.size(), n_rows, torch::kCPU);
-    check_owners(dealt, n_rows);
-    expect(dealt.n_of_ranks()[static_cast<std::size_t>(r)] ==
-               static_cast<std::int64_t>(deal_rows(r, ranks.size(), n_rows).size()),
-           "rows dealt to rank " + std::to_string(r));
-    expect_same(rows_of(dealt), torch::tensor(deal_rows(r, ranks.size(), n_rows), torch::kInt64), "dealt rows");
-    expect(!dealt.are_uneven(), "dealt rows are even");
+    const RowOwners even = RowOwners::round_robin(r, ranks.size(), n_rows, torch::kCPU);
+    check_owners(even, n_rows);
+    expect(even.n_of_ranks()[static_cast<std::size_t>(r)] ==
+               static_cast<std::int64_t>(assign_rows(r, ranks.size(), n_rows).size()),
+           "rows assigned to rank " + std::to_string(r));
+    expect_same(rows_of(even), torch::tensor(assign_rows(r, ranks.size(), n_rows), torch::kInt64),
+                "rows assigned round-robin");
+    expect(!even.are_uneven(), "they are even");
   }
 }
 
 void check_gathering(Communicator& ranks) {
   for (const std::int64_t n : {0, 1, 1023, 1024, 1025, 5000}) {
-    check_dealt(ranks, n);
+    check_round_robin(ranks, n);
     const torch::Tensor wide = random_words({n, 6});
     const std::vector<torch::Tensor> tensors{
         wide.view(torch::kFloat32).view({n, 2, 3}), wide.select(1, 0).contiguous(), wide.view(torch::kInt64),
         wide.select(1, 1).to(torch::kUInt8),        wide.select(1, 2) > 0,          torch::empty({n, 0, 3}),
         wide.t().contiguous().t().select(1, 2)};
-    for (const RowOwners& owners : {deal(ranks, n), random_owners(ranks, n)}) {
+    for (const RowOwners& owners : {round_robin(ranks, n), random_owners(ranks, n)}) {
       check_owners(owners, n);
       for (const torch::Tensor& whole : tensors) {
         const torch::Tensor own = own_rows(whole, owners);
@@ -147,16 +148,16 @@ void check_gathering(Communicator& ranks) {
 }
 
 /// Rows that a rank has too many of move to the others.
-void check_dealing(Communicator& ranks) {
+void check_moving(Communicator& ranks) {
   for (const std::int64_t n : {0, 3, 1024, 5000}) {
-    const RowOwners dealt = deal(ranks, n);
-    const RowOwners uneven = deal(ranks, 5000).after(torch::randint(40, {n}, torch::kInt64));
+    const RowOwners even = round_robin(ranks, n);
+    const RowOwners uneven = round_robin(ranks, 5000).after(torch::randint(40, {n}, torch::kInt64));
     expect(uneven.are_uneven() == (ranks.size() > 1 && n > 3), "most rows come from those of rank 0");
     const torch::Tensor wide = random_words({n, 45});
     const std::vector<torch::Tensor> whole{wide.view({n, 15, 3}), wide.select(1, 1).contiguous(),
                                            wide.select(1, 2).contiguous().view(torch::kFloat32),
                                            torch::empty({n, 0, 3})};
-    for (const auto& [before, after] : {std::pair{uneven, dealt}, {dealt, uneven}, {dealt, dealt}}) {
+    for (const auto& [before, after] : {std::pair{uneven, even}, {even, uneven}, {even, even}}) {
       for (const std::int64_t piece_bytes : {kExchangePieceBytes, kSmallPiece}) {
         std::vector<torch::Tensor> own;
         for (const torch::Tensor& tensor : whole) own.push_back(own_rows(tensor, before));
@@ -225,7 +226,7 @@ RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_o
 
 void check_edit(Communicator& ranks, const Model& before, const RowEdit& edit) {
   const std::int64_t n = before.gaussians.size();
-  for (const RowOwners& owners : {deal(ranks, n), random_owners(ranks, n)}) {
+  for (const RowOwners& owners : {round_robin(ranks, n), random_owners(ranks, n)}) {
     Model sharded = own_part(before, owners), whole = own_part(before, RowOwners());
     apply_row_edit(edit, whole.gaussians, whole.adam, whole.statistics);
     const RowOwners after = apply_row_edit(ranks, edit, owners, sharded.gaussians, sharded.adam, sharded.statistics);
@@ -262,8 +263,8 @@ void check_edits(Communicator& ranks) {
 // --- Splats ---
 
 struct WholeView {
-  torch::Tensor rows;  // [M] int64 global, ascending
-  ViewSplats splats;   // with Splat::gaussian = global row
+  torch::Tensor rows;  // [M] int64 rows of the model, ascending
+  ViewSplats splats;   // with Splat::gaussian = row of the model
 };
 
 torch::Tensor as_floats(const torch::Tensor& words) {
@@ -290,7 +291,7 @@ ViewSplats own_splats(const WholeView& view, const RowOwners& owners) {
   const torch::Tensor places = places_of(view, owners, owners.rank());
   ViewSplats own{view.splats.splats.index_select(0, places), view.splats.extents.index_select(0, places),
                  view.splats.radii.index_select(0, places)};
-  own.splats.view(torch::kInt32).select(1, 7).copy_(owners.places_of(view.rows.index_select(0, places)));
+  own.splats.view(torch::kInt32).select(1, 7).copy_(owners.own_rows_of(view.rows.index_select(0, places)));
   return own;
 }
 
@@ -413,7 +414,7 @@ void check_noise(Communicator& ranks) {
 
 void check_misfits(Communicator& ranks) {
   constexpr std::int64_t kRows = 5000;
-  const RowOwners owners = deal(ranks, kRows), others = deal(ranks, 2 * kRows);
+  const RowOwners owners = round_robin(ranks, kRows), others = round_robin(ranks, 2 * kRows);
   const bool is_last = ranks.rank() == ranks.size() - 1;
   const std::string last = "rank " + std::to_string(ranks.size() - 1) + " of ";
 
@@ -488,7 +489,7 @@ void check_misfits(Communicator& ranks) {
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "gathering") return check_gathering(ranks);
-  if (scenario == "dealing") return check_dealing(ranks);
+  if (scenario == "moving") return check_moving(ranks);
   if (scenario == "edits") return check_edits(ranks);
   if (scenario == "splats") return check_splats(ranks);
   if (scenario == "noise") return check_noise(ranks);

@@ -44,7 +44,7 @@ std::string name_of(const testing::TestParamInfo<std::tuple<int, const char*>>& 
 }
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
-                         testing::Combine(testing::Values(1, 2, 3, 4), testing::Values("gathering", "dealing", "edits",
+                         testing::Combine(testing::Values(1, 2, 3, 4), testing::Values("gathering", "moving", "edits",
                                                                                        "splats", "noise", "misfits")),
                          name_of);
 

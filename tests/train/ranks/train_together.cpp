@@ -352,14 +352,16 @@ void check_skips(Communicator& ranks) {
   }
 }
 
-/// Ranks without memory for more Gaussians: all hold their number, as one process does, and training can go on.
+/// Ranks without memory for more Gaussians: the number is held, all agree on it, and a training resumed from the
+/// checkpoint has the bytes of one process.
 void check_memory(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
   TrainConfig config = config_of("default");
   const bool is_last = ranks.rank() == ranks.size() - 1;
   const auto memory = std::make_shared<test::ShortMemory>();
-  memory->rows_that_fit = RowOwners::deal(ranks.rank(), ranks.size(), 120, torch::kCPU).n_own();  // as at the start
+  memory->rows_that_fit =
+      RowOwners::round_robin(ranks.rank(), ranks.size(), 120, torch::kCPU).n_own();  // as at the start
   std::string messages;
   TrainHooks hooks;
   hooks.memory = memory;

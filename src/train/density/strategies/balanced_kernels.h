@@ -1,6 +1,6 @@
 // Strategy balanced for one Gaussian: its absolute gradient, the key by which parents are drawn, the two parts that
 // replace a parent, and the decay of opacities. CPU and GPU share this arithmetic; all but the gradient is computed in
-// double, so that CPU and GPU differ by one ulp at most.
+// double, so that CPU and GPU differ by about one ulp.
 #pragma once
 
 #include <cmath>
@@ -120,8 +120,8 @@ struct DecayArgs {
   double decay = 1;                  // what opacities are multiplied by
 };
 
-/// With o = 1 / (1 + e), e = exp(-x): logit(d o) = ln(d / (1 - d + e)). Not by operations of LibTorch, whose results on
-/// a CPU depend on a row's place in the tensor, and so on which ranks have the others.
+/// With o = 1 / (1 + e), e = exp(-x): logit(d o) = ln(d / (1 - d + e)). LibTorch's functions are not used, because on a
+/// CPU their rounding depends on a row's index in the tensor, and so on the number of ranks.
 B3DGS_HD void decay_opacity(const DecayArgs& args, std::int64_t i) {
   const double e = std::exp(-static_cast<double>(args.logit_opacities[i]));
   args.logit_opacities[i] = static_cast<float>(std::log(args.decay / (1 - args.decay + e)));

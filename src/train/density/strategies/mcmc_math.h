@@ -143,7 +143,7 @@ struct MeanNoiseArgs {
   RandomKey key{};
   double rate = 0;                           // --noise_lr times the learning rate of the means
   float log_bound = 0;                       // log_noise_bound(rate)
-  const std::int32_t* model_rows = nullptr;  // [N] whose noise each row gets; null: its own
+  const std::int32_t* model_rows = nullptr;  // [N] row of the model, which selects the random numbers; null: the row
 };
 
 inline constexpr double kNoiseSlope = 100, kNoiseOpacity = 0.005;

@@ -21,7 +21,7 @@ RowOwners::RowOwners(int rank, int size, torch::Tensor owners)
   n_of_ranks_.assign(values, values + size);
 }
 
-RowOwners RowOwners::deal(int rank, int size, std::int64_t n_rows, torch::Device device) {
+RowOwners RowOwners::round_robin(int rank, int size, std::int64_t n_rows, torch::Device device) {
   if (size == 1) {
     RowOwners all;
     all.n_rows_ = all.n_of_ranks_[0] = n_rows;
@@ -38,20 +38,20 @@ std::int64_t RowOwners::n_most() const {
 bool RowOwners::are_uneven() const {
   constexpr double kUneven = 1.05;
   const std::int64_t n_blocks = (n_rows_ + kBlock - 1) / kBlock;
-  const std::int64_t n_dealt = std::min(n_rows_, (n_blocks + size_ - 1) / size_ * kBlock);  // to rank 0, at most
-  return static_cast<double>(n_most()) > kUneven * static_cast<double>(n_dealt);
+  const std::int64_t n_even = std::min(n_rows_, (n_blocks + size_ - 1) / size_ * kBlock);  // of rank 0, if round-robin
+  return static_cast<double>(n_most()) > kUneven * static_cast<double>(n_even);
 }
 
 std::int64_t RowOwners::row_of_model(std::int64_t own_row) const {
   return size_ == 1 ? own_row : own_[own_row].item<std::int32_t>();
 }
 
-torch::Tensor RowOwners::places_of(const torch::Tensor& rows) const {
-  return size_ == 1 ? rows.to(torch::kInt64) : torch::searchsorted(own_, rows.to(torch::kInt32));
+torch::Tensor RowOwners::own_rows_of(const torch::Tensor& model_rows) const {
+  return size_ == 1 ? model_rows.to(torch::kInt64) : torch::searchsorted(own_, model_rows.to(torch::kInt32));
 }
 
 RowOwners RowOwners::after(const torch::Tensor& sources) const {
-  if (size_ == 1) return deal(0, 1, sources.size(0), sources.device());
+  if (size_ == 1) return round_robin(0, 1, sources.size(0), sources.device());
   return {rank_, size_, owners_.index_select(0, sources)};
 }
 

@@ -8,9 +8,9 @@
 
 namespace b3dgs {
 
-/// The owner of each row, the same on all ranks. At the start rows are dealt in blocks; later a new row belongs to the
-/// owner of the row that it is a copy of, so that edits move nothing between ranks. A rank keeps its rows in the order
-/// of the model. With one rank, which holds all rows, there are no tables.
+/// The owner of each row, the same on all ranks. At the start, blocks of rows are assigned round-robin; later a new row
+/// belongs to the owner of its source, so that edits move nothing between ranks. A rank keeps its rows in the order of
+/// the model. With one rank, which holds all rows, there are no tables.
 class RowOwners {
  public:
   static constexpr std::int64_t kBlock = 32;
@@ -19,7 +19,7 @@ class RowOwners {
   RowOwners() = default;
 
   /// Row i belongs to block i / kBlock, and block b to rank b % size.
-  static RowOwners deal(int rank, int size, std::int64_t n_rows, torch::Device device);
+  static RowOwners round_robin(int rank, int size, std::int64_t n_rows, torch::Device device);
 
   int rank() const { return rank_; }
   int size() const { return size_; }
@@ -31,7 +31,7 @@ class RowOwners {
   const std::vector<std::int64_t>& n_of_ranks() const { return n_of_ranks_; }
   /// The most rows that a rank holds.
   std::int64_t n_most() const;
-  /// Whether a rank holds over 1.05 times as many rows as it would if they were dealt anew.
+  /// Whether the largest part is over 1.05 times the largest part of round_robin().
   bool are_uneven() const;
 
   /// [n_rows] int16: the rank of each row; undefined with one rank.
@@ -40,8 +40,9 @@ class RowOwners {
   const torch::Tensor& own() const { return own_; }
   /// The row of the model that an own row is. Waits for the device.
   std::int64_t row_of_model(std::int64_t own_row) const;
-  /// [n] int64: where own rows of the model are among the own rows. @param rows  [n] integers, all of them own rows
-  torch::Tensor places_of(const torch::Tensor& rows) const;
+  /// [n] int64: the own row of each of these rows of the model.
+  /// @param model_rows  [n] integers, rows that this rank owns
+  torch::Tensor own_rows_of(const torch::Tensor& model_rows) const;
 
   /// After an edit: row i belongs to the owner of sources[i]. Waits for the device.
   /// @param sources  [n] int64, on the device of the tables

@@ -11,21 +11,6 @@
 namespace b3dgs {
 namespace {
 
-/// Numbers that tell edits apart.
-struct SourceNumbers {
-  std::int64_t first = 0, last = 0;  // smallest and largest source
-  std::int64_t weighted_sum = 0;
-};
-
-/// Waits for the device once.
-SourceNumbers numbers_of(const torch::Tensor& sources) {
-  if (sources.numel() == 0) return {};
-  const torch::Tensor weights = torch::arange(1, sources.size(0) + 1, sources.options());
-  const torch::Tensor numbers = torch::stack({sources.min(), sources.max(), (sources * weights).sum()}).cpu();
-  const auto* const values = numbers.data_ptr<std::int64_t>();
-  return {values[0], values[1], values[2]};
-}
-
 /// Why the edit does not fit this rank's tensors; "" if it does.
 std::string find_misfit(const RowEdit& edit, const SourceNumbers& numbers, const RowOwners& owners,
                         const std::vector<torch::Tensor*>& tensors) {
@@ -65,13 +50,21 @@ std::vector<std::int64_t> identify(const RowEdit& edit, const SourceNumbers& num
 
 }  // namespace
 
-void check_row_edit(Communicator& ranks, const RowEdit& edit, const RowOwners& owners, GaussianTensors& gaussians,
-                    AdamState& adam, DensityStatistics& statistics) {
+SourceNumbers source_numbers(const RowEdit& edit) {
+  const torch::Tensor& sources = edit.sources;
+  if (sources.numel() == 0) return {};
+  const torch::Tensor weights = torch::arange(1, sources.size(0) + 1, sources.options());
+  const torch::Tensor numbers = torch::stack({sources.min(), sources.max(), (sources * weights).sum()}).cpu();
+  const auto* const values = numbers.data_ptr<std::int64_t>();
+  return {values[0], values[1], values[2]};
+}
+
+void check_row_edit(Communicator& ranks, const RowEdit& edit, const SourceNumbers& numbers, const RowOwners& owners,
+                    GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics) {
   std::vector<torch::Tensor*> tensors = statistics.all();
   for (GaussianTensors* of : {&gaussians, &adam.m, &adam.v}) {
     for (torch::Tensor* tensor : of->all()) tensors.push_back(tensor);
   }
-  const SourceNumbers numbers = numbers_of(edit.sources);
   check_together(ranks, "row edit", identify(edit, numbers, owners, gaussians, statistics),
                  find_misfit(edit, numbers, owners, tensors));
 }
@@ -81,7 +74,7 @@ OwnRowEdit own_part(const RowEdit& edit, const RowOwners& owners) {
   if (owners.size() == 1) return part;
   const torch::Tensor& rows = part.owners.own();  // of the model after the edit
   RowEdit& own = part.edit;
-  own.sources = owners.places_of(edit.sources.index_select(0, rows));
+  own.sources = owners.own_rows_of(edit.sources.index_select(0, rows));
   own.n_kept = (rows < edit.n_kept).sum().item<std::int64_t>();
   const torch::Tensor own_new = rows.slice(0, own.n_kept) - edit.n_kept;
   own.new_means = edit.new_means.index_select(0, own_new);
@@ -92,7 +85,7 @@ OwnRowEdit own_part(const RowEdit& edit, const RowOwners& owners) {
 
 RowOwners apply_row_edit(Communicator& ranks, const RowEdit& edit, const RowOwners& owners, GaussianTensors& gaussians,
                          AdamState& adam, DensityStatistics& statistics) {
-  check_row_edit(ranks, edit, owners, gaussians, adam, statistics);
+  check_row_edit(ranks, edit, source_numbers(edit), owners, gaussians, adam, statistics);
   const OwnRowEdit own = own_part(edit, owners);
   apply_row_edit(own.edit, gaussians, adam, statistics);
   return own.owners;

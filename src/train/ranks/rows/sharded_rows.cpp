@@ -70,10 +70,37 @@ torch::Tensor own_rows_of(const Piece& piece, const torch::Tensor& own, const Ro
   return own.slice(0, piece.own_begin, piece.own_begin + n);
 }
 
-/// Places in the piece of its rows in the order of the ranks.
-torch::Tensor places_in_piece(const Piece& piece, const RowOwners& owners) {
+/// The rows of the piece, counted from its first, in the order of the ranks.
+torch::Tensor rows_by_rank(const Piece& piece, const RowOwners& owners) {
   const torch::Tensor of_rows = owners.owners().slice(0, piece.begin, piece.end);
   return std::get<1>(torch::sort(of_rows, /*stable=*/true, /*dim=*/0, /*descending=*/false));
+}
+
+/// A piece as it was received, and where in it each of its rows is, [end - begin] int64.
+struct GatheredPiece {
+  torch::Tensor received, places;
+};
+
+/// @param own  this rank's rows of the piece
+GatheredPiece gather_piece(Communicator& ranks, const Piece& piece, const torch::Tensor& own, const RowOwners& owners) {
+  const std::int64_t n_most = *std::max_element(piece.counts.begin(), piece.counts.end());
+  torch::Tensor part = own;
+  if (own.size(0) < n_most) {  // parts of one size are gathered faster
+    part = torch::empty(sizes_with_rows(own, n_most), own.options());
+    part.slice(0, 0, own.size(0)).copy_(own);
+    part.slice(0, own.size(0)).zero_();
+  }
+  GatheredPiece gathered;
+  gathered.received =
+      ranks.all_gather_rows(part, std::vector<std::int64_t>(static_cast<std::size_t>(ranks.size()), n_most));
+  const torch::Tensor rows = rows_by_rank(piece, owners);
+  std::vector<torch::Tensor> places;
+  for (std::size_t r = 0; r < piece.counts.size(); ++r) {
+    const auto begin = static_cast<std::int64_t>(r) * n_most;
+    places.push_back(torch::arange(begin, begin + piece.counts[r], rows.options()));
+  }
+  gathered.places = torch::empty_like(rows).index_copy_(0, rows, torch::cat(places));
+  return gathered;
 }
 
 }  // namespace
@@ -89,8 +116,9 @@ torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& own, const R
   if (ranks.size() == 1) return own;
   torch::Tensor whole = torch::empty(sizes_with_rows(own, owners.n_rows()), own.options());
   for (const Piece& piece : pieces_of(rows_per_piece(bytes_per_row(own), piece_bytes), owners)) {
-    const torch::Tensor by_rank = ranks.all_gather_rows(own_rows_of(piece, own, owners), piece.counts);
-    whole.slice(0, piece.begin, piece.end).index_copy_(0, places_in_piece(piece, owners), by_rank);
+    const GatheredPiece gathered = gather_piece(ranks, piece, own_rows_of(piece, own, owners), owners);
+    torch::Tensor rows = whole.slice(0, piece.begin, piece.end);
+    torch::index_select_out(rows, gathered.received, 0, gathered.places);
   }
   return whole;
 }
@@ -109,12 +137,12 @@ std::vector<torch::Tensor> gather_rows(Communicator& ranks, const std::vector<to
   for (const Piece& piece : pieces_of(rows_per_piece(bytes, piece_bytes), owners)) {
     std::vector<torch::Tensor> columns;
     for (const torch::Tensor& tensor : own) columns.push_back(own_rows_of(piece, as_words(tensor), owners));
-    const torch::Tensor received = ranks.all_gather_rows(torch::cat(columns, 1), piece.counts);
-    const torch::Tensor places = places_in_piece(piece, owners);
+    const GatheredPiece gathered = gather_piece(ranks, piece, torch::cat(columns, 1), owners);
     std::int64_t column = 0;
     for (const torch::Tensor& tensor : whole) {
       const std::int64_t end = column + words_per_row(tensor);
-      as_words(tensor).slice(0, piece.begin, piece.end).index_copy_(0, places, received.slice(1, column, end));
+      torch::Tensor rows = as_words(tensor).slice(0, piece.begin, piece.end);
+      torch::index_select_out(rows, gathered.received.slice(1, column, end), 0, gathered.places);
       column = end;
     }
   }
@@ -134,7 +162,7 @@ void stream_rows_to_first(Communicator& ranks, const torch::Tensor& own, const R
     const torch::Tensor received = ranks.all_to_all_rows(rows, send, ranks.is_first() ? piece.counts : none);
     if (!ranks.is_first() || fault) continue;
     torch::Tensor ordered = torch::empty(sizes_with_rows(own, received.size(0)), own.options().device(torch::kCPU));
-    ordered.index_copy_(0, places_in_piece(piece, owners).cpu(), received.cpu());
+    ordered.index_copy_(0, rows_by_rank(piece, owners).cpu(), received.cpu());
     try {
       take(ordered);
     } catch (...) {

@@ -19,12 +19,13 @@ namespace b3dgs {
 /// A contiguous copy of this rank's rows, on the device of `whole`.
 torch::Tensor own_rows(const torch::Tensor& whole, const RowOwners& owners);
 
-/// Rows are exchanged in pieces of about this many bytes on each rank, which bounds the memory beside the result.
+/// Rows of the model are exchanged in pieces of about this many bytes times the number of ranks, for less memory beside
+/// the result.
 inline constexpr std::int64_t kExchangePieceBytes = 64 << 20;
 
 /// The whole tensor on every rank, in the order of the model. A new tensor; with one rank, `own` itself.
-/// @throws LogicError on all ranks if they disagree on the owners, type or shape, or if one does not hold its
-/// number of rows
+/// @throws LogicError on all ranks if they disagree on the number of rows of a rank, type or shape, or if one does not
+/// hold its number of rows
 torch::Tensor gather_rows(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                           std::int64_t piece_bytes = kExchangePieceBytes);
 

@@ -11,10 +11,10 @@
 
 namespace b3dgs {
 
-/// Splats of a view that a rank sends to another.
+/// Splats of a view, and which of them go to one drawer.
 struct SentSplats {
   ViewSplats splats;
-  torch::Tensor places;  // [K] int64: which of them, ascending; undefined: all
+  torch::Tensor places;  // [K] int64, ascending; undefined: all
   std::int64_t size() const { return places.defined() ? places.size(0) : splats.size(); }
 };
 

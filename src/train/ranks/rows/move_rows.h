@@ -1,4 +1,4 @@
-// Rows moved between ranks, so that each has about the same number again.
+// Moves rows between ranks, so that each has about the same number again.
 #pragma once
 
 #include <cstdint>
@@ -10,14 +10,14 @@
 
 namespace b3dgs {
 
-/// Bytes of this rank's memory that move_rows() takes beside the tensors.
+/// Bytes that move_rows() needs on this rank in addition to the tensors.
 std::int64_t bytes_to_move_rows(const std::vector<torch::Tensor*>& tensors, const RowOwners& before,
                                 const RowOwners& after, std::int64_t piece_bytes = kExchangePieceBytes);
 
-/// Replaces tensors of 32-bit elements with this rank's rows of a model, as `before` says, by its rows as `after` says.
-/// Both have the same number of rows and are the same on all ranks, which call this together. One tensor after the
-/// other is exchanged, or several that together are not larger than the largest or piece_bytes; a larger one in pieces.
-/// An error leaves tensors with different rows: the training cannot continue.
+/// Moves rows between ranks: on entry, each tensor has this rank's rows according to `before`; on return, according to
+/// `after`. Both have the same number of rows and are the same on all ranks, which call this together. Tensors have
+/// 32-bit elements. They are exchanged in groups, large groups in pieces. After an error, tensors may have different
+/// numbers of rows, and the training cannot continue.
 void move_rows(Communicator& ranks, const std::vector<torch::Tensor*>& tensors, const RowOwners& before,
                const RowOwners& after, std::int64_t piece_bytes = kExchangePieceBytes);
 

@@ -1,4 +1,4 @@
-#include "train/ranks/rows/row_dealing.h"
+#include "train/ranks/rows/move_rows.h"
 
 #include <torch/types.h>
 
@@ -18,7 +18,7 @@ struct MovedGroup {
   std::int64_t words_per_row = 0;
 };
 
-/// The same on all ranks: no group has more than the largest tensor, or piece_bytes, unless it is a single one.
+/// The same on all ranks. A group is at most as large as the largest tensor or piece_bytes, whichever is more.
 std::vector<MovedGroup> groups_of(const std::vector<torch::Tensor*>& tensors, std::int64_t n_most,
                                   std::int64_t piece_bytes) {
   std::int64_t max_bytes = piece_bytes;
@@ -52,8 +52,8 @@ Piece piece_of(const RowOwners& before, const RowOwners& after, std::int64_t beg
     piece.n_sent.push_back(sent.back().size(0));
     piece.n_received.push_back(received.back().size(0));
   }
-  piece.sent = before.places_of(torch::cat(sent).add_(begin));
-  piece.received = after.places_of(torch::cat(received).add_(begin));
+  piece.sent = before.own_rows_of(torch::cat(sent).add_(begin));
+  piece.received = after.own_rows_of(torch::cat(received).add_(begin));
   return piece;
 }
 
@@ -83,8 +83,9 @@ std::int64_t bytes_to_move_rows(const std::vector<torch::Tensor*>& tensors, cons
     largest = std::max(largest, n_most * row);
     growth += std::max<std::int64_t>(0, after.n_own() - before.n_own()) * row;
   }
-  // One group is there twice, what it sends and receives lies in pieces, and the groups before it may have grown.
-  return largest + growth + 4 * std::min(piece_bytes, largest);
+  // Old and new tensors of one group exist at the same time; what it sends and receives lies in pieces, of which a
+  // rank may own all rows; groups before it may have grown.
+  return largest + growth + 4 * std::min(piece_bytes * before.size(), largest);
 }
 
 void move_rows(Communicator& ranks, const std::vector<torch::Tensor*>& tensors, const RowOwners& before,
