@@ -1,0 +1,198 @@
+#!/usr/bin/env bash
+# Measures options of docs/recipes.md on a CPU, in short trainings on small photographs: on scenes as they are, and on
+# copies with the fault that an option is meant for, which scripts/disturb_scene.py makes (gains and tints, covered parts,
+# inexact poses). scripts/compare_presets.sh trains; this script says what, and prints a Markdown table for each block.
+#
+# It can be stopped and run again. Trainings use one thread; to use more cores, run it twice at a time with different
+# blocks. Needs numpy and Pillow.
+#
+# Usage: scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]     DATA: folder with fox, bonsai and kitti_street
+# Blocks: appearance grid long masks segment poses depths background mcmc balanced; default: all. "tables" only prints.
+# Environment:
+#   SEEDS    default "0 1 2"
+#   LIMIT_S  starts no further training of a block once so many seconds have passed in it; default: none
+# Example: scripts/compare_options.sh build/cpu/app/b3dgs output/options ../shared/data appearance
+set -euo pipefail
+usage='scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]'
+b3dgs=$(realpath -- "${1:?the program is missing: $usage}")
+output=${2:?the output folder is missing: $usage}
+data=$(realpath -- "${3:?the folder of the real scenes is missing: $usage}")
+shift 3
+all_blocks=(appearance grid long masks segment poses depths background mcmc balanced)
+blocks=("${@:-${all_blocks[@]}}")
+for block in "${blocks[@]}"; do
+  if [[ " ${all_blocks[*]} tables " != *" $block "* ]]; then
+    echo "compare_options.sh: error: there is no block $block; blocks: ${all_blocks[*]} tables" >&2
+    exit 2
+  fi
+done
+for scene in fox bonsai kitti_street; do
+  if [[ ! -d $data/$scene ]]; then
+    echo "compare_options.sh: error: $data: has no folder $scene" >&2
+    exit 2
+  fi
+done
+scripts=$(realpath -- "$(dirname "$0")")
+scenes=$output/scenes
+mkdir -p -- "$scenes"
+is_left=0
+
+# A fixed kernel, so that no choice by time makes two trainings differ.
+common='--device cpu --threads 1 --kernel shared-memory'
+short="$common --strategy balanced --steps_scaler 0.05"
+# The size of the photographs of a scene; disturbed copies are named SCENE_FAULT.
+size_of() {
+  case $1 in
+    orbit* | few*) echo '-r 4' ;;
+    *) echo '-r 8' ;;
+  esac
+}
+
+# scene NAME: its folder, which is made if need be. Two runs of this script may ask for it at the same time.
+scene() {
+  local name=$1 folder=$scenes/$1
+  (
+    flock 9
+    [[ ! -d $folder ]] || exit 0
+    case $name in
+      fox | bonsai | kitti_street) ln -s -- "$data/$name" "$folder" ;;
+      orbit) "$b3dgs" synth orbit "$folder" --quiet ;;
+      few_*) "$b3dgs" synth orbit "$folder" --views 9 --seed "${name#few_}" --quiet && depth_maps "$folder" ;;
+      orbit_object) object_masks "$folder" ;;
+      *_gains) disturb "$name" --gains 0.3 ;;
+      *_covered) disturb "$name" --cover ;;
+      *_turned) disturb "$name" --turn 0.3 --move 0.003 ;;
+    esac
+  ) 9> "$scenes/.lock" >&2
+  echo "$folder"
+}
+
+disturb() {
+  local from
+  from=$(unlocked_scene "${1%_*}")
+  "$scripts/disturb_scene.py" "$from" "$scenes/$1" "${@:2}"
+}
+
+# The folder of an undisturbed scene, within the lock.
+unlocked_scene() {
+  if [[ $1 == orbit ]]; then
+    [[ -d $scenes/orbit ]] || "$b3dgs" synth orbit "$scenes/orbit" --quiet >&2
+    echo "$scenes/orbit"
+  else
+    echo "$data/$1"
+  fi
+}
+
+# depth_maps SCENE: true inverse depth of each photograph of a synthetic scene, in SCENE/depths.
+depth_maps() {
+  local renders=$scenes/.renders
+  "$b3dgs" render "$1/truth.ply" -s "$1" --path train --depth_format png16 --output "$renders" --quiet --device cpu
+  mv -- "$renders/depth" "$1/depths"
+  rm -rf -- "$renders"
+}
+
+# object_masks SCENE: orbit with masks that show the solids without the plane below them and the sky: what of the truth
+# is above the plane, where it is opaque.
+object_masks() {
+  local renders=$scenes/.renders from
+  from=$(unlocked_scene orbit)
+  "$b3dgs" export "$from/truth.ply" "$scenes/.solids.ply" --overwrite --quiet \
+    --crop=-9,-9,0.02,9,9,9 --compare_views 0 --device cpu
+  "$b3dgs" render "$scenes/.solids.ply" -s "$from" --path train --output "$renders" --quiet --device cpu
+  cp -r -- "$from" "$1"
+  mv -- "$renders/alpha" "$1/masks"
+  rm -rf -- "$renders" "$scenes/.solids.ply"
+}
+
+# compare BLOCK OPTIONS CONFIGS SCENE...
+compare() {
+  local name folder status
+  for name in "${@:4}"; do
+    status=0
+    folder=$(scene "$name")
+    OPTIONS="$2 $(size_of "$name")" CONFIGS=$3 SEEDS=${SEEDS:-0 1 2} \
+      "$scripts/compare_presets.sh" "$b3dgs" "$output/$1" "$folder" > "$output/$1.log" || status=$?
+    if ((status == 3)); then is_left=1; elif ((status)); then exit "$status"; fi
+  done
+}
+
+run_block() {
+  local base
+  case $1 in
+    # Gains and tints, with and without what learns them.
+    appearance)
+      compare appearance "$short --train_test_exp" 'none=;--exposure=--exposure' \
+        orbit orbit_gains fox fox_gains bonsai bonsai_gains
+      ;;
+    grid)
+      base='--bilateral_grid=--bilateral_grid'
+      compare grid "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains bonsai bonsai_gains
+      base='--bilateral_grid_lr 0.0005=--bilateral_grid --bilateral_grid_lr 0.0005'
+      base+=';--bilateral_grid_lr 0.008=--bilateral_grid --bilateral_grid_lr 0.008'
+      base+=';--bilateral_grid_tv 1=--bilateral_grid --bilateral_grid_tv 1'
+      base+=';--bilateral_grid_tv 100=--bilateral_grid --bilateral_grid_tv 100'
+      compare grid "$short --train_test_exp" "$base" fox_gains
+      ;;
+    # The same without and with --exposure in five times as many iterations.
+    long)
+      compare long "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" 'none=;--exposure=--exposure' \
+        orbit orbit_gains
+      ;;
+    masks)
+      compare masks "$short" 'none=' orbit fox bonsai
+      compare masks "$short" 'none=--masks none;masks=' orbit_covered fox_covered bonsai_covered
+      ;;
+    # Masks that show the solids of orbit only. PSNR is over what test masks show.
+    segment)
+      KEEP=1 compare segment "$short" 'ignore=;segment=--mask_mode segment' orbit_object
+      compare segment "$short" 'weight 0.1=--mask_mode segment --mask_alpha_weight 0.1' orbit_object
+      ;;
+    poses)
+      compare poses "$short" 'none=;--pose_opt=--pose_opt' orbit fox
+      base='none=;--pose_opt=--pose_opt'
+      base+=';--pose_opt_lr 0.00015=--pose_opt --pose_opt_lr 0.00015'
+      base+=';--pose_opt_lr 0.0015=--pose_opt --pose_opt_lr 0.0015'
+      base+=';--pose_opt_from_iter 0=--pose_opt --pose_opt_from_iter 0'
+      base+=';--pose_opt_from_iter 5000=--pose_opt --pose_opt_from_iter 5000'
+      compare poses "$short" "$base" orbit_turned fox_turned
+      ;;
+    # Seven training photographs of three scenes, with true depth maps.
+    depths)
+      base='none=;--depths=--depths depths'
+      base+=';--depth_l1_weight_init 0.1=--depths depths --depth_l1_weight_init 0.1 --depth_l1_weight_final 0.001'
+      base+=';--depth_l1_weight_init 10=--depths depths --depth_l1_weight_init 10 --depth_l1_weight_final 0.1'
+      base+=';--depth_l1_weight_final 1=--depths depths --depth_l1_weight_final 1'
+      compare depths "$short" "$base" few_0 few_1 few_2
+      ;;
+    background)
+      base='black=;--background learned=--background learned;--background sky=--background sky'
+      compare background "$short" "$base" kitti_street orbit
+      ;;
+    mcmc)
+      base='none=;--growth 0.01=--growth 0.01;--growth 0.1=--growth 0.1'
+      base+=';--noise_from_iter 5000=--noise_from_iter 5000;--noise_from_iter 15000=--noise_from_iter 15000'
+      compare mcmc "$common --strategy mcmc --steps_scaler 0.05 --max_gaussians 24000" "$base" fox
+      compare mcmc "$common --strategy mcmc --steps_scaler 0.05 --max_gaussians 50000" "$base" bonsai
+      ;;
+    # The default limit is below the number of points at this size, so another one is the base.
+    balanced)
+      base='--opacity_decay 0.99=--opacity_decay 0.99;--opacity_decay 0.98=--opacity_decay 0.98'
+      base+=';--reg_from_iter 5000=--reg_from_iter 5000;--reg_from_iter 15000=--reg_from_iter 15000'
+      compare balanced "$short" "14=--pixels_per_gaussian 14;28=--pixels_per_gaussian 28;7=--pixels_per_gaussian 7" fox
+      compare balanced "$short --pixels_per_gaussian 14" "$base" fox
+      compare balanced "$short" "10=--pixels_per_gaussian 10;15=--pixels_per_gaussian 15;5=--pixels_per_gaussian 5" bonsai
+      compare balanced "$short --pixels_per_gaussian 10" "$base" bonsai
+      ;;
+  esac
+}
+
+for block in "${blocks[@]}"; do
+  [[ $block == tables ]] || run_block "$block"
+done
+for block in "${all_blocks[@]}"; do
+  [[ -f $output/$block/results.jsonl ]] || continue
+  [[ " ${blocks[*]} " == *" $block "* || " ${blocks[*]} " == *" tables "* ]] || continue
+  printf '\n### %s\n\n' "$block"
+  "$scripts/compare_presets.sh" "$b3dgs" "$output/$block"
+done
+if ((is_left)); then exit 3; fi
