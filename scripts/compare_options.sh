@@ -7,7 +7,7 @@
 # blocks. Needs numpy and Pillow.
 #
 # Usage: scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]     DATA: folder with fox, bonsai and kitti_street
-# Blocks: appearance grid long masks segment poses depths background mcmc balanced; default: all. "tables" only prints.
+# Blocks: appearance grid dim rates masks segment poses depths background mcmc balanced; default: all. "tables" only prints.
 # Environment:
 #   SEEDS    default "0 1 2"
 #   LIMIT_S  starts no further training of a block once so many seconds have passed in it; default: none
@@ -18,7 +18,7 @@ b3dgs=$(realpath -- "${1:?the program is missing: $usage}")
 output=${2:?the output folder is missing: $usage}
 data=$(realpath -- "${3:?the folder of the real scenes is missing: $usage}")
 shift 3
-all_blocks=(appearance grid long masks segment poses depths background mcmc balanced)
+all_blocks=(appearance grid dim rates masks segment poses depths background mcmc balanced)
 blocks=("${@:-${all_blocks[@]}}")
 for block in "${blocks[@]}"; do
   if [[ " ${all_blocks[*]} tables " != *" $block "* ]]; then
@@ -57,9 +57,11 @@ scene() {
     case $name in
       fox | bonsai | kitti_street) ln -s -- "$data/$name" "$folder" ;;
       orbit) "$b3dgs" synth orbit "$folder" --quiet ;;
-      few_*) "$b3dgs" synth orbit "$folder" --views 9 --seed "${name#few_}" --quiet && depth_maps "$folder" ;;
+      few_*) few_views "$folder" "${name#few_}" ;;
       orbit_object) object_masks "$folder" ;;
       *_gains) disturb "$name" --gains 0.3 ;;
+      *_dim) disturb "$name" --dim 0.6 ;;
+      *_dimgains) disturb "$name" --dim 0.6 --gains 0.3 ;;
       *_covered) disturb "$name" --cover ;;
       *_turned) disturb "$name" --turn 0.3 --move 0.003 ;;
     esac
@@ -83,11 +85,44 @@ unlocked_scene() {
   fi
 }
 
-# depth_maps SCENE: true inverse depth of each photograph of a synthetic scene, in SCENE/depths.
-depth_maps() {
-  local renders=$scenes/.renders
-  "$b3dgs" render "$1/truth.ply" -s "$1" --path train --depth_format png16 --output "$renders" --quiet --device cpu
-  mv -- "$renders/depth" "$1/depths"
+# few_views SCENE SEED: an orbit of nine photographs, with their true inverse depth in SCENE/depths, and tracks that say
+# which points each shows: those within 2 % of its depth.
+few_views() {
+  local renders=$scenes/.renders scene=$scenes/.few
+  rm -rf -- "$renders" "$scene"
+  "$b3dgs" synth orbit "$scene" --views 9 --seed "$2" --format text --quiet
+  "$b3dgs" render "$scene/truth.ply" -s "$scene" --path train --depth_format png16 --output "$renders" --quiet --device cpu
+  python3 - "$scene/sparse/0" "$renders" << 'PYTHON'
+import json, sys
+import numpy as np
+from PIL import Image
+model, renders = sys.argv[1:]
+lines = lambda name: [line.split() for line in open(f"{model}/{name}.txt") if line.strip() and line[0] != "#"]
+scale = json.load(open(f"{renders}/depth.json"))["scale"]
+(camera,) = lines("cameras")
+fx, fy, cx, cy = map(float, camera[4:8])
+points = lines("points3D")
+xyz = np.array([point[1:4] for point in points], float)
+tracks = [[] for _ in points]
+for image in (line for line in lines("images") if line[-1].endswith(".png")):
+    (w, x, y, z), t = map(float, image[1:5]), np.array(image[5:8], float)
+    rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    at = xyz @ rotation.T + t
+    inverse = np.array(Image.open(f"{renders}/depth/{image[-1]}"), float) / scale
+    column = np.floor(fx * at[:, 0] / at[:, 2] + cx).astype(int)
+    row = np.floor(fy * at[:, 1] / at[:, 2] + cy).astype(int)
+    is_inside = (at[:, 2] > 0) & (column >= 0) & (column < inverse.shape[1]) & (row >= 0) & (row < inverse.shape[0])
+    for i in np.flatnonzero(is_inside):
+        if abs(inverse[row[i], column[i]] * at[i, 2] - 1) < 0.02:
+            tracks[i] += [image[0], str(len(tracks[i]) // 2)]
+with open(f"{model}/points3D.txt", "w") as file:
+    for point, track in zip(points, tracks):
+        file.write(" ".join(point[:8] + track) + "\n")
+PYTHON
+  mv -- "$renders/depth" "$scene/depths"
+  mv -- "$scene" "$1"
   rm -rf -- "$renders"
 }
 
@@ -116,6 +151,29 @@ compare() {
   done
 }
 
+# alpha_left: for each model of the block "segment", the mean alpha of test views over the pixels that masks leave out.
+alpha_left() {
+  local model renders=$scenes/.renders
+  printf '\n| configuration | seed | alpha left |\n|---|---|---|\n'
+  for model in "$output"/segment/orbit_object/*/seed_*; do
+    "$b3dgs" render "$model" --path test --output "$renders" --quiet --device cpu > "$output/segment.log"
+    python3 - "$model" "$renders" "$scenes/orbit_object/masks" << 'PYTHON'
+import json, sys
+import numpy as np
+from PIL import Image
+model, renders, masks = sys.argv[1:]
+pixels = []
+for image, view in json.load(open(f"{renders}/views.json")).items():
+    alpha = Image.open(f"{renders}/alpha/{image}").convert("L")
+    mask = Image.open(f"{masks}/{view}").convert("L").resize(alpha.size, Image.BOX)
+    pixels.append(np.array(alpha)[np.array(mask) == 0] / 255)
+configuration, seed = model.split("/")[-2:]
+print(f"| {configuration} | {seed[5:]} | {np.mean(np.concatenate(pixels)):.4f} |")
+PYTHON
+    rm -rf -- "$renders"
+  done
+}
+
 run_block() {
   local base
   case $1 in
@@ -133,14 +191,21 @@ run_block() {
       base+=';--bilateral_grid_tv 100=--bilateral_grid --bilateral_grid_tv 100'
       compare grid "$short --train_test_exp" "$base" fox_gains
       ;;
-    # The same without and with --exposure in five times as many iterations.
-    long)
-      compare long "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" 'none=;--exposure=--exposure' \
-        orbit orbit_gains
+    # Photographs so dark that gains cut nothing off, and five times as many iterations.
+    dim)
+      compare dim "$short --train_test_exp" 'none=;--exposure=--exposure' orbit_dim orbit_dimgains
+      compare dim "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" \
+        'none, 7500=;--exposure, 7500=--exposure' orbit_dim orbit_dimgains
+      ;;
+    rates)
+      base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001'
+      base+=';0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
+      base+=';0.01 to 0.00001=--exposure --exposure_lr_final 0.00001'
+      compare rates "$short --train_test_exp" "$base" orbit_dim orbit_dimgains
       ;;
     masks)
-      compare masks "$short" 'none=' orbit fox bonsai
-      compare masks "$short" 'none=--masks none;masks=' orbit_covered fox_covered bonsai_covered
+      compare masks "$short" 'none=' orbit fox
+      compare masks "$short" 'none=--masks none;masks=' orbit_covered fox_covered
       ;;
     # Masks that show the solids of orbit only. PSNR is over what test masks show.
     segment)
@@ -162,7 +227,7 @@ run_block() {
       base+=';--depth_l1_weight_init 0.1=--depths depths --depth_l1_weight_init 0.1 --depth_l1_weight_final 0.001'
       base+=';--depth_l1_weight_init 10=--depths depths --depth_l1_weight_init 10 --depth_l1_weight_final 0.1'
       base+=';--depth_l1_weight_final 1=--depths depths --depth_l1_weight_final 1'
-      compare depths "$short" "$base" few_0 few_1 few_2
+      SEEDS=0 compare depths "$short" "$base" few_0 few_1 few_2
       ;;
     background)
       base='black=;--background learned=--background learned;--background sky=--background sky'
@@ -171,17 +236,18 @@ run_block() {
     mcmc)
       base='none=;--growth 0.01=--growth 0.01;--growth 0.1=--growth 0.1'
       base+=';--noise_from_iter 5000=--noise_from_iter 5000;--noise_from_iter 15000=--noise_from_iter 15000'
+      compare mcmc "$common --strategy mcmc --steps_scaler 0.05 --max_gaussians 12000" "$base" orbit
       compare mcmc "$common --strategy mcmc --steps_scaler 0.05 --max_gaussians 24000" "$base" fox
-      compare mcmc "$common --strategy mcmc --steps_scaler 0.05 --max_gaussians 50000" "$base" bonsai
       ;;
-    # The default limit is below the number of points at this size, so another one is the base.
+    # With the default of --pixels_per_gaussian, the limit would be the number of points at this size. 14 is about twice
+    # that number on both scenes.
     balanced)
-      base='--opacity_decay 0.99=--opacity_decay 0.99;--opacity_decay 0.98=--opacity_decay 0.98'
-      base+=';--reg_from_iter 5000=--reg_from_iter 5000;--reg_from_iter 15000=--reg_from_iter 15000'
-      compare balanced "$short" "14=--pixels_per_gaussian 14;28=--pixels_per_gaussian 28;7=--pixels_per_gaussian 7" fox
-      compare balanced "$short --pixels_per_gaussian 14" "$base" fox
-      compare balanced "$short" "10=--pixels_per_gaussian 10;15=--pixels_per_gaussian 15;5=--pixels_per_gaussian 5" bonsai
-      compare balanced "$short --pixels_per_gaussian 10" "$base" bonsai
+      base='14=--pixels_per_gaussian 14;28=--pixels_per_gaussian 28;7=--pixels_per_gaussian 7'
+      base+=';--opacity_decay 0.99=--pixels_per_gaussian 14 --opacity_decay 0.99'
+      base+=';--opacity_decay 0.98=--pixels_per_gaussian 14 --opacity_decay 0.98'
+      base+=';--reg_from_iter 5000=--pixels_per_gaussian 14 --reg_from_iter 5000'
+      base+=';--reg_from_iter 15000=--pixels_per_gaussian 14 --reg_from_iter 15000'
+      compare balanced "$short" "$base" orbit fox
       ;;
   esac
 }
@@ -194,5 +260,6 @@ for block in "${all_blocks[@]}"; do
   [[ " ${blocks[*]} " == *" $block "* || " ${blocks[*]} " == *" tables "* ]] || continue
   printf '\n### %s\n\n' "$block"
   "$scripts/compare_presets.sh" "$b3dgs" "$output/$block"
+  [[ $block != segment ]] || alpha_left
 done
 if ((is_left)); then exit 3; fi

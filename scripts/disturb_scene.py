@@ -2,8 +2,8 @@
 """Copies a COLMAP scene and puts known faults into its training photographs, or into their poses.
 
 The photographs that `b3dgs train --eval` holds out, every 8th by name from the first on, and their poses stay as they
-are. So held-out PSNR says what a fault costs, and what an option against it wins back. The same seed gives the same
-faults. Needs numpy and Pillow.
+are (but for --dim). So held-out PSNR says what a fault costs, and what an option against it wins back. The same seed
+gives the same faults. Needs numpy and Pillow.
 """
 
 import argparse
@@ -196,6 +196,9 @@ def parse_arguments():
     parser.add_argument("--gains", metavar="X", type=number(0, 2), default=0,
                         help="multiply each channel by exp(X (u + t / 2)), u for each photograph and t for each of its "
                              "channels uniform from -1 to 1; what exceeds white is cut off")
+    parser.add_argument("--dim", metavar="X", type=number(0.01, 1), default=1,
+                        help="first multiply all photographs by X, also those that are held out, so that --gains cuts "
+                             "nothing off")
     parser.add_argument("--cover", action="store_true",
                         help="cover 10 to 15 %% of each photograph with rectangles, and write masks that leave them out")
     parser.add_argument("--turn", metavar="DEGREES", type=number(0, 30), default=0, help="turn each camera so far")
@@ -203,8 +206,8 @@ def parse_arguments():
                         help="move each camera by this share of the scene extent")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    if not (arguments.gains or arguments.cover or arguments.turn or arguments.move):
-        fail("no fault to make; give --gains, --cover, --turn or --move")
+    if arguments.dim == 1 and not (arguments.gains or arguments.cover or arguments.turn or arguments.move):
+        fail("no fault to make; give --gains, --dim, --cover, --turn or --move")
     if arguments.seed < 0:
         fail(f"--seed: expected 0 or more, found {arguments.seed}")
     return arguments
@@ -221,18 +224,21 @@ def write_scene(arguments, model, found, training, partial):
     for pose in found:
         source, target = os.path.join(scene, "images", pose.name), os.path.join(partial, "images", pose.name)
         os.makedirs(os.path.dirname(target), exist_ok=True)
-        if pose not in training or not (arguments.gains or arguments.cover):
+        is_disturbed = pose in training and (arguments.gains or arguments.cover)
+        if not is_disturbed and arguments.dim == 1:
             shutil.copyfile(source, target)
             continue
         try:
             pixels = np.array(Image.open(source).convert("RGB"))
         except (OSError, ValueError) as error:
             fail(f"{source}: {error}")
-        if arguments.gains:
+        if arguments.dim != 1:
+            pixels = np.rint(arguments.dim * pixels).astype(np.uint8)
+        if is_disturbed and arguments.gains:
             was_white = np.mean(pixels == 255)
             pixels = gain_and_tint(pixels, arguments.gains, random)
             cut_off.append(max(0.0, np.mean(pixels == 255) - was_white))
-        if arguments.cover:
+        if is_disturbed and arguments.cover:
             mask = os.path.join(partial, "masks", pose.name + ".png")
             os.makedirs(os.path.dirname(mask), exist_ok=True)
             save(Image.fromarray(cover(pixels, random)), mask)
@@ -240,9 +246,9 @@ def write_scene(arguments, model, found, training, partial):
     if arguments.turn or arguments.move:
         disturb_poses(training, arguments.turn, arguments.move, random)
         model.write(os.path.join(partial, model.folder))
-    text = f"{len(training)} of {len(found)} photographs disturbed"
+    text = f"{len(training)} training photographs, {len(found) - len(training)} held out"
     if cut_off:
-        text += f"; {100 * np.mean(cut_off):.1f} % of their values cut off at white"
+        text += f"; {100 * np.mean(cut_off):.1f} % of the training values cut off at white"
     return text
 
 
