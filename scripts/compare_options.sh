@@ -10,6 +10,7 @@
 # Blocks: appearance grid dim rates masks segment poses depths background mcmc balanced; default: all. "tables" only prints.
 # Environment:
 #   SEEDS    default "0 1 2"
+#   SCENES   trains only on these scenes of a block; default: all of them
 #   LIMIT_S  starts no further training of a block once so many seconds have passed in it; default: none
 # Example: scripts/compare_options.sh build/cpu/app/b3dgs output/options ../shared/data appearance
 set -euo pipefail
@@ -143,6 +144,7 @@ object_masks() {
 compare() {
   local name folder status
   for name in "${@:4}"; do
+    [[ " ${SCENES:-$name} " == *" $name "* ]] || continue
     status=0
     folder=$(scene "$name")
     OPTIONS="$2 $(size_of "$name")" CONFIGS=$3 SEEDS=${SEEDS:-0 1 2} \
@@ -189,7 +191,7 @@ run_block() {
       base+=';--bilateral_grid_lr 0.008=--bilateral_grid --bilateral_grid_lr 0.008'
       base+=';--bilateral_grid_tv 1=--bilateral_grid --bilateral_grid_tv 1'
       base+=';--bilateral_grid_tv 100=--bilateral_grid --bilateral_grid_tv 100'
-      compare grid "$short --train_test_exp" "$base" fox_gains
+      compare grid "$short --train_test_exp" "$base" orbit_gains
       ;;
     # Photographs so dark that gains cut nothing off, and five times as many iterations.
     dim)
@@ -197,11 +199,13 @@ run_block() {
       compare dim "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" \
         'none, 7500=;--exposure, 7500=--exposure' orbit_dim orbit_dimgains
       ;;
+    # Other learning rates of --exposure than 0.01 to 0.0001, its default.
     rates)
+      base='0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
+      compare rates "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains orbit_dim orbit_dimgains
       base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001'
-      base+=';0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
       base+=';0.01 to 0.00001=--exposure --exposure_lr_final 0.00001'
-      compare rates "$short --train_test_exp" "$base" orbit_dim orbit_dimgains
+      compare rates "$short --train_test_exp" "$base" orbit orbit_gains
       ;;
     masks)
       compare masks "$short" 'none=' orbit fox
@@ -213,7 +217,7 @@ run_block() {
       compare segment "$short" 'weight 0.1=--mask_mode segment --mask_alpha_weight 0.1' orbit_object
       ;;
     poses)
-      compare poses "$short" 'none=;--pose_opt=--pose_opt' orbit fox
+      compare poses "$short" '--pose_opt=--pose_opt' orbit fox
       base='none=;--pose_opt=--pose_opt'
       base+=';--pose_opt_lr 0.00015=--pose_opt --pose_opt_lr 0.00015'
       base+=';--pose_opt_lr 0.0015=--pose_opt --pose_opt_lr 0.0015'

@@ -62,10 +62,11 @@ class Pose:
 def read_binary(path, data):
     """The poses of an images.bin."""
     poses = []
+    i = 0
     try:
         (count,) = struct.unpack_from("<Q", data, 0)
         offset = 8
-        for _ in range(count):
+        for i in range(count):
             values = struct.unpack_from("<7d", data, offset + 4)
             end = data.index(b"\0", offset + 64)
             poses.append(Pose(data[offset + 64:end].decode(), values, offset + 4))
@@ -74,7 +75,7 @@ def read_binary(path, data):
             if offset > len(data):
                 raise struct.error
     except (struct.error, ValueError):
-        fail(f"{path}: ends in image {len(poses) + 1}; is it complete?")
+        fail(f"{path}: ends in image {i + 1}; is it complete?")
     return poses
 
 
