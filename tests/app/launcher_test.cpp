@@ -103,7 +103,8 @@ TEST(ComparePresets, HasColumnsOfWhatOnlySomeTrainingsMeasure) {
            more + "}\n";
   };
   test::write_bytes(folder / "results/.made_by_compare_presets", "");
-  test::write_bytes(folder / "results/results.jsonl", run("a", "0") + run("b", R"(0, "cc_psnr": 21, "whole_psnr": 19)") +
+  test::write_bytes(folder / "results/results.jsonl", run("a", "0") +
+                                                          run("b", R"(0, "cc_psnr": 21, "whole_psnr": 19)") +
                                                           run("b", R"(1, "cc_psnr": 22, "whole_psnr": 19)"));
   const std::string command = B3DGS_SOURCE "/scripts/compare_presets.sh b3dgs '" + (folder / "results").string() + "'";
   EXPECT_EQ(run_shell(folder.path(), command), 0);
@@ -117,8 +118,8 @@ TEST(CompareOptions, RefusesBlocksAndScenesThatDoNotExist) {
   const test::TempDir folder;
   const auto refused = [&](const std::string& blocks) {
     const std::string at = "'" + folder.path().string() + "'";
-    EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/compare_options.sh " B3DGS_PROGRAM " " + at + "/results " +
-                                           at + " " + blocks),
+    EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/compare_options.sh " B3DGS_PROGRAM " " + at +
+                                           "/results " + at + " " + blocks),
               2);
     return test::read_bytes(folder / "out");
   };

@@ -37,7 +37,8 @@ class DisturbScene : public testing::TestWithParam<std::string> {
     return WEXITSTATUS(status);
   }
   int disturb(const std::string& options) {
-    return run(B3DGS_SOURCE "/scripts/disturb_scene.py '" + source_.string() + "' '" + output_.string() + "' " + options);
+    return run(B3DGS_SOURCE "/scripts/disturb_scene.py '" + source_.string() + "' '" + output_.string() + "' " +
+               options);
   }
   std::string words() { return test::read_bytes(folder_ / "out"); }
 
@@ -58,9 +59,7 @@ class DisturbScene : public testing::TestWithParam<std::string> {
     }
   }
 
-  fs::path model_file() {
-    return source_ / "sparse/0" / (GetParam() == "binary" ? "images.bin" : "images.txt");
-  }
+  fs::path model_file() { return source_ / "sparse/0" / (GetParam() == "binary" ? "images.bin" : "images.txt"); }
 
   test::TempDir folder_;
   fs::path source_ = folder_ / "source", output_ = folder_ / "output";
