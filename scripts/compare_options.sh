@@ -202,7 +202,10 @@ run_block() {
     # Other learning rates of --exposure than 0.01 to 0.0001, its default.
     rates)
       base='0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
-      compare rates "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains orbit_dim orbit_dimgains
+      compare rates "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains bonsai bonsai_gains \
+        orbit_dim orbit_dimgains
+      compare rates "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" "${base/=/, 7500=}" \
+        orbit_dim orbit_dimgains
       base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001'
       base+=';0.01 to 0.00001=--exposure --exposure_lr_final 0.00001'
       compare rates "$short --train_test_exp" "$base" orbit orbit_gains
@@ -213,11 +216,11 @@ run_block() {
       ;;
     # Masks that show the solids of orbit only. PSNR is over what test masks show.
     segment)
-      KEEP=1 compare segment "$short" 'ignore=;segment=--mask_mode segment' orbit_object
-      compare segment "$short" 'weight 0.1=--mask_mode segment --mask_alpha_weight 0.1' orbit_object
+      base='ignore=;segment=--mask_mode segment;weight 0.1=--mask_mode segment --mask_alpha_weight 0.1'
+      KEEP=1 compare segment "$short" "$base" orbit_object
       ;;
     poses)
-      compare poses "$short" '--pose_opt=--pose_opt' orbit fox
+      compare poses "$short" '--pose_opt=--pose_opt;--pose_opt_lr 0.00015=--pose_opt --pose_opt_lr 0.00015' orbit fox
       base='none=;--pose_opt=--pose_opt'
       base+=';--pose_opt_lr 0.00015=--pose_opt --pose_opt_lr 0.00015'
       base+=';--pose_opt_lr 0.0015=--pose_opt --pose_opt_lr 0.0015'
@@ -236,6 +239,8 @@ run_block() {
     background)
       base='black=;--background learned=--background learned;--background sky=--background sky'
       compare background "$short" "$base" kitti_street orbit
+      base='black, 7500=;--background learned, 7500=--background learned;--background sky, 7500=--background sky'
+      compare background "$common --strategy balanced --steps_scaler 0.25" "$base" orbit
       ;;
     mcmc)
       base='none=;--growth 0.01=--growth 0.01;--growth 0.1=--growth 0.1'
