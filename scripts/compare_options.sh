@@ -193,11 +193,11 @@ run_block() {
       base+=';--bilateral_grid_tv 100=--bilateral_grid --bilateral_grid_tv 100'
       compare grid "$short --train_test_exp" "$base" orbit_gains
       ;;
-    # Photographs so dark that gains cut nothing off, and five times as many iterations.
+    # Photographs so dark that gains cut nothing off; and five times as many iterations.
     dim)
       compare dim "$short --train_test_exp" 'none=;--exposure=--exposure' orbit_dim orbit_dimgains
       compare dim "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" \
-        'none, 7500=;--exposure, 7500=--exposure' orbit_dim orbit_dimgains
+        'none, 7500=;--exposure, 7500=--exposure' orbit_dim orbit_dimgains orbit orbit_gains
       ;;
     # Other learning rates of --exposure than 0.01 to 0.0001, its default.
     rates)
