@@ -233,7 +233,7 @@ int run_train(const std::vector<std::string>& words) {
   CommandLine line("train", "Train a scene.", "b3dgs train scenes/garden -m output/garden --eval");
   TrainCommandOptions options;
   line.add(options, "Run");
-  line.add(TrainConfig{}, "Training", {"source_path"});
+  line.add(resolve_options().config, "Training", {"source_path"});
   line.set_notes(presets_help());
   if (!line.parse(split_view_port(words))) return 0;
   line.apply(options);

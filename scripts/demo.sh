@@ -26,7 +26,7 @@ b3dgs=build/cpu/app/b3dgs
 
 rm -rf -- "$out/scene" "$out/model"
 "$b3dgs" synth orbit "$out/scene" --views 40 --width 320 --height 240
-"$b3dgs" train -s "$out/scene" -m "$out/model" --eval --iterations 1500 --test_iterations 500 1000 1500 --device cpu
+"$b3dgs" train -s "$out/scene" -m "$out/model" --eval --preset fast --iterations 1500 --test_iterations 500 1000 1500 --device cpu
 "$b3dgs" eval -m "$out/model" --save_images
 "$b3dgs" render -m "$out/model" --path test
 "$b3dgs" render -m "$out/model" --path orbit --frames 90 --video "$out/flight.mp4" --overwrite

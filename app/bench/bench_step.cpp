@@ -210,7 +210,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   CommandLine line("bench step", "Time whole training steps by stage. No model is written.",
                    "b3dgs bench step scenes/garden --steps 200");
   line.add(options, "Benchmark");
-  line.add(TrainConfig{}, "Training", {"source_path"},
+  line.add(resolve_options().config, "Training", {"source_path"},
            {"model_path", "iterations", "test_iterations", "save_iterations", "checkpoint_iterations",
             "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;

@@ -50,7 +50,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> vi
 
 /// Holds out test views unless --no_eval is given, because times should be compared at equal quality.
 TrainConfig default_config() {
-  TrainConfig config;
+  TrainConfig config = resolve_options().config;
   config.eval = true;
   return config;
 }
@@ -102,6 +102,10 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     }
   }
   plan.base = resolve_options(given).config;
+  if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
+    given["preset"] = planned_preset;  // of a version with another default
+    plan.base = resolve_options(given).config;
+  }
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
     input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");

@@ -9,8 +9,8 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kSplatBytes = 60, kGradBytes = 48;  // src/train/ranks/splat_exchange.h
-constexpr double kStateBytes = 708;                  // of a Gaussian with SH degree 3: 59 floats, 3 times
+constexpr double kSplatBytes = 60, kGradBytes = 48, kPixelBytes = 12;  // src/train/ranks
+constexpr double kStateBytes = 708;  // of a Gaussian with SH degree 3: 59 floats, 3 times
 
 std::optional<double> positive(const nlohmann::ordered_json& row, const char* key) {
   const auto it = row.find(key);
@@ -32,37 +32,54 @@ double exchange_ms(const ClusterCost& cluster, double bytes, int n_gpus, int n_h
 }  // namespace
 
 std::vector<SceneCost> standard_scenes() {
-  const SceneCost bonsai{"bonsai", 928297, 350000, 0.259, 0.206 + 0.186 + 0.052 + 0.452, 0.133};
+  constexpr double kBin = 0.206, kBlend = 0.186 + 0.452;
+  const SceneCost bonsai{"bonsai", 928297, 350000, 800 * 533, 0.259, kBin + kBlend, 0.052, 0.133, 0.65};
   constexpr double kGaussians = 100e6, kSeen = 5e6, kPixels = 5;  // pixels as a multiple of bonsai's
-  const double n = kGaussians / bonsai.n_gaussians;
+  const double n = kGaussians / bonsai.n_gaussians, m = kSeen / bonsai.n_seen;
   const SceneCost large{"large",
                         kGaussians,
                         kSeen,
+                        bonsai.n_pixels * kPixels,
                         bonsai.project_ms * n,
-                        0.206 * kSeen / bonsai.n_seen + (bonsai.draw_ms - 0.206) * kPixels,
-                        bonsai.optimize_ms * n};
+                        kBin * m + kBlend * kPixels,
+                        bonsai.loss_ms * kPixels,
+                        bonsai.optimize_ms * n,
+                        bonsai.sum_ms * m};
   return {bonsai, large};
 }
 
-Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpus, int gpus_per_host) {
-  B3DGS_CHECK(n_gpus >= 1 && gpus_per_host >= 1, n_gpus, " GPUs, ", gpus_per_host, " per host");
+Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpus, int gpus_per_host, int batch) {
+  B3DGS_CHECK(n_gpus >= 1 && gpus_per_host >= 1 && batch >= 1, n_gpus, " GPUs, ", gpus_per_host, " per host, ", batch,
+              " views");
   Prediction prediction;
+  prediction.batch = batch;
   const int n_here = std::min(n_gpus, gpus_per_host);
   prediction.n_gpus = n_gpus;
   prediction.n_hosts = (n_gpus + gpus_per_host - 1) / gpus_per_host;
   prediction.model_bytes = kStateBytes * scene.n_gaussians / n_gpus;
   if (n_gpus == 1) {
-    prediction.work_ms = scene.alone_ms(1);
+    prediction.work_ms = scene.alone_ms(batch);
     return prediction;
   }
-  const double n_sent = scene.n_seen / n_gpus * (n_gpus - 1);
-  prediction.work_ms = scene.project_ms + scene.draw_ms * cluster.busiest + scene.optimize_ms / n_gpus;
+  const bool has_bands = batch < n_gpus;
+  const double n_views = static_cast<double>(batch) / n_gpus;  // that a GPU draws
+  const double n_drawn = n_views * scene.n_seen, n_sent = n_drawn / n_gpus * (n_gpus - 1);
+  prediction.work_ms = (scene.project_ms + scene.draw_ms * cluster.busiest) * n_views +
+                       scene.loss_ms * std::max(1.0, n_views) + scene.learn_ms(batch) / n_gpus;
   prediction.exchange_bytes = n_sent * (kSplatBytes + kGradBytes);
   prediction.exchange_ms = cluster.record_ms + exchange_ms(cluster, n_sent * kSplatBytes, n_gpus, n_here) +
                            exchange_ms(cluster, n_sent * kGradBytes, n_gpus, n_here);
   if (prediction.n_hosts > 1) prediction.exchange_ms += cluster.network.latency_ms;  // the record
-  prediction.overhead_ms = cluster.overhead_ms;
-  prediction.speedup = n_gpus * scene.alone_ms(n_gpus) / prediction.step_ms();
+  prediction.overhead_ms = cluster.overhead_ms + 1e-6 * cluster.pack_ns * n_drawn;
+  if (has_bands) {
+    // The 1 / n_views GPUs of a view are neighbours: hosts exchange rows if a host has fewer GPUs than that.
+    const int n_of_view = std::max(2, static_cast<int>(1 / n_views));
+    const double row_bytes = kPixelBytes * scene.n_pixels * n_views * (n_of_view - 1);
+    prediction.exchange_bytes += row_bytes;
+    prediction.exchange_ms += exchange_ms(cluster, row_bytes, n_of_view, std::min(n_of_view, n_here));
+    prediction.overhead_ms += cluster.band_overhead_ms;
+  }
+  prediction.speedup = scene.alone_ms(batch) / prediction.step_ms();
   return prediction;
 }
 

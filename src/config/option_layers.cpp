@@ -92,11 +92,13 @@ OptionLayers resolve_options(const GivenOptions& given) {
   OptionLayers layers;
   layers.given = given;
   TrainConfig named;  // its preset, its strategy
+  named.preset = given.contains("strategy") ? kPresetNames[0] : kDefaultPreset;
   config_from_json(named, given, /*place=*/"");
   layers.preset = values_of(presets(), named.preset);
   const GivenOptions& names_strategy = given.contains("strategy") ? given : layers.preset;
   layers.strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
 
+  layers.config.preset = named.preset;
   nlohmann::ordered_json values = layers.strategy;
   values.update(layers.preset);
   values.update(given);

@@ -2,7 +2,9 @@
 //
 //   1. the defaults of TrainConfig
 //   2. the defaults of the density strategy in use (strategy_defaults())
-//   3. the values of --preset (presets()), which may also choose the strategy
+//   3. the values of --preset (presets()), which may also choose the strategy. Without --preset: kDefaultPreset, or, if
+//   a
+//      strategy is given, `original`, since the values of another preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
 // Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule
@@ -39,7 +41,7 @@ struct OptionLayers {
 };
 
 /// @throws InputError for a given value that is out of range
-OptionLayers resolve_options(const GivenOptions& given);
+OptionLayers resolve_options(const GivenOptions& given = GivenOptions::object());
 
 /// Changes the options of a resumed training. Those that are not given keep the checkpoint's values: neither the
 /// preset nor the strategy's defaults are applied again, and schedules do not follow a changed --iterations. A given

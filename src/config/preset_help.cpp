@@ -36,10 +36,12 @@ const char* value_in(const OptionRow& row, const std::string& name) {
   return own == row.values.end() ? "" : own->value;
 }
 
-/// A row for each option that a column names, in the order of the field list.
-std::string table(const std::vector<OptionRow>& columns) {
-  std::string head = "| Option | Default |", rule = "|---|---|", rows;
+/// A row for each option that a column names, in the order of the field list. The first column, `others`, has the
+/// values that apply where a cell is empty.
+std::string table(const std::string& others, const std::vector<OptionRow>& columns) {
+  std::string head = "| Option | " + others + " |", rule = "|---|---|", rows;
   for (const OptionRow& column : columns) {
+    if (column.values.empty()) continue;
     head += std::string(" `") + column.name + "` |";
     rule += "---|";
   }
@@ -49,19 +51,21 @@ std::string table(const std::vector<OptionRow>& columns) {
     std::string cells;
     bool is_named = false;
     for (const OptionRow& column : columns) {
+      if (column.values.empty()) continue;
       const char* const own = value_in(column, name);
       is_named = is_named || *own != '\0';
       cells += std::string(" ") + own + (*own == '\0' ? "|" : " |");
     }
     if (is_named) rows += "| `--" + name + "` | " + option_value_text(value) + " |" + cells + "\n";
   });
-  return rows.empty() ? "None has values of its own.\n" : head + "\n" + rule + "\n" + rows;
+  return head + "\n" + rule + "\n" + rows;
 }
 
 }  // namespace
 
 std::string presets_help() {
-  std::string text = "Values of --preset:\n";
+  std::string text = "Values of --preset (default ";
+  text += std::string(kDefaultPreset) + ", with --strategy " + kPresetNames[0] + "):\n";
   for (const OptionRow& row : presets()) text += help_entry(row);
   std::string strategies;
   for (const OptionRow& row : strategy_defaults()) {
@@ -72,11 +76,15 @@ std::string presets_help() {
 
 std::string presets_markdown() {
   std::string text =
-      "## Presets and strategies\n\nA later one of these decides: the default, the value of the strategy in use, that "
-      "of `--preset`,\n`--config FILE`, the command line. See [recipes.md](recipes.md).\n\n### Values of "
-      "`--preset`\n\n";
+      "## Presets and strategies\n\nA later one of these decides: the value of `--preset original`, that of the "
+      "strategy in use, that\nof `--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
+  text += std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
+          kPresetNames[0] +
+          "`. Defaults in\nthe tables above are those without either option. Where a cell below is empty, the value of "
+          "the\nstrategy or, if it has none, that of `original` applies.\n\n### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
-  return text + "\n" + table(presets()) + "\n### Values of `--strategy`\n\n" + table(strategy_defaults());
+  return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +
+         table("with `--preset original`", strategy_defaults());
 }
 
 }  // namespace b3dgs

@@ -108,7 +108,7 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
 }
 
 TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
-  const std::string hint = "training on a CPU: 30,000 iterations of each of 2 configurations take long; --iterations";
+  const std::string hint = "training on a CPU: 24,000 iterations of each of 2 configurations take long; --iterations";
   test::RunOptions stop;
   stop.signal = SIGTERM;
   stop.signal_when = [&] { return fs::exists(output() / "naive/seed_0/train.jsonl"); };
@@ -333,11 +333,23 @@ TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
   };
   rejected({"--seed", "7"}, "the comparison has the seeds 0");
   rejected({"--overwrite"}, "--overwrite");
-  rejected({"--preset", "fast"}, "--resume cannot change --preset (original)");
+  rejected({"--preset", "fast"}, "--resume cannot change --preset (quality)");
   const fs::path file = output() / "seed.json";
   std::ofstream(file) << json{{"seed", 7}};
   rejected({"--config", file.string()}, "the comparison has the seeds 0");
   EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
+}
+
+TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
+  ASSERT_EQ(compare({"--preset", "original", "--iterations", "4", "--quiet"}).exit_code, 0);
+  json older = result();
+  ASSERT_EQ(older["plan"]["given"].erase("preset"), 1u);
+  std::ofstream(output() / "compare.json") << older;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--iterations", "6", "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_EQ(result()["plan"]["config"]["preset"], "original");
+  EXPECT_EQ(result()["plan"]["config"]["densify_until_iter"], 15000);
+  EXPECT_EQ(result()["summary"]["done"], 6);
 }
 
 TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {

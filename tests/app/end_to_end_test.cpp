@@ -164,7 +164,8 @@ TEST_F(EndToEnd, EvaluatesWithExposures) {
 
 TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
   // The opacity reset after the last iteration affects the checkpoint only, for a training that is resumed.
-  const Outcome trained = train({"--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
+  const Outcome trained =
+      train({"--preset", "original", "--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto views = nlohmann::json::parse(read_bytes(fs::path(model()) / "per_view.json"))["ours_60"]["PSNR"];
   const auto record = nlohmann::json::parse(read_bytes(fs::path(model()) / "report" / "run.json"));
@@ -217,9 +218,20 @@ TEST_F(EndToEnd, SignalsInQuickSuccessionAreOneRequest) {
 TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
   // Density control at 4, 8, 12, 16 and the opacity reset at 12 are on both sides of the interruption. On a CPU the two
   // candidates compute the same bits, so it does not matter which one is faster.
-  const Words schedule{"--densify_from_iter",      "2",  "--densification_interval", "4",
-                       "--opacity_reset_interval", "12", "--densify_grad_threshold", "0.00001",
-                       "--sh_increase_interval",   "7",  "--kernel_candidates",      "naive,shared-memory"};
+  const Words schedule{"--preset",
+                       "original",
+                       "--densify_from_iter",
+                       "2",
+                       "--densification_interval",
+                       "4",
+                       "--opacity_reset_interval",
+                       "12",
+                       "--densify_grad_threshold",
+                       "0.00001",
+                       "--sh_increase_interval",
+                       "7",
+                       "--kernel_candidates",
+                       "naive,shared-memory"};
   const auto train_into = [&](const std::string& name, Words words) {
     words.insert(words.begin(), {"train", "-s", scene(), "-m", model(name)});
     words.insert(words.end(), schedule.begin(), schedule.end());

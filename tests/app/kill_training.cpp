@@ -117,6 +117,8 @@ Words training(const Options& options, const fs::path& model, bool resumes) {
               "40",
               "--checkpoint_interval",
               "3",
+              "--preset",
+              "original",
               "--save_iterations",
               "10",
               "25",

@@ -49,7 +49,9 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
   const TrainConfig base = resolve_options(given).config;
   const auto entries = parse_configurations(
       "original:preset=original,fast:preset=fast,short:preset=fast+iterations=70+opacity_lr=0.25", base, given);
-  EXPECT_TRUE(config_differences(base, entries[0].config).empty());
+  const TrainConfig original = resolve_options({{"preset", "original"}}).config;
+  EXPECT_EQ(entries[0].config.iterations, original.iterations);
+  EXPECT_EQ(entries[0].config.opacity_lr, 0.5) << "given for all";
   const TrainConfig fast = resolve_options({{"preset", "fast"}}).config;
   EXPECT_EQ(entries[1].config.iterations, fast.iterations);
   EXPECT_EQ(entries[1].config.position_lr_max_steps, fast.position_lr_max_steps);

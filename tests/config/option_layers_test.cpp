@@ -103,8 +103,20 @@ TEST(Presets, HelpAndPageShowEveryValue) {
 }
 
 TEST(OptionLayers, OriginalIsTrainConfig) {
-  EXPECT_TRUE(config_differences(TrainConfig{}, resolved({})).empty());
   EXPECT_TRUE(config_differences(TrainConfig{}, resolved({"--preset", "original"})).empty());
+}
+
+TEST(OptionLayers, ThePresetIsQualityUnlessItOrAStrategyIsGiven) {
+  EXPECT_TRUE(config_differences(resolved({"--preset", "quality"}), resolved({})).empty());
+  EXPECT_EQ(resolved({"--iterations", "12000"}).densify_until_iter, 8000) << "half of its schedule";
+  for (const char* strategy : {"default", "mcmc", "balanced"}) {
+    EXPECT_TRUE(config_differences(resolved({"--preset", "original", "--strategy", strategy}),
+                                   resolved({"--strategy", strategy}))
+                    .empty());
+  }
+  const TrainConfig fast = resolved({"--preset", "fast", "--strategy", "mcmc"});
+  EXPECT_EQ(fast.preset, "fast");
+  EXPECT_EQ(fast.iterations, 5000);
 }
 
 TEST(OptionLayers, GivenOptionsOverrideThePreset) {
@@ -155,7 +167,7 @@ TEST(Schedule, OptionsCountedInIterationsAreMarked) {
 }
 
 TEST(Schedule, OfOriginalDoesNotFollowIterations) {
-  const TrainConfig config = resolved({"--iterations", "10000"});
+  const TrainConfig config = resolved({"--preset", "original", "--iterations", "10000"});
   EXPECT_EQ(config_differences(TrainConfig{}, config), Words{"iterations: 30000 -> 10000"});
 }
 
@@ -179,7 +191,7 @@ TEST(Schedule, OfAPresetFollowsIterations) {
 }
 
 TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
-  const TrainConfig half = resolved({"--steps_scaler", "0.5", "--densify_until_iter", "101"});
+  const TrainConfig half = resolved({"--preset", "original", "--steps_scaler", "0.5", "--densify_until_iter", "101"});
   EXPECT_EQ(half.steps_scaler, 1) << "a stored config must not be scaled again";
   EXPECT_EQ(half.iterations, 15000);
   EXPECT_EQ(half.densify_until_iter, 51) << "given, and rounded to the nearest";
@@ -188,7 +200,7 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   EXPECT_EQ(half.checkpoint_interval, 0) << "0 stays 0";
   EXPECT_EQ(half.max_gaussians, TrainConfig{}.max_gaussians);
   EXPECT_EQ(half.threads, TrainConfig{}.threads);
-  const TrainConfig tiny = resolved({"--steps_scaler", "1e-9"});
+  const TrainConfig tiny = resolved({"--preset", "original", "--steps_scaler", "1e-9"});
   EXPECT_EQ(tiny.iterations, 1);
   EXPECT_EQ(tiny.densify_from_iter, 1);
   EXPECT_EQ(resolved({"--steps_scaler", "1e9"}).iterations, std::numeric_limits<int>::max());
@@ -222,8 +234,10 @@ TEST(ResumedOptions, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
 }
 
 TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
-  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model"}))),
+  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model", "--preset", "original"}))),
             Words{"options     preset original, strategy default"});
+  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene"})))[0],
+            "options     preset quality, strategy balanced");
   const Words lines = describe_options(
       resolve_options(given({"--preset", "fast", "--eval", "--iterations", "10000", "--tile", "16x8"})));
   std::string text;

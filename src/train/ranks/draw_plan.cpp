@@ -55,25 +55,63 @@ StepPlan whole_views(const std::vector<int>& drawers) {
   return plan;
 }
 
-std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_bands) {
-  std::int64_t sum = std::accumulate(work.begin(), work.end(), std::int64_t{0});
-  const bool is_known = sum > 0;
-  if (!is_known) sum = static_cast<std::int64_t>(work.size());
-  std::vector<TileRowSpan> bands;
-  std::int32_t row = 0;
-  std::int64_t before = 0;  // work of the rows above
-  for (int band = 1; band < n_bands; ++band) {
-    const double target = static_cast<double>(sum) * band / n_bands;
-    const std::int32_t begin = row;
-    while (row < static_cast<std::int32_t>(work.size())) {
-      const std::int64_t own = is_known ? work[static_cast<std::size_t>(row)] : 1;
-      if (static_cast<double>(before) + 0.5 * static_cast<double>(own) > target) break;
-      before += own;
-      ++row;
-    }
-    bands.push_back({begin, row});
+namespace {
+
+/// Sums of the first rows: element i is the work of rows 0 to i - 1.
+using WorkBefore = std::vector<std::int64_t>;
+
+/// The last edge that a band from row `begin` may have if its work is to be at most `limit`.
+std::size_t last_edge(const WorkBefore& before, std::size_t begin, std::int64_t limit) {
+  const auto over =
+      std::upper_bound(before.begin() + static_cast<std::ptrdiff_t>(begin), before.end(), before[begin] + limit);
+  return static_cast<std::size_t>(over - before.begin()) - 1;
+}
+
+/// The first edge from which `n_bands` bands of at most `limit` reach the last row, for each n_bands from 0 to `most`.
+std::vector<std::size_t> first_edges(const WorkBefore& before, int most, std::int64_t limit) {
+  std::vector<std::size_t> edges{before.size() - 1};
+  for (int n_bands = 1; n_bands <= most; ++n_bands) {
+    const auto first = std::lower_bound(before.begin(), before.begin() + static_cast<std::ptrdiff_t>(edges.back()),
+                                        before[edges.back()] - limit);
+    edges.push_back(static_cast<std::size_t>(first - before.begin()));
   }
-  bands.push_back({row, TileRowSpan{}.end});
+  return edges;
+}
+
+/// The least work that the busiest of `n_bands` bands can have.
+std::int64_t least_limit(const WorkBefore& before, int n_bands) {
+  std::int64_t low = 0, high = before.back();
+  while (low < high) {
+    const std::int64_t middle = low + (high - low) / 2;
+    if (first_edges(before, n_bands, middle).back() == 0) {
+      high = middle;
+    } else {
+      low = middle + 1;
+    }
+  }
+  return low;
+}
+
+}  // namespace
+
+std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_bands) {
+  const bool is_known = std::any_of(work.begin(), work.end(), [](std::int64_t row) { return row > 0; });
+  WorkBefore before{0};
+  for (const std::int64_t row : work) before.push_back(before.back() + (is_known ? row : 1));
+  const std::int64_t limit = least_limit(before, n_bands);
+  const std::vector<std::size_t> first = first_edges(before, n_bands, limit);
+  std::vector<TileRowSpan> bands;
+  std::size_t row = 0;
+  for (int band = 1; band < n_bands; ++band) {
+    // The edge nearest to equal parts, of those that keep every band within the limit.
+    const double target = static_cast<double>(before.back()) * band / n_bands;
+    std::size_t edge = row;
+    while (edge + 1 < before.size() && static_cast<double>(before[edge] + before[edge + 1]) <= 2 * target) ++edge;
+    edge = std::min(std::max(edge, first[static_cast<std::size_t>(n_bands - band)]), last_edge(before, row, limit));
+    bands.push_back({static_cast<std::int32_t>(row), static_cast<std::int32_t>(edge)});
+    row = edge;
+  }
+  bands.push_back({static_cast<std::int32_t>(row), TileRowSpan{}.end});
   return bands;
 }
 

@@ -45,9 +45,9 @@ inline bool is_banded(const StepPlan& plan) {
   return std::any_of(plan.begin(), plan.end(), [](const DrawnPart& part) { return part.is_band(); });
 }
 
-/// Cuts rows of tiles into bands of about equal work, at the row edges nearest to equal parts; in rows of equal number
-/// if there is no work. Bands may be empty. The last one has no end, so that all rows are drawn, however many there
-/// are.
+/// Cuts rows of tiles into bands so that the busiest has as little work as possible, and the others, within that, about
+/// equal parts; in rows of equal number if there is no work. Bands may be empty. The last one has no end, so that all
+/// rows are drawn, however many there are.
 std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_bands);
 
 /// For more ranks than views: each view gets a rank, and the others go one by one to the view with the most work for

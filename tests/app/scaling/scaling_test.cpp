@@ -14,30 +14,51 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-const SceneCost kScene{"scene", 1000, 800, 2, 10, 4};
-const ClusterCost kCluster{{0.1, 1000}, {0.5, 100}, 0.05, 0.3, 1.2};
+// Gaussians, splats, pixels of a view; ms to project, draw, compare, optimize and sum.
+const SceneCost kScene{"scene", 1000, 800, 500, 2, 10, 1, 4, 6};
+// Links, ms for a record and overheads, ns to pack a splat, work of the busiest rank.
+const ClusterCost kCluster{{0.1, 1000}, {0.5, 100}, 0.05, 0.3, 0.7, 1000, 1.2};
 
 TEST(ScalingModel, OneGpuExchangesNothing) {
-  const Prediction p = predict(kScene, kCluster, 1, 8);
-  EXPECT_DOUBLE_EQ(p.step_ms(), 16);
+  const Prediction p = predict(kScene, kCluster, 1, 8, 1);
+  EXPECT_DOUBLE_EQ(p.step_ms(), 2 + 10 + 1 + 4);
   EXPECT_DOUBLE_EQ(p.speedup, 1);
   EXPECT_DOUBLE_EQ(p.model_bytes, 708000);
+  EXPECT_DOUBLE_EQ(predict(kScene, kCluster, 1, 8, 3).step_ms(), 3 * (2 + 10 + 1) + 4 + 6);
 }
 
 TEST(ScalingModel, AddsWorkExchangeAndOverhead) {
-  const Prediction p = predict(kScene, kCluster, 2, 8);
-  EXPECT_DOUBLE_EQ(p.work_ms, 2 + 10 * 1.2 + 4.0 / 2);
+  const Prediction p = predict(kScene, kCluster, 2, 8, 2);
+  EXPECT_DOUBLE_EQ(p.work_ms, 2 + 10 * 1.2 + 1 + (4 + 6) / 2.0);
   // 400 splats of the view that the other one draws, 60 and 48 bytes each, at 1000 bytes per ms.
   EXPECT_DOUBLE_EQ(p.exchange_ms, 0.05 + 2 * 0.1 + 400 * 60 / 1000.0 + 400 * 48 / 1000.0);
   EXPECT_DOUBLE_EQ(p.exchange_bytes, 400 * 108);
-  EXPECT_DOUBLE_EQ(p.overhead_ms, 0.3);
-  EXPECT_DOUBLE_EQ(p.speedup, 2 * (2 + 10 + 4.0 / 2) / p.step_ms()) << "against steps of two views";
+  EXPECT_DOUBLE_EQ(p.overhead_ms, 0.3 + 800 * 1e-3);
+  EXPECT_DOUBLE_EQ(p.speedup, (2 * (2 + 10 + 1) + 4 + 6) / p.step_ms()) << "against steps of two views";
+  EXPECT_DOUBLE_EQ(p.views_per_s(), 2000 / p.step_ms());
   EXPECT_DOUBLE_EQ(p.model_bytes, 354000);
   EXPECT_EQ(p.n_hosts, 1);
 }
 
+TEST(ScalingModel, DividesAViewIntoBands) {
+  const Prediction p = predict(kScene, kCluster, 4, 8, 1);
+  EXPECT_DOUBLE_EQ(p.work_ms, (2 + 10 * 1.2) / 4 + 1 + 4 / 4.0) << "each compares the whole view";
+  // Each has 200 of the 800 splats and sends 150; it sends its 125 pixels to three others.
+  const double rows = 125 * 12 * 3;
+  EXPECT_NEAR(p.exchange_ms, 0.05 + 3 * 0.1 + (150 * 60 + 150 * 48 + rows) / 1000, 1e-12);
+  EXPECT_DOUBLE_EQ(p.exchange_bytes, 150 * 108 + rows);
+  EXPECT_DOUBLE_EQ(p.overhead_ms, 0.3 + 0.7 + 200 * 1e-3);
+  EXPECT_DOUBLE_EQ(p.speedup, 17 / p.step_ms());
+}
+
+TEST(ScalingModel, DrawsSeveralViewsOnAGpu) {
+  const Prediction p = predict(kScene, kCluster, 2, 8, 4);
+  EXPECT_DOUBLE_EQ(p.work_ms, 2 * (2 + 10 * 1.2 + 1) + (4 + 6) / 2.0);
+  EXPECT_DOUBLE_EQ(p.exchange_bytes, 2 * 400 * 108);
+}
+
 TEST(ScalingModel, GpusOfAHostShareItsNetwork) {
-  const Prediction p = predict(kScene, kCluster, 4, 2);
+  const Prediction p = predict(kScene, kCluster, 4, 2, 4);
   EXPECT_EQ(p.n_hosts, 2);
   // Each sends 600 splats, two thirds of them to the other host, together with the other GPU of its own.
   const double between = 0.5 + 600 * 60 * 2 / 3.0 * 2 / 100, back = 0.5 + 600 * 48 * 2 / 3.0 * 2 / 100;

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
+#include <numeric>
 #include <random>
 
 namespace b3dgs {
@@ -121,6 +123,36 @@ TEST(DrawPlan, CutsRowsAtEqualWork) {
   EXPECT_EQ(edges({1, 1, 100, 1, 1}, 3), (Edges{2, 3})) << "at the nearest edges";
   EXPECT_EQ(edges({5}, 3), (Edges{0, 1})) << "more bands than rows";
   EXPECT_EQ(edges({}, 2), Edges{0});
+}
+
+/// The least work that the busiest of n_bands bands can have, by trying all cuts.
+std::int64_t least_most(const std::vector<std::int64_t>& work, std::size_t begin, int n_bands) {
+  std::int64_t own = 0, least = std::numeric_limits<std::int64_t>::max();
+  for (std::size_t end = begin;; ++end) {
+    if (n_bands > 1 || end == work.size()) {
+      least = std::min(least, std::max(own, n_bands > 1 ? least_most(work, end, n_bands - 1) : 0));
+    }
+    if (end == work.size()) return least;
+    own += work[end];
+  }
+}
+
+TEST(DrawPlan, CutsRowsSoThatNoBandHasMoreWorkThanNeeded) {
+  EXPECT_EQ(edges({1, 2, 9, 4, 1, 4}, 3), (std::vector<std::int32_t>{2, 3}))
+      << "not at the edges nearest to equal parts";
+  std::mt19937 random(1);
+  for (int i = 0; i < 300; ++i) {
+    std::vector<std::int64_t> work(random() % 9);
+    for (std::int64_t& row : work) row = random() % 4 == 0 ? 0 : random() % 20;
+    const int n_bands = 1 + static_cast<int>(random() % 5);
+    std::int64_t most = 0;
+    for (const TileRowSpan& band : cut_rows(work, n_bands)) {
+      const auto end = std::min(static_cast<std::size_t>(band.end), work.size());
+      most = std::max(most, std::accumulate(work.begin() + band.begin, work.begin() + static_cast<std::ptrdiff_t>(end),
+                                            std::int64_t{0}));
+    }
+    EXPECT_EQ(most, least_most(work, 0, n_bands)) << "case " << i;
+  }
 }
 
 TEST(DrawPlan, DividesViewsAmongMoreRanks) {
