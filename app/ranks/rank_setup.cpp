@@ -106,17 +106,17 @@ int count_gpus() {
 #endif
 }
 
-torch::Device choose_rank_device(const std::string& name, const RankPlace& place) {
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus) {
   if (name == "cpu") return torch::kCPU;
-  const int n_gpus = count_gpus();
   if (place.local_rank < n_gpus) return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank));
-  if (name == "auto") return torch::kCPU;
-  input_error("--device cuda: rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ",
-              place.local_rank, " of this machine, which has ", n_gpus, "); use fewer ranks or --device cpu");
+  if (name == "auto" && n_gpus == 0) return torch::kCPU;
+  input_error("rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ", place.local_rank,
+              " of this machine), but sees ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs",
+              "; let each rank see all GPUs (srun: no --gpus-per-task), or use fewer ranks, or --device cpu");
 }
 
 JoinedRank join_ranks(const std::string& device_name, const RankPlace& place) {
-  const torch::Device device = choose_rank_device(device_name, place);
+  const torch::Device device = choose_rank_device(device_name, place, device_name == "cpu" ? 0 : count_gpus());
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) c10::cuda::set_device(device.index());
 #endif

@@ -16,9 +16,9 @@ inline constexpr int kMaxStartedRanks = 1024;
 /// Number of this machine's GPUs that this build can use.
 int count_gpus();
 
-/// GPU `place.local_rank`, or the CPU. `name` is the value of --device: "auto" is that GPU if this machine has it.
-/// @throws InputError if "cuda" is given and this machine has fewer GPUs
-torch::Device choose_rank_device(const std::string& name, const RankPlace& place);
+/// GPU `place.local_rank`, or the CPU. `name` is the value of --device: "auto" is the CPU where this process sees no
+/// GPU. @throws InputError if it sees too few of them
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus);
 
 struct JoinedRank {
   torch::Device device;

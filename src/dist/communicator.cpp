@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
-#include <sstream>
 #include <utility>
 
 #include "core/check.h"
@@ -60,23 +59,8 @@ struct Unit {
   }
 };
 
-/// Rank 0 listens at an address and port that torchrun's agent tells all ranks.
-Socket listen_through_agent(RankPlace& place, const RankLimits& limits) {
-  Socket listening;
-  std::string where;
-  if (place.rank == 0) {
-    const std::string own_address = own_address_towards(place.address, place.port);
-    listening = listen_at(own_address, 0);
-    where = own_address + " " + std::to_string(port_of(listening));
-  }
-  std::istringstream words(share_through_agent(place, where, limits.join));
-  words >> place.address >> place.port;
-  return listening;
-}
-
 /// The listening socket of rank 0; none on the others.
-Socket prepare_to_listen(RankPlace& place, const RankLimits& limits) {
-  if (place.agent_prefix) return listen_through_agent(place, limits);
+Socket prepare_to_listen(const RankPlace& place) {
   if (place.rank != 0) return {};
   if (place.listening_socket >= 0) return Socket(place.listening_socket);
   return listen_at(place.address, place.port);
@@ -97,7 +81,7 @@ std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch
   communicator->rank_ = place.rank;
   communicator->size_ = place.size;
   communicator->device_ = device;
-  Socket listening = prepare_to_listen(place, limits);
+  Socket listening = prepare_to_listen(place);
   if (place.rank == 0) {
     communicator->hub_ = std::make_unique<RankHub>(std::move(listening), place.size, place.job, limits);
   }

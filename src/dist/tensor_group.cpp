@@ -8,9 +8,7 @@
 #endif
 
 #if B3DGS_C10D
-#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/Store.hpp>
-#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 #include <torch/csrc/distributed/c10d/Types.hpp>
 #include <torch/csrc/distributed/c10d/Work.hpp>
 #endif
@@ -267,32 +265,10 @@ std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Rank
   return nullptr;
 }
 
-std::string share_through_agent(const RankPlace& place, const std::string& value, milliseconds limit) {
-  const std::string key = "b3dgs";
-  try {
-    c10d::TCPStoreOptions options;
-    options.port = static_cast<std::uint16_t>(place.port);
-    options.waitWorkers = false;
-    options.timeout = limit;
-    c10d::PrefixStore store(place.agent_prefix.value_or(""),
-                            c10::make_intrusive<c10d::TCPStore>(place.address, options));
-    if (place.rank == 0) store.set(key, to_vector(value));
-    return to_text(store.get(key));
-  } catch (const std::exception& error) {
-    const std::string text = error.what();
-    throw Error(detail::concat("cannot reach torchrun's agent at ", place.address, " port ", place.port, ": ",
-                               text.substr(0, text.find('\n'))));
-  }
-}
-
 #else
 
 std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link) {
   input_error(link.size(), " ranks: ", why_no_tensor_group(device));
-}
-
-std::string share_through_agent(const RankPlace& place, const std::string&, std::chrono::milliseconds) {
-  input_error(place.size, " ranks: ", why_no_tensor_group(torch::kCPU));
 }
 
 #endif

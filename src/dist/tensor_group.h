@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "dist/control/rank_link.h"
-#include "dist/launch/rank_place.h"
 
 namespace b3dgs {
 
@@ -41,8 +40,5 @@ std::string why_no_tensor_group(const torch::Device& device);
 
 /// All ranks of the link call this together. @throws InputError with why_no_tensor_group()
 std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link);
-
-/// Rank 0 passes `value`, and all ranks return it, through the store of torchrun's agent (place.agent_prefix).
-std::string share_through_agent(const RankPlace& place, const std::string& value, std::chrono::milliseconds limit);
 
 }  // namespace b3dgs

@@ -2,7 +2,6 @@
 // its own ranks. Prints what is wrong to standard error and fails, or "ok RANK" to standard output.
 #include <torch/types.h>
 #include <unistd.h>
-#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 #include <chrono>
 #include <csignal>
@@ -17,6 +16,7 @@
 
 #include "core/check.h"
 #include "dist/communicator.h"
+#include "dist/control/socket.h"
 #include "dist/launch/start_ranks.h"
 #include "support/rank_program.h"
 
@@ -186,13 +186,9 @@ void read_limit(const char* name, std::chrono::milliseconds& limit) {
   if (const char* const value = std::getenv(name)) limit = std::chrono::milliseconds(std::atoi(value));
 }
 
-/// Starts ranks with the environment that torchrun gives them, and a store as that of its agent.
+/// Starts ranks with the environment that torchrun gives them; its agent listens at MASTER_PORT.
 int start_as_torchrun(int size) {
-  c10d::TCPStoreOptions options;
-  options.port = 0;
-  options.isServer = true;
-  options.waitWorkers = false;
-  const c10d::TCPStore store("127.0.0.1", options);
+  const Socket agent = listen_at("127.0.0.1", 0);
   std::error_code error;
   const std::string program = std::filesystem::read_symlink("/proc/self/exe", error).string();
   StartOptions start;
@@ -200,7 +196,7 @@ int start_as_torchrun(int size) {
   return start_ranks(size,
                      {"-u", "B3DGS_JOB", "-u", "B3DGS_LISTENING_SOCKET", "TORCHELASTIC_RUN_ID=test",
                       "TORCHELASTIC_RESTART_COUNT=2", "TORCHELASTIC_USE_AGENT_STORE=True",
-                      "MASTER_PORT=" + std::to_string(store.getPort()), program, std::to_string(size), "collectives"},
+                      "MASTER_PORT=" + std::to_string(port_of(agent)), program, std::to_string(size), "collectives"},
                      start);
 }
 

@@ -65,7 +65,7 @@ TEST_P(Collectives, TransferEveryByte) {
 
 INSTANTIATE_TEST_SUITE_P(Ranks, Collectives, testing::Values(1, 2, 3, 4));
 
-TEST(Ranks, FindEachOtherThroughTorchrunsAgent) {
+TEST(Ranks, FindEachOtherBesideTorchrunsAgent) {
   const Outcome outcome = run_b3dgs({"2", "agent"});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(count_of(outcome.out, "ok "), 2) << outcome.out;
@@ -137,7 +137,8 @@ TEST(StartOfRanks, NamesAnOccupiedPort) {
       {"RANK", "0"}, {"WORLD_SIZE", "2"}, {"LOCAL_RANK", "0"}, {"MASTER_ADDR", "127.0.0.1"}, {"MASTER_PORT", port}};
   const Outcome outcome = run_b3dgs({"2", "collectives"});
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.err, "error: port " + port + " of 127.0.0.1 is occupied; set MASTER_PORT to a free port\n");
+  EXPECT_EQ(outcome.err, "error: port " + port +
+                             " of 127.0.0.1 is occupied; set MASTER_PORT to a free port (torchrun: --master-port)\n");
 }
 
 /// Whether `n` files in the folder end in `suffix`.

@@ -64,10 +64,25 @@ TEST(RankPlace, OfTorchrun) {
   EXPECT_EQ(place.size, 8);
   EXPECT_EQ(place.local_rank, 1);
   EXPECT_EQ(place.address, "node0");
-  EXPECT_EQ(place.port, 29511);
-  EXPECT_EQ(place.agent_prefix, "/worker/attempt_3");
-  EXPECT_EQ(place.job, "42/3");
-  EXPECT_FALSE(read(with(kTorchrun, {{"TORCHELASTIC_USE_AGENT_STORE", "False"}}))->agent_prefix);
+  EXPECT_EQ(place.port, 20586) << "at MASTER_PORT, torchrun's agent listens";
+  EXPECT_EQ(place.job, "42/29511");
+  EXPECT_EQ(read(with(kTorchrun, {{"TORCHELASTIC_USE_AGENT_STORE", "False"}}))->port, 29511);
+}
+
+TEST(RankPlace, EachJobHasAPortOfItsOwn) {
+  const auto port_of = [](const Values& values, const Values& changes) { return read(with(values, changes))->port; };
+  const Values other_rank{{"RANK", "1"}, {"LOCAL_RANK", "0"}, {"TORCHELASTIC_RESTART_COUNT", "0"}};
+  EXPECT_EQ(port_of(kTorchrun, other_rank), port_of(kTorchrun, {})) << "agents may count restarts differently";
+  EXPECT_NE(port_of(kTorchrun, {{"MASTER_PORT", "29512"}}), port_of(kTorchrun, {}));
+  EXPECT_EQ(port_of(kSrun, {{"SLURM_PROCID", "2"}}), port_of(kSrun, {}));
+  EXPECT_NE(port_of(kSrun, {{"SLURM_STEP_ID", "1"}}), port_of(kSrun, {})) << "another step of the allocation";
+  EXPECT_NE(port_of(kMpirun, {{"PMIX_NAMESPACE", "prterun-2"}}), port_of(kMpirun, {}));
+  EXPECT_EQ(port_of(kMpirun, {{"PMIX_NAMESPACE", ""}}), 29500);
+  for (const Values& launcher : {kSrun, kMpirun}) {
+    EXPECT_EQ(port_of(launcher, {{"MASTER_PORT", "3000"}}), 3000);
+    EXPECT_GE(port_of(launcher, {}), 20000);
+    EXPECT_LT(port_of(launcher, {}), 29000);
+  }
 }
 
 TEST(RankPlace, OfMpirun) {
@@ -77,7 +92,6 @@ TEST(RankPlace, OfMpirun) {
   EXPECT_EQ(place.size, 4);
   EXPECT_EQ(place.local_rank, 2);
   EXPECT_EQ(place.address, "127.0.0.1");
-  EXPECT_EQ(place.port, 29500);
   EXPECT_EQ(place.job, "prterun-1");
   const Values several = with(kMpirun, {{"OMPI_COMM_WORLD_LOCAL_SIZE", "3"}});
   EXPECT_TRUE(is_refused(several, {"MASTER_ADDR is not set", "mpirun", "several machines"}));

@@ -122,6 +122,8 @@ class RankHub::Server {
   }
 
   void accept_new() {
+    // A launcher may start all ranks anew while this rank 0 still ends: they have to wait for the next one.
+    if (failure_ && joined_ == size()) listening_ = Socket();
     while (true) {
       Socket socket(accept4(listening_.fd(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
       if (!socket) return;
@@ -174,7 +176,7 @@ class RankHub::Server {
       return;
     }
     if (body.bytes() != job_) {
-      refuse("another job listens there; set MASTER_PORT to a free port");
+      refuse("another job listens there; set MASTER_PORT to a free port (torchrun: --master-port)");
       return;
     }
     const std::int64_t rank = body.number(), their_size = body.number();

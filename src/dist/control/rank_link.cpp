@@ -53,7 +53,8 @@ class RankLink::Client {
     stop();
     if (!refusal.empty()) input_error(where, ": ", refusal);
     if (failure) throw PeerError(*failure);
-    input_error(where, ": what listens there is not rank 0 of b3dgs; set MASTER_PORT to a free port");
+    input_error(
+        where, ": what listens there is not rank 0 of b3dgs; set MASTER_PORT to a free port (torchrun: --master-port)");
   }
   ~Client() { stop(); }
   Client(const Client&) = delete;

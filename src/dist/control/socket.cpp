@@ -63,7 +63,8 @@ Socket listen_at(const std::string& address, int port) {
     error = errno;
   }
   if (error == EADDRINUSE) {
-    input_error("port ", port, " of ", address, " is occupied; set MASTER_PORT to a free port");
+    input_error("port ", port, " of ", address,
+                " is occupied; set MASTER_PORT to a free port (torchrun: --master-port)");
   }
   input_error("cannot listen at ", address, " port ", port, ": ", std::strerror(error),
               " (rank 0 must run on the machine that has the address MASTER_ADDR)");
@@ -77,15 +78,6 @@ int port_of(const Socket& socket) {
 
 std::string own_address_of(const Socket& socket) {
   return numeric_own_address(socket.fd(), nullptr);
-}
-
-std::string own_address_towards(const std::string& address, int port) {
-  const Addresses addresses = look_up(address, port);
-  for (const addrinfo* row = addresses.get(); row != nullptr; row = row->ai_next) {
-    const Socket socket(::socket(row->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0));  // connecting sends nothing
-    if (socket && connect(socket.fd(), row->ai_addr, row->ai_addrlen) == 0) return own_address_of(socket);
-  }
-  input_error("no route to ", address, ": ", std::strerror(errno));
 }
 
 std::string interface_with(const std::string& own_address) {

@@ -36,9 +36,6 @@ int port_of(const Socket& socket);
 /// The numeric address of this machine that the socket is bound to.
 std::string own_address_of(const Socket& socket);
 
-/// The numeric address of this machine from which `address` is reached. @throws InputError if it is unknown
-std::string own_address_towards(const std::string& address, int port);
-
 /// The network interface of this machine that has this numeric address ("lo"); "" if none has.
 std::string interface_with(const std::string& own_address);
 

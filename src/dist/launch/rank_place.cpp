@@ -1,6 +1,7 @@
 #include "dist/launch/rank_place.h"
 
 #include <charconv>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 
@@ -10,6 +11,14 @@ namespace b3dgs {
 namespace {
 
 constexpr int kMaxRanks = 65536;
+
+/// A port that all ranks of a job can compute, and that other jobs on the machine hardly share (FNV-1a hash). Below
+/// 32768, where Linux takes ports for outgoing connections.
+int port_of_job(const std::string& job) {
+  std::uint64_t hash = 14695981039346656037u;
+  for (const char byte : job) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211u;
+  return 20000 + static_cast<int>(hash % 9000);
+}
 
 /// Reads the variables of one launcher.
 class Variables {
@@ -58,7 +67,11 @@ class Variables {
 
   /// MASTER_ADDR and MASTER_PORT, which mpirun and srun do not set.
   void read_optional_address(bool has_several_machines, RankPlace& place) const {
-    if (has("MASTER_PORT")) place.port = number("MASTER_PORT", 1, 65535);
+    if (has("MASTER_PORT")) {
+      place.port = number("MASTER_PORT", 1, 65535);
+    } else if (!place.job.empty()) {
+      place.port = port_of_job(place.job);
+    }
     if (has("MASTER_ADDR")) {
       place.address = text("MASTER_ADDR");
     } else if (has_several_machines) {
@@ -90,10 +103,11 @@ RankPlace read_torch_variables(const Environment& environment) {
     }
     return place;
   }
-  const std::string attempt =
-      variables.has("TORCHELASTIC_RESTART_COUNT") ? variables.text("TORCHELASTIC_RESTART_COUNT") : "0";
-  if (is_torchrun) place.job = variables.text("TORCHELASTIC_RUN_ID") + "/" + attempt;
-  if (variables.text("TORCHELASTIC_USE_AGENT_STORE") == "True") place.agent_prefix = "/worker/attempt_" + attempt;
+  // Without the count of restarts: agents of several machines may count differently. Run identifiers are often equal.
+  if (is_torchrun) place.job = variables.text("TORCHELASTIC_RUN_ID") + "/" + variables.text("MASTER_PORT");
+  // At MASTER_PORT, torchrun's agent listens then. It could tell the ranks a free port, but only to clients of about
+  // the same version of PyTorch.
+  if (variables.text("TORCHELASTIC_USE_AGENT_STORE") == "True") place.port = port_of_job(place.job);
   return place;
 }
 
@@ -104,8 +118,8 @@ RankPlace read_openmpi_variables(const Environment& environment) {
   const int on_this_machine = variables.has("OMPI_COMM_WORLD_LOCAL_SIZE")
                                   ? variables.number("OMPI_COMM_WORLD_LOCAL_SIZE", 1, kMaxRanks)
                                   : place.size;
-  variables.read_optional_address(on_this_machine < place.size, place);
   place.job = variables.text("PMIX_NAMESPACE");
+  variables.read_optional_address(on_this_machine < place.size, place);
   return place;
 }
 
@@ -116,8 +130,8 @@ RankPlace read_slurm_variables(const Environment& environment) {
   variables.read_ranks("SLURM_PROCID", size, "SLURM_LOCALID", place);
   const char* const nodes = variables.has("SLURM_STEP_NUM_NODES") ? "SLURM_STEP_NUM_NODES" : "SLURM_NNODES";
   const int machines = variables.has(nodes) ? variables.number(nodes, 1, kMaxRanks) : 1;
-  variables.read_optional_address(machines > 1 && place.size > 1, place);
   place.job = variables.text("SLURM_JOB_ID") + "." + variables.text("SLURM_STEP_ID");
+  variables.read_optional_address(machines > 1 && place.size > 1, place);
   return place;
 }
 

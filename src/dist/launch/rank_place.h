@@ -10,14 +10,13 @@ namespace b3dgs {
 
 /// Place of this process among the ranks of a job, and where rank 0 can be reached.
 struct RankPlace {
-  std::string launcher;                       // for messages: "torchrun"
-  int rank = 0, size = 1;                     // 0 <= rank < size
-  int local_rank = 0;                         // among the ranks of this machine; on GPUs, the index of the GPU
-  std::string address = "127.0.0.1";          // rank 0 listens here; with agent_prefix, torchrun's agent does
-  int port = 29500;                           // 1 .. 65535
-  std::optional<std::string> agent_prefix{};  // torchrun: prefix of this job's keys in the store of the agent
-  std::string job;                            // equal on all ranks of a job, different for others; may be empty
-  int listening_socket = -1;  // rank 0 of start_ranks(): a socket that listens at address and port already
+  std::string launcher;               // for messages: "torchrun"
+  int rank = 0, size = 1;             // 0 <= rank < size
+  int local_rank = 0;                 // among the ranks of this machine; on GPUs, the index of the GPU
+  std::string address = "127.0.0.1";  // rank 0 listens here
+  int port = 29500;                   // 1 .. 65535
+  std::string job;                    // equal on all ranks of a job, different for others; may be empty
+  int listening_socket = -1;          // rank 0 of start_ranks(): a socket that listens at address and port already
 };
 
 /// The value of an environment variable, or nullptr.

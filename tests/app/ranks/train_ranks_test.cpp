@@ -16,6 +16,7 @@
 #include "dist/control/socket.h"
 #include "dist/tensor_group.h"
 #include "model/model_folder.h"
+#include "support/expect_error.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
@@ -191,6 +192,22 @@ TEST(RankSetup, ALoneRankHasTheWholeMachine) {
   const MachineShare share = share_machine(*Communicator::alone());
   EXPECT_EQ(share.n_ranks, 1);
   EXPECT_EQ(share.n_cores, omp_get_num_procs());
+}
+
+TEST(RankSetup, ARankUsesTheGpuOfItsNumber) {
+  RankPlace place;
+  place.rank = 3;
+  place.size = 4;
+  place.local_rank = 1;
+  for (const char* const name : {"auto", "cuda"}) {
+    EXPECT_EQ(choose_rank_device(name, place, 2), torch::Device(torch::kCUDA, 1));
+    EXPECT_TRUE(test::fails_with<InputError>({"rank 3 of 4 needs a GPU of its own", "sees 1 GPU;", "--gpus-per-task"},
+                                             [&] { choose_rank_device(name, place, 1); }))
+        << "never the CPU beside GPUs of other ranks";
+  }
+  EXPECT_EQ(choose_rank_device("auto", place, 0), torch::Device(torch::kCPU));
+  EXPECT_EQ(choose_rank_device("cpu", place, 2), torch::Device(torch::kCPU));
+  EXPECT_TRUE(test::fails_with<InputError>({"sees 0 GPUs;"}, [&] { choose_rank_device("cuda", place, 0); }));
 }
 
 TEST(RankSetup, DefaultThreadsAreThoseOfAShare) {
