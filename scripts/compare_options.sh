@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
 # Measures options of docs/recipes.md on a CPU, in short trainings on small photographs: on scenes as they are, and on
-# copies with the fault that an option is meant for, which scripts/disturb_scene.py makes (gains and tints, covered parts,
-# inexact poses). scripts/compare_presets.sh trains; this script says what, and prints a Markdown table for each block.
+# copies with the fault that an option is meant for, which scripts/disturb_scene.py makes (gains and tints, covered
+# parts, inexact poses). scripts/compare_presets.sh trains; this script says what, and prints a Markdown table for each
+# block.
 #
 # It can be stopped and run again. Trainings use one thread; to use more cores, run it twice at a time with different
 # blocks. Needs numpy and Pillow.
 #
 # Usage: scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]     DATA: folder with fox, bonsai and kitti_street
-# Blocks: appearance grid dim rates masks segment poses depths background mcmc balanced; default: all. "tables" only prints.
+# Blocks: appearance grid dim rates masks segment poses depths background mcmc balanced; default: all. "tables" only
+# prints.
 # Environment:
 #   SEEDS    default "0 1 2"
 #   SCENES   trains only on these scenes of a block; default: all of them
@@ -92,7 +94,8 @@ few_views() {
   local renders=$scenes/.renders scene=$scenes/.few
   rm -rf -- "$renders" "$scene"
   "$b3dgs" synth orbit "$scene" --views 9 --seed "$2" --format text --quiet
-  "$b3dgs" render "$scene/truth.ply" -s "$scene" --path train --depth_format png16 --output "$renders" --quiet --device cpu
+  "$b3dgs" render "$scene/truth.ply" -s "$scene" --path train --depth_format png16 --output "$renders" --quiet \
+    --device cpu
   python3 - "$scene/sparse/0" "$renders" << 'PYTHON'
 import json, sys
 import numpy as np
@@ -158,6 +161,7 @@ alpha_left() {
   local model renders=$scenes/.renders
   printf '\n| configuration | seed | alpha left |\n|---|---|---|\n'
   for model in "$output"/segment/orbit_object/*/seed_*; do
+    [[ -d $model/point_cloud ]] || continue  # the training did not end
     "$b3dgs" render "$model" --path test --output "$renders" --quiet --device cpu > "$output/segment.log"
     python3 - "$model" "$renders" "$scenes/orbit_object/masks" << 'PYTHON'
 import json, sys
@@ -265,7 +269,7 @@ for block in "${blocks[@]}"; do
   [[ $block == tables ]] || run_block "$block"
 done
 for block in "${all_blocks[@]}"; do
-  [[ -f $output/$block/results.jsonl ]] || continue
+  [[ -s $output/$block/results.jsonl ]] || continue
   [[ " ${blocks[*]} " == *" $block "* || " ${blocks[*]} " == *" tables "* ]] || continue
   printf '\n### %s\n\n' "$block"
   "$scripts/compare_presets.sh" "$b3dgs" "$output/$block"

@@ -160,7 +160,8 @@ def listed(key):
 
 print(f'Program: {listed("program")}. Machine: {listed("machine")}. Commit: {listed("commit")}.\n')
 # Columns of what only some trainings measure.
-further = [(key, title) for key, title in (("cc_psnr", "colour-corrected PSNR, dB"), ("whole_psnr", "PSNR of whole views, dB"))
+titles = (("cc_psnr", "colour-corrected PSNR, dB"), ("whole_psnr", "PSNR of whole views, dB"))
+further = [(key, title) for key, title in titles
            if any(run.get(key) is not None for run in runs)]
 print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |"
       + "".join(f" {title} |" for _, title in further))

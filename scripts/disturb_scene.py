@@ -91,7 +91,8 @@ def read_text(path, lines):
             try:
                 poses.append(Pose(fields[9].strip(), [float(field) for field in fields[1:8]], number))
             except (IndexError, ValueError):
-                fail(f"{path}:{number + 1}: expected ID QW QX QY QZ TX TY TZ CAMERA NAME, found \"{line.strip()[:60]}\"")
+                found = line.strip()[:60]
+                fail(f"{path}:{number + 1}: expected ID QW QX QY QZ TX TY TZ CAMERA NAME, found \"{found}\"")
         is_points = not is_points
     return poses
 
@@ -201,7 +202,8 @@ def parse_arguments():
                         help="first multiply all photographs by X, also those that are held out, so that --gains cuts "
                              "nothing off")
     parser.add_argument("--cover", action="store_true",
-                        help="cover 10 to 15 %% of each photograph with rectangles, and write masks that leave them out")
+                        help="cover 10 to 15 %% of each photograph with rectangles, and write masks that leave them "
+                             "out")
     parser.add_argument("--turn", metavar="DEGREES", type=number(0, 30), default=0, help="turn each camera so far")
     parser.add_argument("--move", metavar="SHARE", type=number(0, 1), default=0,
                         help="move each camera by this share of the scene extent")
