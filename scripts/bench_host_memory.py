@@ -84,7 +84,8 @@ def make_linked_scene(source, target, n_views):
 def train(program, scene, model, iterations, options):
     """Milliseconds of a step, without the first third of the training, and where the photographs were."""
     shutil.rmtree(model, ignore_errors=True)
-    command = [program, "train", "-s", scene, "-m", model, "--iterations", str(iterations)] + options
+    command = [program, "train", "-s", scene, "-m", model, "--preset", "original", "--iterations", str(iterations)]
+    command += options
     run = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     if run.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))}\nended with {run.returncode}:\n{run.stderr}")

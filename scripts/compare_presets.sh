@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Trains every SCENE with every preset and strategy and several seeds, one training after the other, and prints a
 # Markdown table of time, count, PSNR and SSIM: mean, and half the range over seeds. Above the table: with which program,
-# on which machine, and at which commit of the repository that this script is in.
+# on which machine, and at which commit of the repository that this script is in. Colour-corrected PSNR has a column if a
+# training measured it. After trainings with --train_test_exp, whole test views are measured, too.
 #
 # Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
 # script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
@@ -59,11 +60,29 @@ PYTHON
 # The commit that this script is in, as git describe names it; empty without git or outside a repository.
 commit=$(git -C "$(dirname "$0")" describe --always --dirty=+changes 2> /dev/null || true)
 
-# record SCENE NAME SEED OPTIONS PATH MODEL: adds the training's end to results.jsonl.
+# whole_psnr SCENE MODEL: after a training with --train_test_exp, the PSNR of whole test views without fitted colours.
+whole_psnr() {
+  python3 - "$b3dgs" "$@" << 'PYTHON'
+import json, re, subprocess, sys
+b3dgs, scene, model = sys.argv[1:]
+config = json.load(open(model + "/config.json"))
+if config.get("train_test_exp"):
+    file = f'{model}/point_cloud/iteration_{config["iterations"]}/point_cloud.ply'
+    command = [b3dgs, "eval", file, "-s", scene, "--split", "test", "--quiet", "-r", str(config["resolution"]),
+               "--device", config["device"], "--threads", str(config["threads"])]
+    out = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    mean = re.search(r"^mean of \d+ +([0-9.]+)", out, re.MULTILINE)
+    if not mean:
+        sys.exit(f"compare_presets.sh: error: no mean in what b3dgs eval {file} printed")
+    print(mean.group(1))
+PYTHON
+}
+
+# record SCENE NAME SEED OPTIONS PATH MODEL WHOLE_PSNR: adds the training's end to results.jsonl.
 record() {
   python3 - "$results" "$commit" "$@" << 'PYTHON'
 import json, sys
-path, commit, scene, name, seed, options, scene_path, model = sys.argv[1:]
+path, commit, scene, name, seed, options, scene_path, model, whole_psnr = sys.argv[1:]
 points = [json.loads(line) for line in open(model + "/train.jsonl")]
 last = [point for point in points if "event" not in point][-1]
 iterations = json.load(open(model + "/config.json"))["iterations"]
@@ -76,6 +95,10 @@ try:
     machine = json.load(open(model + "/report/run.json"))["machine"]
 except (OSError, ValueError, KeyError):
     machine = {}
+if last.get("test_cc_psnr") is not None:
+    run["cc_psnr"] = last["test_cc_psnr"]
+if whole_psnr:
+    run["whole_psnr"] = float(whole_psnr)
 run["program"] = machine.get("program")
 run["machine"] = machine.get("gpu") or machine.get("cpu")
 run["commit"] = commit or None
@@ -106,7 +129,8 @@ for scene in "$@"; do
       echo "== $scene_name, $name, seed $seed" >&2
       "$b3dgs" train "$scene" -m "$model" --eval --overwrite --quiet --seed "$seed" --checkpoint_minutes 0 \
         "${options[@]}" "${own[@]}" >&2
-      record "$scene_name" "$name" "$seed" "$all" "$scene_path" "$model"
+      whole=$(whole_psnr "$scene" "$model")
+      record "$scene_name" "$name" "$seed" "$all" "$scene_path" "$model" "$whole"
       [[ ${KEEP:-0} == 1 ]] || rm -rf -- "$model/point_cloud" "$model/checkpoints"
     done <<< "$configs;"
   done
@@ -135,8 +159,12 @@ def listed(key):
     return ", ".join(values)
 
 print(f'Program: {listed("program")}. Machine: {listed("machine")}. Commit: {listed("commit")}.\n')
-print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |")
-print("|---|---|---|---|---|---|---|---|")
+# Columns of what only some trainings measure.
+further = [(key, title) for key, title in (("cc_psnr", "colour-corrected PSNR, dB"), ("whole_psnr", "PSNR of whole views, dB"))
+           if any(run.get(key) is not None for run in runs)]
+print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |"
+      + "".join(f" {title} |" for _, title in further))
+print("|---|---|---|---|---|---|---|---|" + "---|" * len(further))
 done = set()
 for first in runs:
     key = (first["scene"], first["configuration"])
@@ -144,9 +172,10 @@ for first in runs:
         continue
     done.add(key)
     group = [run for run in runs if (run["scene"], run["configuration"]) == key]
-    column = lambda name: [run[name] for run in group]
+    column = lambda name: [run.get(name) for run in group]
     print(f'| {key[0]} | {key[1]} | {first["iterations"]:,} | {len(group)} | {spread(column("seconds"), 2)} | '
-          f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {spread(column("ssim"), 4)} |')
+          f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {spread(column("ssim"), 4)} |'
+          + "".join(f' {spread(column(key), 2)} |' for key, _ in further))
 PYTHON
 if ((is_left)); then
   echo "compare_presets.sh: the time limit is reached; run it again for the rest" >&2

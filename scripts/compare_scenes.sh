@@ -10,7 +10,7 @@ b3dgs=${1:?the program is missing: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE
 output=${2:?the output folder is missing: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE...]}
 shift 2
 
-options=(--device cuda --noise --overwrite --quiet)
+options=(--device cuda --noise --overwrite --quiet --preset original)
 for scene in "$@"; do
   echo "== $(basename "$scene")"
   time "$b3dgs" compare "$scene" -m "$output/$(basename "$scene")" "${options[@]}" \

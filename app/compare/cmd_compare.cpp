@@ -103,7 +103,8 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   }
   plan.base = resolve_options(given).config;
   if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
-    given["preset"] = planned_preset;  // of a version with another default
+    // The comparison was started by a version with another default preset.
+    given["preset"] = planned_preset;
     plan.base = resolve_options(given).config;
   }
   plan.base.model_path = root;
@@ -228,8 +229,8 @@ int run_compare(const std::vector<std::string>& words) {
       "compare",
       "Train a scene with several configurations, taking turns, and compare time and quality. "
       "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
-      "first of --configs is the baseline; `original` stands for the options that are closest to the "
-      "original 3DGS (naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",
+      "first of --configs is the baseline; `original` stands for the kernels of the original 3DGS "
+      "(naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",
       "b3dgs compare scenes/garden --configs original:preset=original,fast:preset=fast,quality:preset=quality");
   CompareOptions options;
   line.add(options, "Comparison");

@@ -19,7 +19,7 @@ struct ScalingConfig {
   std::vector<int> gpus{1, 2, 4, 8, 16, 32};
   int gpus_per_host = 8, batch = 0;
   // Two H200 of one host, docs/distributed.md.
-  double gb_per_s = 273, latency_ms = 0.042, record_ms = 0.029, overhead_ms = 0.6, band_overhead_ms = 0.47;
+  double gb_per_s = 273, latency_ms = 0.042, record_ms = 0.029, overhead_ms = 0.58, band_overhead_ms = 0.49;
   double pack_ns = 0.4, busiest = 1.05;
   double network_gb_per_s = 12.5, network_latency_ms = 0.05;
   std::string exchange, json;
@@ -30,7 +30,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ScalingConfig>> vis
   field(Option{"gpus"}, c.gpus, InRange{1, 1024}, "numbers of GPUs; a line for each value and scene");
   field(Option{"gpus_per_host"}, c.gpus_per_host, InRange{1, 1024}, "GPUs of a host; more GPUs are on several hosts");
   field(Option{"batch"}, c.batch, InRange{0, 1024},
-        "views in a step; with fewer than GPUs, in bands (0 = one per GPU)");
+        "views in a step: a multiple or divisor of the GPUs; fewer: bands (0 = one per GPU)");
   field(Option{"exchange"}, c.exchange, Any{},
         "take bandwidth, latency and record from this file of bench exchange --json");
   field(Option{"gb_per_s"}, c.gb_per_s, Above{0}, "what a GPU receives from others of its host, GB/s");
@@ -82,6 +82,11 @@ int run_bench_scaling(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   line.apply(config);
   if (config.gpus.empty()) input_error("--gpus needs at least one value");
+  for (const int n_gpus : config.gpus) {
+    if (config.batch == 0 || config.batch % n_gpus == 0 || n_gpus % config.batch == 0) continue;
+    input_error("--batch ", config.batch, ": expected a multiple or a divisor of the number of GPUs, ", n_gpus,
+                "; name other numbers with --gpus");
+  }
   ClusterCost cluster{{config.latency_ms, 1e6 * config.gb_per_s},
                       {config.network_latency_ms, 1e6 * config.network_gb_per_s},
                       config.record_ms,

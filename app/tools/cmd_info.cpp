@@ -104,7 +104,8 @@ void print_options(const TrainConfig& config) {
     if (value == defaults.at(name) || name == "source_path" || name == "model_path" || name == "device") continue;
     lines.push_back(print_to_string("  %-24s", name.c_str()) + option_value_text(value));
   }
-  std::printf(lines.empty() ? "options: all defaults\n" : "options that differ from the defaults:\n");
+  std::printf(lines.empty() ? "options: those of --preset original\n"
+                            : "options that differ from --preset original:\n");
   for (const std::string& line : lines) std::printf("%s\n", line.c_str());
 }
 

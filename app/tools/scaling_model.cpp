@@ -49,8 +49,8 @@ std::vector<SceneCost> standard_scenes() {
 }
 
 Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpus, int gpus_per_host, int batch) {
-  B3DGS_CHECK(n_gpus >= 1 && gpus_per_host >= 1 && batch >= 1, n_gpus, " GPUs, ", gpus_per_host, " per host, ", batch,
-              " views");
+  B3DGS_CHECK(n_gpus >= 1 && gpus_per_host >= 1 && batch >= 1 && (batch % n_gpus == 0 || n_gpus % batch == 0), n_gpus,
+              " GPUs, ", gpus_per_host, " per host, ", batch, " views");
   Prediction prediction;
   prediction.batch = batch;
   const int n_here = std::min(n_gpus, gpus_per_host);

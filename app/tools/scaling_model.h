@@ -26,8 +26,8 @@ struct SceneCost {
   double alone_ms(int batch) const { return batch * (project_ms + draw_ms + loss_ms) + learn_ms(batch); }
 };
 
-/// bonsai as measured (docs/benchmarks.md), and a scene of 100 million Gaussians and 4K photographs, whose costs are
-/// those of bonsai times the ratio of Gaussians, of splats, and of pixels.
+/// bonsai as measured (docs/benchmarks.md), and a scene of 100 million Gaussians and photographs of 2.1 megapixels,
+/// whose costs are those of bonsai times the ratio of Gaussians, of splats, and of pixels.
 std::vector<SceneCost> standard_scenes();
 
 /// A link between GPUs: an exchange of b bytes takes latency_ms + b / bytes_per_ms.
@@ -52,7 +52,7 @@ struct Prediction {
   double views_per_s() const { return 1e3 * batch / step_ms(); }
   double speedup = 1;         // against one GPU with as many views in a step
   double exchange_bytes = 0;  // that each GPU sends in a step
-  double model_bytes = 0;     // of parameters, moments, gradients and statistics, on each GPU
+  double model_bytes = 0;     // of parameters and Adam moments, on each GPU
 };
 
 /// A step of B views on G GPUs, in hosts of at most gpus_per_host. With B < G, each view is drawn in bands by G / B
@@ -65,7 +65,7 @@ struct Prediction {
 ///              hosts at the same time; the slower one counts. GPUs of a host share its network.
 ///   overhead = overhead + band overhead, if there are bands + pack x n_seen B / G
 ///   speedup  = step of one GPU / (work + exchange + overhead)
-/// @param batch  B; multiples and divisors of n_gpus are meant
+/// @param batch  B: a multiple or a divisor of n_gpus
 Prediction predict(const SceneCost& scene, const ClusterCost& cluster, int n_gpus, int gpus_per_host, int batch);
 
 /// Link and record from the file that `b3dgs bench exchange --json` writes: least squares over its all-to-all rows.

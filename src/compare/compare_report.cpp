@@ -344,7 +344,8 @@ std::string settings(const Comparison& comparison) {
   for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
   const std::string shared = changed_options(TrainConfig{}, plan.base);
-  rows.push_back({"options of all", shared.empty() ? "all defaults" : shared + "; defaults otherwise"});
+  rows.push_back({"options of all",
+                  shared.empty() ? "those of --preset original" : shared + "; otherwise as in --preset original"});
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     const Configuration& configuration = comparison.configurations[i];
     const ComparedRun& run = comparison.runs[i].front();

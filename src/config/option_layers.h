@@ -3,8 +3,7 @@
 //   1. the defaults of TrainConfig
 //   2. the defaults of the density strategy in use (strategy_defaults())
 //   3. the values of --preset (presets()), which may also choose the strategy. Without --preset: kDefaultPreset, or, if
-//   a
-//      strategy is given, `original`, since the values of another preset fit its own strategy
+//      a strategy is given, `original`, since the values of another preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
 // Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule

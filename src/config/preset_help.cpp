@@ -64,8 +64,8 @@ std::string table(const std::string& others, const std::vector<OptionRow>& colum
 }  // namespace
 
 std::string presets_help() {
-  std::string text = "Values of --preset (default ";
-  text += std::string(kDefaultPreset) + ", with --strategy " + kPresetNames[0] + "):\n";
+  std::string text = "Values of --preset (default: ";
+  text += std::string(kDefaultPreset) + "; if --strategy is given: " + kPresetNames[0] + "):\n";
   for (const OptionRow& row : presets()) text += help_entry(row);
   std::string strategies;
   for (const OptionRow& row : strategy_defaults()) {
@@ -76,15 +76,17 @@ std::string presets_help() {
 
 std::string presets_markdown() {
   std::string text =
-      "## Presets and strategies\n\nA later one of these decides: the value of `--preset original`, that of the "
-      "strategy in use, that\nof `--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
-  text += std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
-          kPresetNames[0] +
-          "`. Defaults in\nthe tables above are those without either option. Where a cell below is empty, the value of "
-          "the\nstrategy or, if it has none, that of `original` applies.\n\n### Values of `--preset`\n\n";
+      "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset original`, the "
+      "strategy in use,\n`--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
+  text +=
+      std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
+      kPresetNames[0] +
+      "`. The tables\nabove show defaults without `--preset` and `--strategy`. Where a cell below is empty, the "
+      "value of\nthe strategy applies or, if it has none, that of `original`. `--iterations` scales the schedule.\n\n"
+      "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
   return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +
-         table("with `--preset original`", strategy_defaults());
+         table("`default`", strategy_defaults());
 }
 
 }  // namespace b3dgs

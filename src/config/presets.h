@@ -16,8 +16,7 @@ struct OptionRow {
   std::vector<OptionValue> values;
 };
 
-/// Without --preset and --strategy: on every scene measured on a GPU so far, it gives better pictures than `original`,
-/// from fewer Gaussians, in less time (docs/recipes.md).
+/// Without --preset and --strategy. docs/recipes.md says what it gains over `original`.
 inline constexpr const char* kDefaultPreset = "quality";
 
 /// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy.

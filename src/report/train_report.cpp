@@ -108,7 +108,8 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
     rows.push_back({"resolution", photographs});
   }
   const std::string changed = changed_options(TrainConfig{}, config);
-  rows.push_back({"options", changed.empty() ? "all defaults" : changed + "; defaults otherwise"});
+  rows.push_back(
+      {"options", changed.empty() ? "those of --preset original" : changed + "; otherwise as in --preset original"});
   return rows;
 }
 

@@ -92,6 +92,40 @@ TEST(ComparePresets, NamesProgramMachineAndCommitAboveItsTable) {
       out.rfind("Program: unknown, b3dgs 1.2.3. Machine: unknown, H200. Commit: unknown, abc1234.\n\n| scene |", 0), 0u)
       << out;
   EXPECT_NE(out.find("| fox | a | 20 | 3 | 0.50 ± 0.00 |"), std::string::npos) << out;
+  EXPECT_EQ(out.find("colour-corrected"), std::string::npos) << out;
+}
+
+TEST(ComparePresets, HasColumnsOfWhatOnlySomeTrainingsMeasure) {
+  const test::TempDir folder;
+  const auto run = [](const std::string& configuration, const std::string& more) {
+    return R"({"scene": "fox", "scene_path": "/fox", "configuration": ")" + configuration +
+           R"(", "options": "", "iterations": 20, "seconds": 0.5, "gaussians": 1000, "psnr": 20.5, "ssim": 0.75, "seed": )" +
+           more + "}\n";
+  };
+  test::write_bytes(folder / "results/.made_by_compare_presets", "");
+  test::write_bytes(folder / "results/results.jsonl", run("a", "0") +
+                                                          run("b", R"(0, "cc_psnr": 21, "whole_psnr": 19)") +
+                                                          run("b", R"(1, "cc_psnr": 22, "whole_psnr": 19)"));
+  const std::string command = B3DGS_SOURCE "/scripts/compare_presets.sh b3dgs '" + (folder / "results").string() + "'";
+  EXPECT_EQ(run_shell(folder.path(), command), 0);
+  const std::string out = test::read_bytes(folder / "out");
+  EXPECT_NE(out.find("| SSIM | colour-corrected PSNR, dB | PSNR of whole views, dB |\n"), std::string::npos) << out;
+  EXPECT_NE(out.find("| 0.7500 | - | - |\n"), std::string::npos) << out;
+  EXPECT_NE(out.find("| 0.7500 ± 0.0000 | 21.50 ± 0.50 | 19.00 ± 0.00 |\n"), std::string::npos) << out;
+}
+
+TEST(CompareOptions, RefusesBlocksAndScenesThatDoNotExist) {
+  const test::TempDir folder;
+  const auto refused = [&](const std::string& blocks) {
+    const std::string at = "'" + folder.path().string() + "'";
+    EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/compare_options.sh " B3DGS_PROGRAM " " + at +
+                                           "/results " + at + " " + blocks),
+              2);
+    return test::read_bytes(folder / "out");
+  };
+  EXPECT_NE(refused("maskss").find("there is no block maskss"), std::string::npos);
+  EXPECT_NE(refused("masks").find("has no folder fox"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder / "results"));
 }
 
 }  // namespace

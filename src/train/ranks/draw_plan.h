@@ -46,7 +46,7 @@ inline bool is_banded(const StepPlan& plan) {
 }
 
 /// Cuts rows of tiles into bands so that the busiest has as little work as possible, and the others, within that, about
-/// equal parts; in rows of equal number if there is no work. Bands may be empty. The last one has no end, so that all
+/// equal parts; equal numbers of rows if there is no work. Bands may be empty. The last one has no end, so that all
 /// rows are drawn, however many there are.
 std::vector<TileRowSpan> cut_rows(const std::vector<std::int64_t>& work, int n_bands);
 

@@ -140,6 +140,8 @@ TEST(BenchScaling, RefusesBadInput) {
   test::write_bytes(temp / "bad.json", "{");
   EXPECT_THROW(run_bench_scaling({"--exchange", (temp / "bad.json").string()}), InputError);
   EXPECT_THROW(run_bench_scaling({"--gpus", "0"}), InputError);
+  EXPECT_THROW(run_bench_scaling({"--gpus", "8", "--batch", "3"}), InputError);
+  EXPECT_THROW(run_bench_scaling({"--gpus", "2", "4", "--batch", "6"}), InputError);
 }
 
 }  // namespace
