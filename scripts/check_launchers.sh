@@ -75,7 +75,7 @@ if is_there "${torchrun[0]}"; then
   check torchrun_standalone "${torchrun[@]}" --standalone --no_python --nproc_per_node 2
   train torchrun_killed "${torchrun[@]}" --standalone --max_restarts 1 --no_python --nproc_per_node 2 &
   wait_for_checkpoint torchrun_killed
-  kill -KILL "$(one_rank torchrun_killed)"
+  kill -KILL "$(one_rank torchrun_killed)" || failures=$((failures + 1))
   wait $! || true
   report torchrun_killed
 fi
