@@ -185,7 +185,7 @@ run_block() {
   case $1 in
     # Gains and tints, with and without what learns them.
     appearance)
-      compare appearance "$short --train_test_exp" 'none=;--exposure=--exposure' \
+      compare appearance "$short --train_test_exp" 'none=;--exposure=--exposure --exposure_lr_init 0.01 --exposure_lr_final 0.0001' \
         orbit orbit_gains fox fox_gains bonsai bonsai_gains
       ;;
     grid)
@@ -199,19 +199,20 @@ run_block() {
       ;;
     # Photographs so dark that gains cut nothing off; and five times as many iterations.
     dim)
-      compare dim "$short --train_test_exp" 'none=;--exposure=--exposure' orbit_dim orbit_dimgains
+      base='--exposure --exposure_lr_init 0.01 --exposure_lr_final 0.0001'
+      compare dim "$short --train_test_exp" "none=;--exposure=$base" orbit_dim orbit_dimgains
       compare dim "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" \
-        'none, 7500=;--exposure, 7500=--exposure' orbit_dim orbit_dimgains orbit orbit_gains
+        "none, 7500=;--exposure, 7500=$base" orbit_dim orbit_dimgains orbit orbit_gains
       ;;
-    # Other learning rates of --exposure than 0.01 to 0.0001, its default.
+    # Other learning rates of --exposure than 0.01 to 0.0001; 0.003 to 0.00003 is the default.
     rates)
       base='0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
       compare rates "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains bonsai bonsai_gains \
         orbit_dim orbit_dimgains
       compare rates "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" "${base/=/, 7500=}" \
         orbit_dim orbit_dimgains
-      base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001'
-      base+=';0.01 to 0.00001=--exposure --exposure_lr_final 0.00001'
+      base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001 --exposure_lr_final 0.0001'
+      base+=';0.01 to 0.00001=--exposure --exposure_lr_init 0.01 --exposure_lr_final 0.00001'
       compare rates "$short --train_test_exp" "$base" orbit orbit_gains
       ;;
     masks)

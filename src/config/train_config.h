@@ -98,8 +98,8 @@ struct TrainConfig {
 
   // Appearance of each photograph
   bool exposure = false;
-  double exposure_lr_init = 0.01;
-  double exposure_lr_final = 0.0001;  // 0.001 in the original code: the transforms never come to rest
+  double exposure_lr_init = 0.003;
+  double exposure_lr_final = 0.00003;  // 0.01 to 0.001 in the original code: the transforms never come to rest
   bool bilateral_grid = false;
   double bilateral_grid_lr = 0.002;
   double bilateral_grid_tv = 10;  // weight of the total variation
