@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Trains a small scene with two processes on this machine's CPUs under each launcher that is installed (torchrun,
 # mpirun, srun), and compares the PLY, byte for byte, with that of one process. Under torchrun and srun, a training is
-# also interrupted and continued with --resume auto. Says what it skipped. srun needs a cluster that answers.
+# also interrupted and continued with --resume auto. Says what it skipped. srun needs a cluster that answers, no
+# allocation around this script, and a TMPDIR that its nodes share.
 #
 #   scripts/check_launchers.sh
 #     TORCHRUN, MPIRUN, SRUN  other commands to use, with options ("python3 -m torch.distributed.run")
@@ -85,8 +86,11 @@ if is_there "${srun[0]}"; then
     check srun "${srun[@]}" -N1 -n2
     train srun_stopped "${srun[@]}" -N1 -n2 --job-name b3dgs_check &
     wait_for_checkpoint srun_stopped
-    scancel --name b3dgs_check
-    wait $! || true
+    scancel --me --name b3dgs_check
+    if wait $!; then
+      echo "FAILED   srun_stopped: was not interrupted"
+      failures=$((failures + 1))
+    fi
     check srun_stopped "${srun[@]}" -N1 -n2
   else
     echo "skipped  ${srun[0]}: no cluster answers, or it has no node for two tasks"

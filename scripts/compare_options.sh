@@ -13,9 +13,10 @@
 # Environment:
 #   SEEDS    default "0 1 2"
 #   SCENES   trains only on these scenes of a block; default: all of them
-#   LIMIT_S  starts no further training of a block once so many seconds have passed in it; default: none
-# Example: scripts/compare_options.sh build/cpu/app/b3dgs output/options ../shared/data appearance
+#   LIMIT_S  for each scene of a block: starts no further training once so many seconds have passed; default: none
+# Example: scripts/compare_options.sh build/cpu/app/b3dgs output/options data appearance
 set -euo pipefail
+shopt -s inherit_errexit
 usage='scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]'
 b3dgs=$(realpath -- "${1:?the program is missing: $usage}")
 output=${2:?the output folder is missing: $usage}
@@ -138,8 +139,10 @@ object_masks() {
   "$b3dgs" export "$from/truth.ply" "$scenes/.solids.ply" --overwrite --quiet \
     --crop=-9,-9,0.02,9,9,9 --compare_views 0 --device cpu
   "$b3dgs" render "$scenes/.solids.ply" -s "$from" --path train --output "$renders" --quiet --device cpu
-  cp -r -- "$from" "$1"
-  mv -- "$renders/alpha" "$1/masks"
+  rm -rf -- "$1.partial"
+  cp -r -- "$from" "$1.partial"
+  mv -- "$renders/alpha" "$1.partial/masks"
+  mv -- "$1.partial" "$1"
   rm -rf -- "$renders" "$scenes/.solids.ply"
 }
 
@@ -158,7 +161,7 @@ compare() {
 
 # alpha_left: for each model of the block "segment", the mean alpha of test views over the pixels that masks leave out.
 alpha_left() {
-  local model renders=$scenes/.renders
+  local model renders=$output/segment.renders
   printf '\n| configuration | seed | alpha left |\n|---|---|---|\n'
   for model in "$output"/segment/orbit_object/*/seed_*; do
     [[ -d $model/point_cloud ]] || continue  # the training did not end
