@@ -132,7 +132,10 @@ void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView&
   const RenderedView& rendered = compared.rendered;
   timer.begin(Stage::kLoss);
   add_background(state.background.coefficients, view.camera, rendered);
-  if (appearance) appearance->begin_step(view.index, state.iteration, state.appearance);
+  if (appearance) {
+    appearance->begin_step(view.index, state.iteration, state.appearance);
+    appearance->set_photograph(view.truth);
+  }
   compared.color = appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
   const LossWeights weights = loss_weights(config, state.iteration);
   loss.compute(compared.color, view.truth, view.valid, view.n_valid, weights);

@@ -28,6 +28,10 @@ class AppearanceModel {
   /// are kept until the steps are taken.
   void set_place(int place) { place_ = static_cast<std::size_t>(place); }
 
+  /// The photograph [H, W, 3] uint8 that the next apply() and backward() are compared with; undefined: none. Where it
+  /// is clipped, a brighter render is no error.
+  void set_photograph(const torch::Tensor& photograph) { photograph_ = photograph; }
+
   /// Before the step of `iteration` (counted from 1) reads the view's transform: applies what was deferred. May be
   /// repeated if a step fails.
   virtual void begin_step(std::int32_t /*view*/, int /*iteration*/, AppearanceState& /*state*/) {}
@@ -50,9 +54,11 @@ class AppearanceModel {
 
  protected:
   std::size_t place() const { return place_; }
+  const torch::Tensor& photograph() const { return photograph_; }
 
  private:
   std::size_t place_ = 0;
+  torch::Tensor photograph_;
 };
 
 /// The model that the options select; null = none.

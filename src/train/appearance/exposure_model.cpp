@@ -50,13 +50,19 @@ void center_exposures(const ExposureStepArgs& args) {
 
 }  // namespace on_cpu
 
-ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
-  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
+ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
+                           const torch::Tensor& photograph) {
+  TensorCheck check(rendered.device());
+  check.dims("rendered", rendered, {"H", "W", 3});
   B3DGS_CHECK(view >= 0 && view < state.exposures.size(0), "view ", view, " of ", state.exposures.size(0));
   ExposureArgs args;
   args.n_pixels = rendered.size(0) * rendered.size(1);
   args.transform = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
   args.rendered = rendered.data_ptr<float>();
+  if (photograph.defined()) {
+    check.dims("photograph", photograph, {"H", "W", 3}, torch::kUInt8);
+    args.photograph = photograph.data_ptr<std::uint8_t>();
+  }
   return args;
 }
 
@@ -88,7 +94,7 @@ AppearanceState ExposureModel::make_state() const {
 }
 
 torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
-  ExposureArgs args = exposure_args(state, view, rendered);
+  ExposureArgs args = exposure_args(state, view, rendered, photograph());
   place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
   args.corrected = corrected_.data_ptr<float>();
 #if B3DGS_TORCH_CUDA
@@ -106,7 +112,7 @@ void ExposureModel::backward(const AppearanceState& state, std::int32_t view, co
   TensorCheck check(rendered.device());
   check.dims("rendered", rendered, {"H", "W", 3});
   check.dims("grad", grad, {"H", "W", 3});
-  ExposureArgs args = exposure_args(state, view, rendered);
+  ExposureArgs args = exposure_args(state, view, rendered, photograph());
   const std::int64_t n_sums = args.n_blocks() * kExposureSize;
   if (!block_sums_.defined() || block_sums_.numel() < n_sums) {
     block_sums_ = torch::empty({n_sums}, rendered.options().dtype(torch::kFloat64));

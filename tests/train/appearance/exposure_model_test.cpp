@@ -72,6 +72,34 @@ TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
   EXPECT_TRUE(test::gradients_agree(to_doubles(grad), by_image, 1e-5));
 }
 
+TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
+  torch::manual_seed(5);
+  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  const AppearanceState state = random_state(model);
+  const torch::Tensor image = 2 * torch::rand({20, 19, 3}), from = torch::randn({20, 19, 3});
+  torch::Tensor photograph = torch::randint(256, {20, 19, 3}, torch::kUInt8);
+  photograph = photograph.where(torch::rand({20, 19, 3}) < 0.5, 253 + torch::randint(3, {20, 19, 3}, torch::kUInt8));
+  const torch::Tensor plain = model.apply(state, 2, image).clone();
+  const torch::Tensor most = photograph.to(torch::kFloat32) / 255;
+  const torch::Tensor is_clipped = (photograph >= 254) & (plain > most);
+  ASSERT_GT(is_clipped.sum().item<std::int64_t>(), 10);
+  ASSERT_GT(((photograph == 253) & (plain > most)).sum().item<std::int64_t>(), 3) << "not clipped, brighter";
+  ASSERT_GT(((photograph >= 254) & (plain < most)).sum().item<std::int64_t>(), 3) << "clipped, darker";
+
+  model.set_photograph(photograph);
+  EXPECT_TRUE(torch::equal(model.apply(state, 2, image), most.where(is_clipped, plain)));
+  torch::Tensor grad = from.clone();
+  model.backward(state, 2, image, grad);
+  const torch::Tensor transform_grad = model.transform_grad().clone();
+  model.set_photograph({});
+  torch::Tensor expected = from.masked_fill(is_clipped, 0);
+  model.backward(state, 2, image, expected);
+  EXPECT_TRUE(torch::equal(grad, expected));
+  EXPECT_TRUE(torch::equal(transform_grad, model.transform_grad()));
+  model.set_photograph(photograph.to(torch::kFloat32));
+  EXPECT_THROW(model.apply(state, 2, image), LogicError);
+}
+
 TEST(ExposureModel, GradientOfALargeImageIsExactOnAnyNumberOfThreads) {
   torch::manual_seed(4);
   ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
