@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Trains every SCENE with every preset and strategy and several seeds, one training after the other, and prints a
-# Markdown table of time, count, PSNR and SSIM: mean, and half the range over seeds. Above the table: with which program,
+# Trains every SCENE with every preset and strategy and several seeds, and prints a Markdown table of time, count, PSNR
+# and SSIM: mean, and half the range over seeds. Above the table: with which program,
 # on which machine, and at which commit of the repository that this script is in. Colour-corrected PSNR has a column if a
 # training measured it. After trainings with --train_test_exp, whole test views are measured, too.
 #
@@ -15,6 +15,8 @@
 #   SEEDS    default "0 1 2"
 #   OPTIONS  options of all trainings; default "--device cuda"
 #   LIMIT_S  starts no further training once so many seconds have passed, and exits with 3 if any is left; default: none
+#   JOBS     how many trainings run at a time; default 1. Where there are several, they slow each other down: the table
+#            then takes times from those that ran alone, or says so if there are none
 #   KEEP     1: keeps the models
 # Example: LIMIT_S=500 SEEDS=0 CONFIGS='fast=--preset fast;mine=--preset fast --max_gaussians 200000' \
 #   scripts/compare_presets.sh build/gpu/app/b3dgs output/presets data/bonsai data/fox
@@ -34,8 +36,11 @@ if [[ -e $output && ! -f $mark ]] && ! { [[ -d $output ]] && [[ -z $(ls -A -- "$
 fi
 mkdir -p -- "$output"
 touch -- "$mark" "$results"
-SECONDS=0
-is_left=0
+jobs_at_once=${JOBS:-1}
+if ! [[ $jobs_at_once =~ ^[1-9][0-9]*$ ]]; then
+  echo "compare_presets.sh: error: JOBS: \"$jobs_at_once\" is no number of trainings; give 1 or more" >&2
+  exit 2
+fi
 
 # is_known SCENE NAME SEED OPTIONS PATH: whether results.jsonl has this training. Fails if it has it with other options,
 # or the scene's name for a scene in another folder.
@@ -80,9 +85,9 @@ PYTHON
 
 # record SCENE NAME SEED OPTIONS PATH MODEL WHOLE_PSNR: adds the training's end to results.jsonl.
 record() {
-  python3 - "$results" "$commit" "$@" << 'PYTHON'
+  python3 - "$results" "$commit" "$jobs_at_once" "$@" << 'PYTHON'
 import json, sys
-path, commit, scene, name, seed, options, scene_path, model, whole_psnr = sys.argv[1:]
+path, commit, jobs, scene, name, seed, options, scene_path, model, whole_psnr = sys.argv[1:]
 points = [json.loads(line) for line in open(model + "/train.jsonl")]
 last = [point for point in points if "event" not in point][-1]
 iterations = json.load(open(model + "/config.json"))["iterations"]
@@ -102,39 +107,61 @@ if whole_psnr:
 run["program"] = machine.get("program")
 run["machine"] = machine.get("gpu") or machine.get("cpu")
 run["commit"] = commit or None
+run["at_once"] = int(jobs)
 with open(path, "a") as file:
     file.write(json.dumps(run) + "\n")
 PYTHON
 }
 
-for scene in "$@"; do
-  scene_path=$(realpath -- "$scene")
-  scene_name=$(basename "$scene_path")
-  for seed in "${seeds[@]}"; do
-    while IFS= read -r -d ';' config; do
-      name=${config%%=*}
-      if [[ $config != *=* || -z $name || $name == */* ]]; then
-        echo "compare_presets.sh: error: CONFIGS: \"$config\" is not NAME=OPTIONS" >&2
-        exit 2
-      fi
-      read -ra own <<< "${config#*=}"
-      all="${options[*]} ${own[*]}"
-      known=$(is_known "$scene_name" "$name" "$seed" "$all" "$scene_path")
-      [[ -z $known ]] || continue
-      if [[ -n ${LIMIT_S:-} ]] && ((SECONDS >= LIMIT_S)); then
-        is_left=1
-        continue
-      fi
-      model=$output/$scene_name/$name/seed_$seed
-      echo "== $scene_name, $name, seed $seed" >&2
-      "$b3dgs" train "$scene" -m "$model" --eval --overwrite --quiet --seed "$seed" --checkpoint_minutes 0 \
-        "${options[@]}" "${own[@]}" >&2
-      whole=$(whole_psnr "$scene" "$model")
-      record "$scene_name" "$name" "$seed" "$all" "$scene_path" "$model" "$whole"
-      [[ ${KEEP:-0} == 1 ]] || rm -rf -- "$model/point_cloud" "$model/checkpoints"
-    done <<< "$configs;"
+# train_one SCENE NAME SEED OPTIONS PATH MODEL
+train_one() {
+  local options whole
+  if [[ -n ${LIMIT_S:-} ]] && (($(date +%s) - started >= LIMIT_S)); then
+    return 0
+  fi
+  read -ra options <<< "$4"
+  echo "== $1, $2, seed $3" >&2
+  "$b3dgs" train "$5" -m "$6" --eval --overwrite --quiet --seed "$3" --checkpoint_minutes 0 "${options[@]}" >&2
+  whole=$(whole_psnr "$5" "$6")
+  record "$1" "$2" "$3" "$4" "$5" "$6" "$whole"
+  if [[ ${KEEP:-0} != 1 ]]; then
+    rm -rf -- "$6/point_cloud" "$6/checkpoints"
+  fi
+}
+
+# list_trainings SCENE...: the arguments of train_one for every training that is not in results.jsonl.
+list_trainings() {
+  local scene scene_path scene_name seed config name own all known
+  for scene in "$@"; do
+    scene_path=$(realpath -- "$scene")
+    scene_name=$(basename "$scene_path")
+    for seed in "${seeds[@]}"; do
+      while IFS= read -r -d ';' config; do
+        name=${config%%=*}
+        if [[ $config != *=* || -z $name || $name == */* ]]; then
+          echo "compare_presets.sh: error: CONFIGS: \"$config\" is not NAME=OPTIONS" >&2
+          exit 2
+        fi
+        read -ra own <<< "${config#*=}"
+        all="${options[*]} ${own[*]}"
+        known=$(is_known "$scene_name" "$name" "$seed" "$all" "$scene_path")
+        [[ -z $known ]] || continue
+        printf '%s\0' "$scene_name" "$name" "$seed" "$all" "$scene_path" "$output/$scene_name/$name/seed_$seed"
+      done <<< "$configs;"
+    done
   done
-done
+}
+
+# xargs ends when a training exits with 255.
+list=$(mktemp)
+trap 'rm -f -- "$list"' EXIT
+list_trainings "$@" > "$list"
+started=$(date +%s)
+export b3dgs results commit jobs_at_once started
+export -f train_one whole_psnr record
+xargs -0 -r -n 6 -P "$jobs_at_once" \
+  bash -euo pipefail -c 'trap "[[ \$? == 0 ]] || exit 255" EXIT; train_one "$@"' compare_presets.sh < "$list" || exit 1
+list_trainings "$@" > "$list"
 
 python3 - "$results" << 'PYTHON'
 import json, sys
@@ -148,6 +175,13 @@ def spread(values, digits):
         return "-"
     text = f"{sum(values) / len(values):,.{digits}f}"
     return text if len(values) == 1 else text + f" ± {(max(values) - min(values)) / 2:,.{digits}f}"
+
+def times(group):
+    """Times of the trainings that ran alone; of all, with a remark, if none did."""
+    alone = [run["seconds"] for run in group if run.get("at_once", 1) == 1]
+    if alone:
+        return spread(alone, 2)
+    return spread([run["seconds"] for run in group], 2) + f', {max(run["at_once"] for run in group)} at once'
 
 def listed(key):
     """The values of all lines, in order; lines of earlier versions of this script have none."""
@@ -174,11 +208,11 @@ for first in runs:
     done.add(key)
     group = [run for run in runs if (run["scene"], run["configuration"]) == key]
     column = lambda name: [run.get(name) for run in group]
-    print(f'| {key[0]} | {key[1]} | {first["iterations"]:,} | {len(group)} | {spread(column("seconds"), 2)} | '
+    print(f'| {key[0]} | {key[1]} | {first["iterations"]:,} | {len(group)} | {times(group)} | '
           f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {spread(column("ssim"), 4)} |'
           + "".join(f' {spread(column(key), 2)} |' for key, _ in further))
 PYTHON
-if ((is_left)); then
+if [[ -s $list ]]; then
   echo "compare_presets.sh: the time limit is reached; run it again for the rest" >&2
   exit 3
 fi
