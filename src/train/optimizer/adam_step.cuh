@@ -29,4 +29,25 @@ __device__ __forceinline__ void step_one(const AdamStepSize& size, const AdamRul
   param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
 }
 
+/// Steps `kFloats` floats of a row, by `rule` if there is one. All are read before any is written, so that no load
+/// waits for another.
+template <int kFloats, class... Rule>
+__device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats],
+                                         const Rule&... rule) {
+  float param[kFloats], m[kFloats], v[kFloats];
+#pragma unroll
+  for (int k = 0; k < kFloats; ++k) {
+    param[k] = args.param[kFloats * row + k];
+    m[k] = args.m[kFloats * row + k];
+    v[k] = args.v[kFloats * row + k];
+  }
+#pragma unroll
+  for (int k = 0; k < kFloats; ++k) {
+    step_one(args.size, rule..., grad[k], param[k], m[k], v[k]);
+    args.param[kFloats * row + k] = param[k];
+    args.m[kFloats * row + k] = m[k];
+    args.v[kFloats * row + k] = v[k];
+  }
+}
+
 }  // namespace b3dgs::cuda

@@ -14,25 +14,6 @@ namespace {
 
 constexpr int kThreads = 128;
 
-/// Steps `kFloats` floats of one Gaussian. All are read before any is written.
-template <int kFloats>
-__device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats]) {
-  float param[kFloats], m[kFloats], v[kFloats];
-#pragma unroll
-  for (int k = 0; k < kFloats; ++k) {
-    param[k] = args.param[kFloats * row + k];
-    m[k] = args.m[kFloats * row + k];
-    v[k] = args.v[kFloats * row + k];
-  }
-#pragma unroll
-  for (int k = 0; k < kFloats; ++k) {
-    step_one(args.size, grad[k], param[k], m[k], v[k]);
-    args.param[kFloats * row + k] = param[k];
-    args.m[kFloats * row + k] = m[k];
-    args.v[kFloats * row + k] = v[k];
-  }
-}
-
 __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row, Vec4f grad) {
   float4& param_at = reinterpret_cast<float4*>(args.param)[row];
   float4& m_at = reinterpret_cast<float4*>(args.m)[row];

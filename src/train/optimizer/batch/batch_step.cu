@@ -14,13 +14,36 @@ namespace {
 
 constexpr int kThreads = 128;
 
-template <int kFloats>
-__device__ __forceinline__ void step_row(const AdamArgs& args, const AdamRule& rule, std::int64_t row,
-                                         const float (&grad)[kFloats]) {
+/// Steps the SH coefficients beyond degree 0 of the block's rows that are seen, along `rests` (sums over the views).
+/// Each thread reads several coefficients before it steps any: one at a time, it would mostly wait.
+template <int kActive>
+__device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64_t first_row, float scale,
+                                           const float* rests, const bool* is_seen) {
+  constexpr int kTogether = kActive % 9 == 0 ? 9 : 8;
+  static_assert(kActive % kTogether == 0, "each thread steps kActive coefficients");
+  const AdamArgs& adam = args.adam[5];
+  const int n_rest = rest_floats(args.grad.gaussians.sh_degree_max);
+  for (int first = 0; first < kActive; first += kTogether) {
+    std::int64_t at[kTogether];
+    float param[kTogether], m[kTogether], v[kTogether];
 #pragma unroll
-  for (int k = 0; k < kFloats; ++k) {
-    const std::int64_t at = kFloats * row + k;
-    step_one(args.size, rule, grad[k], args.param[at], args.m[at], args.v[at]);
+    for (int j = 0; j < kTogether; ++j) {
+      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x), row = k / kActive;
+      at[j] = is_seen[row] ? (first_row + row) * n_rest + (k - row * kActive) : -1;
+      if (at[j] < 0) continue;
+      param[j] = adam.param[at[j]];
+      m[j] = adam.m[at[j]];
+      v[j] = adam.v[at[j]];
+    }
+#pragma unroll
+    for (int j = 0; j < kTogether; ++j) {
+      if (at[j] < 0) continue;
+      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x);
+      step_one(adam.size, args.rule, scale * rests[k], param[j], m[j], v[j]);
+      adam.param[at[j]] = param[j];
+      adam.m[at[j]] = m[j];
+      adam.v[at[j]] = v[j];
+    }
   }
 }
 
@@ -40,21 +63,15 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
     if (kActive > 0 && grad.is_seen) {
       reinterpret_cast<float4*>(args.updates + i)[0] = make_float4(0, 0, 0, __int_as_float(args.n_deferred + 1));
     }
-    step_row<3>(args.adam[0], args.rule, i, {grad.mean.x, grad.mean.y, grad.mean.z});
-    step_row<3>(args.adam[1], args.rule, i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z});
-    step_row<4>(args.adam[2], args.rule, i, {grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w});
-    step_row<1>(args.adam[3], args.rule, i, {grad.logit_opacity});
-    step_row<3>(args.adam[4], args.rule, i, {grad.sh0.x, grad.sh0.y, grad.sh0.z});
+    step_row<3>(args.adam[0], i, {grad.mean.x, grad.mean.y, grad.mean.z}, args.rule);
+    step_row<3>(args.adam[1], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z}, args.rule);
+    step_row<4>(args.adam[2], i, {grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w}, args.rule);
+    step_row<1>(args.adam[3], i, {grad.logit_opacity}, args.rule);
+    step_row<3>(args.adam[4], i, {grad.sh0.x, grad.sh0.y, grad.sh0.z}, args.rule);
   }
-  if (kActive == 0) return;
-  __syncthreads();  // gradients of the block are complete, and the coefficients have been read
-  const AdamArgs& adam = args.adam[5];
-  const int n_rest = rest_floats(args.grad.gaussians.sh_degree_max);
-  for (int k = static_cast<int>(threadIdx.x); k < kThreads * kActive; k += kThreads) {
-    const int row = k / (kActive > 0 ? kActive : 1), column = k - row * kActive;
-    if (!is_seen[row]) continue;
-    const std::int64_t at = (first_row + row) * n_rest + column;
-    step_one(adam.size, args.rule, scale * rests[k], adam.param[at], adam.m[at], adam.v[at]);
+  if constexpr (kActive > 0) {
+    __syncthreads();  // gradients of the block are complete, and the coefficients have been read
+    step_rests<kActive>(args, first_row, scale, rests, is_seen);
   }
 }
 

@@ -42,7 +42,10 @@ MergedSplats merge_few(const torch::Tensor& words, const std::vector<RowRange>& 
   }
 #endif
   parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) merge_splat(args, i);
+    for (std::int64_t i = begin; i < end; ++i) {
+      const MergedPlace at = merged_place(args, i);
+      for (std::int64_t column = 0; column < kRowWords; ++column) merge_word(args, at, column);
+    }
   });
   return merged;
 }

@@ -1,5 +1,6 @@
 // Splats on their way between ranks: a thread per word to pack them, so that neighbours write side by side, and one per
-// row to merge them, or to find the bands that it may touch. No shared memory, no barriers.
+// row to find the bands that it may touch. To merge them, a thread finds the place of a row, in shared memory; then the
+// block copies its rows, a thread per word, so that neighbours read and write side by side. One barrier.
 
 #include "core/cuda_rows.cuh"
 #include "train/ranks/splats/splat_words_cuda.h"
@@ -20,8 +21,15 @@ __global__ void __launch_bounds__(kThreads) pack_splats_kernel(const PackSplatsA
 }
 
 __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsArgs args) {
-  const std::int64_t i = own_row<kThreads>();
-  if (i < args.n_splats) merge_splat(args.merge, i);
+  __shared__ MergedPlace at[kThreads];
+  const std::int64_t i = own_row<kThreads>(), first = i - threadIdx.x;
+  if (i < args.n_splats) at[threadIdx.x] = merged_place(args.merge, i);
+  __syncthreads();
+  const int n_here = static_cast<int>(min(static_cast<std::int64_t>(kThreads), args.n_splats - first));
+  constexpr int kWords = kRowWords;
+  for (int k = static_cast<int>(threadIdx.x); k < n_here * kWords; k += kThreads) {
+    merge_word(args.merge, at[k / kWords], k % kWords);
+  }
 }
 
 __global__ void __launch_bounds__(kThreads) find_touched_bands_kernel(const TouchBandsArgs args) {

@@ -56,14 +56,16 @@ struct MergeSplatsArgs {
   std::int64_t* places = nullptr;                     // [..] out: which row of `words` each is
 };
 
-/// Row i of all lists, one after the other.
-B3DGS_HD void merge_splat(const MergeSplatsArgs& args, std::int64_t i) {
+struct MergedPlace {
+  std::int64_t row = 0, place = 0;  // in MergeSplatsArgs::words, and in what is written
+};
+
+/// Of row i of all lists, one after the other.
+B3DGS_HD MergedPlace merged_place(const MergeSplatsArgs& args, std::int64_t i) {
   int own = 0;
   for (; i >= args.end[own] - args.begin[own]; ++own) i -= args.end[own] - args.begin[own];
-  const std::int64_t row = args.begin[own] + i;
-  const std::int32_t* const words = args.words + row * kRowWords;
-  const std::int32_t gaussian = words[kGaussianColumn];
-  std::int64_t place = i;
+  MergedPlace at{args.begin[own] + i, i};
+  const std::int32_t gaussian = args.words[at.row * kRowWords + kGaussianColumn];
   for (int list = 0; list < args.n_lists; ++list) {
     if (list == own) continue;
     std::int64_t low = args.begin[list], high = args.end[list];  // the first row that is not before this one
@@ -75,15 +77,21 @@ B3DGS_HD void merge_splat(const MergeSplatsArgs& args, std::int64_t i) {
         high = middle;
       }
     }
-    place += low - args.begin[list];
+    at.place += low - args.begin[list];
   }
-  for (std::int64_t column = 0; column < kSplatWords; ++column) {
-    args.splats[place * kSplatWords + column] = words[column];
+  return at;
+}
+
+B3DGS_HD void merge_word(const MergeSplatsArgs& args, const MergedPlace& at, std::int64_t column) {
+  const std::int32_t word = args.words[at.row * kRowWords + column];
+  if (column < kSplatWords) {
+    args.splats[at.place * kSplatWords + column] = word;
+  } else if (column < kRadiusColumn) {
+    args.extents[at.place * 2 + column - kExtentColumn] = word;
+  } else {
+    args.radii[at.place] = word;
+    args.places[at.place] = at.row;
   }
-  args.extents[2 * place] = words[kExtentColumn];
-  args.extents[2 * place + 1] = words[kExtentColumn + 1];
-  args.radii[place] = words[kRadiusColumn];
-  args.places[place] = row;
 }
 
 /// Which bands of tile rows the splats of a view may touch: all that do, and a few more.
