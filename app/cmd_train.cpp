@@ -52,6 +52,15 @@ std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::op
                         is_default ? reason : "");
 }
 
+/// How ranks exchange, where that is slow; otherwise empty.
+std::string describe_slow_transport(const Communicator& ranks) {
+  if (ranks.size() == 1 || ranks.transport() != Transport::kRelay) return "";
+  const std::string reason = ranks.shares_gpus()         ? "ranks share a GPU"
+                             : ranks.device().is_cuda() ? "no NCCL in this build"
+                                                         : "no Gloo in this build";
+  return "exchange    through the memory of rank 0: " + reason + " (slow; to check a training)";
+}
+
 std::string describe_limit(const TrainConfig& config) {
   return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
                         config.pixels_per_gaussian, ")");
@@ -150,6 +159,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
     if (has_peers) std::cout << describe_ranks(ranks.size(), config, plan.layers) << std::endl;
+    if (const std::string slow = describe_slow_transport(ranks); !slow.empty()) std::cout << slow << std::endl;
   }
   const TrainConfig given = std::exchange(plan.config, with_scene_limits(config, scene));
   if (!quiet && config.max_gaussians != given.max_gaussians) std::cout << describe_limit(config) << std::endl;
@@ -212,7 +222,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   if (!result.interrupted) return 0;
   if (is_first) {
     std::cout << "stopped by a signal; resume with: b3dgs train --resume " << result.checkpoint.string()
-              << options.rank.as_words() << "\n";
+              << options.rank.as_words() << (ranks.shares_gpus() ? " --device cuda" : "") << "\n";
   }
   return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));
 }
@@ -247,7 +257,7 @@ int run_train(const std::vector<std::string>& words) {
     return start_ranks(plan.n_to_start, all);
   }
   if (plan.place.size == 1) return train(line, options, plan.device_name, *Communicator::alone());
-  const JoinedRank joined = join_ranks(plan.device_name, plan.place);
+  const JoinedRank joined = join_ranks(plan);
   return run_as_rank(*joined.ranks, [&] {
     const MachineShare machine = share_machine(*joined.ranks);
     set_default_threads(machine.n_cores);

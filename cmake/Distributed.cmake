@@ -1,5 +1,5 @@
 # What the LibTorch that was found can do between processes: c10d's headers, Gloo on CPUs, NCCL on GPUs. All of it is
-# optional: without it, everything else builds, and asking for two ranks says what is missing.
+# optional: without it, tensors go through rank 0 (src/dist/relay_group.h), which is slow.
 
 set(B3DGS_C10D OFF)
 set(B3DGS_GLOO OFF)
@@ -28,13 +28,13 @@ endif()
 if(B3DGS_GLOO)
   set(_b3dgs_cpus "Gloo")
 else()
-  set(_b3dgs_cpus "not available (Debian: libgloo-dev)")
+  set(_b3dgs_cpus "through rank 0, slow (for Gloo, Debian: libgloo-dev)")
 endif()
 message(STATUS "Several processes on CPUs: ${_b3dgs_cpus}")
 if(B3DGS_TORCH_CUDA)
   if(B3DGS_NCCL)
     message(STATUS "Several GPUs: NCCL (${B3DGS_NCCL_INCLUDE}/nccl.h)")
   else()
-    message(STATUS "Several GPUs: not available (nccl.h not found)")
+    message(STATUS "Several GPUs: through rank 0, slow (nccl.h not found)")
   endif()
 endif()

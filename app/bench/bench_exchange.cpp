@@ -38,7 +38,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> vi
   field(Option{"ranks"}, c.ranks, InRange{0, kMaxStartedRanks},
         "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
-        "where the data is; cuda: a GPU for each rank; auto: GPUs if there are enough");
+        "where the data is; cuda: ranks share GPUs if there are too few; auto: the CPU then");
   field(Option{"mib"}, c.mib, InRange{0.001, 4096},
         "MiB that each rank sends to each other rank; a line for each value");
   field(Option{"repeat"}, c.repeat, InRange{1, 10000}, "timed repetitions after one that is checked");
@@ -111,13 +111,14 @@ class ExchangeTable {
  public:
   ExchangeTable(bool is_shown, const std::string& json) : is_shown_(is_shown), file_(is_shown ? json : "") {}
 
-  void begin(const Communicator& ranks, const RankPlace& place, const torch::Device& device) {
+  void begin(const Communicator& ranks, const RankPlace& place) {
     if (!is_shown_) return;
-    std::printf("%d ranks, %s, %s; results checked\n", ranks.size(), device.is_cuda() ? "GPUs (NCCL)" : "CPU (Gloo)",
+    std::printf("%d ranks, %s, %s; results checked\n", ranks.size(), describe_transport(ranks).c_str(),
                 place.launcher.c_str());
     std::printf("%-12s %10s %10s %23s %12s\n", "exchange", "MiB", "median ms", "min .. max", "GB/s a rank");
     file_.set("ranks", ranks.size());
-    file_.set("device", device.is_cuda() ? "cuda" : "cpu");
+    file_.set("device", ranks.device().is_cuda() ? "cuda" : "cpu");
+    file_.set("transport", name_of(ranks.transport()));
   }
 
   /// @param mib       that a rank sends to each other; 0: a record
@@ -144,7 +145,7 @@ class ExchangeTable {
 void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const RankPlace& place,
                     const torch::Device& device) {
   ExchangeTable table(ranks.is_first(), config.json);
-  table.begin(ranks, place, device);
+  table.begin(ranks, place);
   table.add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
   for (const auto make : {make_all_to_all, make_all_gather}) {
     for (const double mib : config.mib) {
@@ -182,7 +183,7 @@ int run_bench_exchange(const std::vector<std::string>& words) {
   }
   if (plan.place.size == 1) input_error("bench exchange needs at least two ranks: add --ranks 2");
 
-  const JoinedRank joined = join_ranks(plan.device_name, plan.place);
+  const JoinedRank joined = join_ranks(plan);
   run_as_rank(*joined.ranks, [&] { time_exchanges(*joined.ranks, config, plan.place, joined.device); });
   return 0;
 }

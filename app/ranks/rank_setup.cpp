@@ -13,7 +13,6 @@
 #include <optional>
 
 #include "core/check.h"
-#include "dist/tensor_group.h"
 #if B3DGS_TORCH_CUDA
 #include <c10/cuda/CUDAFunctions.h>
 #endif
@@ -61,21 +60,25 @@ int parse_gpus(const std::string& text) {
   return n;
 }
 
-/// @throws InputError if this machine has fewer than n
-void require_gpus(const RankOptions& options, int n, int n_gpus) {
-  if (n <= n_gpus) return;
+/// @throws InputError if this machine has fewer than n, or none if they may be shared
+void require_gpus(const RankOptions& options, int n, int n_gpus, bool may_share) {
+  if (n <= n_gpus || (may_share && n_gpus > 0)) return;
+  const std::string share = n_gpus > 0 ? detail::concat("--ranks ", n, " --device cuda to share, ") : "";
   input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
-              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ",
+              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", share,
+              share.empty() ? "" : "or ", n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ",
               n, " --device cpu");
+}
+
+bool may_share(const RankOptions& options, const std::string& device_name) {
+  return options.ranks > 1 && device_name == "cuda";
 }
 
 /// @throws InputError if n ranks of this machine cannot use the device
 void check_start(const RankOptions& options, int n, const std::string& device_name) {
   const int n_gpus = device_name == "cpu" ? 0 : count_gpus();
   const bool uses_gpus = device_name == "cuda" || n_gpus > 0;
-  if (uses_gpus) require_gpus(options, n, n_gpus);
-  const std::string reason = why_no_tensor_group(torch::Device(uses_gpus ? torch::kCUDA : torch::kCPU));
-  if (!reason.empty()) input_error(n, " ranks: ", reason);
+  if (uses_gpus) require_gpus(options, n, n_gpus, may_share(options, device_name));
 }
 
 std::string machine_name() {
@@ -106,21 +109,30 @@ int count_gpus() {
 #endif
 }
 
-torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus) {
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus, bool may_share) {
   if (name == "cpu") return torch::kCPU;
-  if (place.local_rank < n_gpus) return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank));
+  if (place.local_rank < n_gpus || (may_share && n_gpus > 0)) {
+    return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank % n_gpus));
+  }
   if (name == "auto" && n_gpus == 0) return torch::kCPU;
   input_error("rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ", place.local_rank,
               " of this machine), but sees ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs",
-              "; let each rank see all GPUs (srun: no --gpus-per-task), or use fewer ranks, or --device cpu");
+              "; let each rank see all GPUs (srun: no --gpus-per-task), or use fewer ranks, or --device cpu, or let ranks "
+              "share GPUs, which is slow (--ranks ", place.size, " --device cuda)");
 }
 
-JoinedRank join_ranks(const std::string& device_name, const RankPlace& place) {
-  const torch::Device device = choose_rank_device(device_name, place, device_name == "cpu" ? 0 : count_gpus());
+JoinedRank join_ranks(const RankPlan& plan) {
+  const int n_gpus = plan.device_name == "cpu" ? 0 : count_gpus();
+  const torch::Device device = choose_rank_device(plan.device_name, plan.place, n_gpus, plan.may_share_gpus);
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) c10::cuda::set_device(device.index());
 #endif
-  return {device, Communicator::connect(place, device)};
+  return {device, Communicator::connect(plan.place, device)};
+}
+
+std::string describe_transport(const Communicator& ranks) {
+  return detail::concat(ranks.device().is_cuda() ? "GPUs" : "CPU", ranks.shares_gpus() ? ", shared" : "", " (",
+                        name_of(ranks.transport()), ")");
 }
 
 MachineShare share_machine(Communicator& ranks) {
@@ -141,7 +153,7 @@ std::string RankOptions::as_words() const {
 }
 
 RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) {
-  RankPlan plan{RankPlace{}, 0, device_name};
+  RankPlan plan{RankPlace{}, 0, device_name, may_share(options, device_name)};
   const bool has_gpus = !options.gpus.empty();
   if (options.ranks > 0 && has_gpus) {
     input_error("--ranks and --gpus exclude each other: --gpus starts one rank for each GPU; leave out one of them");
@@ -164,7 +176,7 @@ RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) 
     check_start(options, n, has_gpus ? "cuda" : device_name);
     plan.n_to_start = n;
   } else if (n_gpus == 1) {
-    require_gpus(options, 1, count_gpus());
+    require_gpus(options, 1, count_gpus(), false);
     plan.device_name = "cuda";
   }
   return plan;

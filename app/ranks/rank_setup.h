@@ -17,16 +17,9 @@ inline constexpr int kMaxStartedRanks = 1024;
 int count_gpus();
 
 /// GPU `place.local_rank`, or the CPU. `name` is the value of --device: "auto" is the CPU where this process sees no
-/// GPU. @throws InputError if it sees too few of them
-torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus);
-
-struct JoinedRank {
-  torch::Device device;
-  std::unique_ptr<Communicator> ranks;
-};
-/// Chooses the device as choose_rank_device() does, makes a GPU the current device of this thread, and joins the other
-/// ranks. @throws InputError as choose_rank_device() and Communicator::connect() do
-JoinedRank join_ranks(const std::string& device_name, const RankPlace& place);
+/// GPU. @param may_share  with fewer GPUs than ranks, the ranks are distributed among them round-robin
+/// @throws InputError if this process sees too few GPUs
+torch::Device choose_rank_device(const std::string& name, const RankPlace& place, int n_gpus, bool may_share = false);
 
 /// This rank's share of its machine.
 struct MachineShare {
@@ -50,11 +43,24 @@ struct RankPlan {
   RankPlace place;          // size 1: this process alone
   int n_to_start = 0;       // not 0: start this many ranks (start_ranks()), each of which calls plan_ranks()
   std::string device_name;  // --device, with "cuda" instead of "auto" where --gpus demands GPUs
+  // --ranks together with --device cuda: said so clearly, several ranks on a GPU are not a mistake.
+  bool may_share_gpus = false;
 };
 
 /// Reports what every rank would fail at before any is started, so that the error appears once.
 /// @param device_name  value of --device
 /// @throws InputError if the options contradict each other or a launcher, or this build or machine cannot do it
 RankPlan plan_ranks(const RankOptions& options, const std::string& device_name);
+
+struct JoinedRank {
+  torch::Device device;
+  std::unique_ptr<Communicator> ranks;
+};
+/// Chooses the device as choose_rank_device() does, makes a GPU the current device of this thread, and joins the other
+/// ranks. @throws InputError as choose_rank_device() and Communicator::connect() do
+JoinedRank join_ranks(const RankPlan& plan);
+
+/// "GPUs (NCCL)", "CPU (Gloo)", "GPUs, shared (through rank 0)"
+std::string describe_transport(const Communicator& ranks);
 
 }  // namespace b3dgs

@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <set>
 #include <utility>
 
 #include "core/check.h"
+#if B3DGS_TORCH_CUDA
+#include "core/cuda_check.h"
+#endif
 #include "dist/control/rank_hub.h"
 #include "dist/control/rank_link.h"
 #include "dist/control/socket.h"
-#include "dist/tensor_group.h"
 
 namespace b3dgs {
 namespace {
@@ -59,6 +62,18 @@ struct Unit {
   }
 };
 
+/// What tells a GPU from all others, on all machines; empty for the CPU.
+std::string identity_of([[maybe_unused]] const torch::Device& device) {
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) {
+    cudaDeviceProp properties{};
+    B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device.index()));
+    return {properties.uuid.bytes, sizeof properties.uuid.bytes};
+  }
+#endif
+  return "";
+}
+
 /// The listening socket of rank 0; none on the others.
 Socket prepare_to_listen(const RankPlace& place) {
   if (place.rank != 0) return {};
@@ -73,11 +88,9 @@ std::unique_ptr<Communicator> Communicator::alone() {
 }
 
 std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch::Device& device,
-                                                    const RankLimits& limits) {
+                                                    const RankLimits& limits, bool relays) {
   std::unique_ptr<Communicator> communicator = alone();
   if (place.size == 1) return communicator;
-  const std::string reason = why_no_tensor_group(device);
-  if (!reason.empty()) input_error(place.size, " ranks: ", reason);
   communicator->rank_ = place.rank;
   communicator->size_ = place.size;
   communicator->device_ = device;
@@ -88,8 +101,8 @@ std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch
   communicator->link_ =
       std::make_unique<RankLink>(place.address, place.port, place.rank, place.size, place.job, limits);
   try {
-    communicator->check_same_device();
-    communicator->group_ = make_tensor_group(device, *communicator->link_);
+    communicator->agree_on_transport(relays);
+    communicator->group_ = make_tensor_group(device, communicator->transport_, *communicator->link_);
   } catch (const PeerError&) {
     throw;
   } catch (const std::exception& error) {
@@ -106,7 +119,7 @@ Communicator::~Communicator() {
   hub_.reset();
 }
 
-void Communicator::check_same_device() {
+void Communicator::agree_on_transport(bool relays) {
   const std::vector<std::string> kinds = exchange("device", c10::DeviceTypeName(device_.type(), /*lower_case=*/true));
   for (int r = 1; r < size_; ++r) {
     const std::string& kind = kinds[static_cast<std::size_t>(r)];
@@ -114,6 +127,16 @@ void Communicator::check_same_device() {
     input_error("rank ", r, " of ", size_, " uses the device ", kind, ", but rank 0 ", kinds[0],
                 "; name the same device on all ranks (--device)");
   }
+  transport_ = fastest_transport(device_);
+  const std::vector<Transport> fastest = exchange_record("transport", transport_);
+  const bool is_same = std::count(fastest.begin(), fastest.end(), transport_) == size_;
+  if (device_.is_cuda()) {
+    const std::string own = identity_of(device_);
+    const std::vector<std::string> gpus = exchange("GPU", own);
+    n_on_own_gpu_ = static_cast<int>(std::count(gpus.begin(), gpus.end(), own));
+    shares_gpus_ = std::set<std::string>(gpus.begin(), gpus.end()).size() < gpus.size();
+  }
+  if (relays || !is_same || shares_gpus_) transport_ = Transport::kRelay;
 }
 
 std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {

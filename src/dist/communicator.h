@@ -13,12 +13,12 @@
 
 #include "dist/control/limits.h"
 #include "dist/launch/rank_place.h"
+#include "dist/tensor_group.h"
 
 namespace b3dgs {
 
 class RankHub;
 class RankLink;
-class TensorGroup;
 
 /// All ranks call the same functions in one order. Every function throws a PeerError within 30 s after another rank has
 /// failed: it called stop_others(), destroyed its Communicator because of an exception, ended, or was silent.
@@ -27,8 +27,8 @@ class TensorGroup;
 /// order.
 ///
 /// Small records on the host (exchange() and what is built on it) go through a TCP connection to rank 0. Tensors go
-/// through LibTorch: Gloo on CPUs, NCCL on GPUs. On a GPU, functions for tensors do not wait on the host: the current
-/// stream does.
+/// through LibTorch, Gloo on CPUs and NCCL on GPUs. Where ranks share a GPU, or the build of a rank lacks Gloo or NCCL,
+/// they go through rank 0, too. With NCCL, functions for tensors do not wait on the host: the current stream does.
 class Communicator {
  public:
   /// The only rank of 1: every function returns its input, nothing is connected.
@@ -36,9 +36,10 @@ class Communicator {
 
   /// Joins the other ranks. alone() if place.size is 1.
   /// @param device  of the tensors: the CPU, or this rank's GPU, with index
-  /// @throws InputError if this build cannot do that, the address is not available or this rank is refused
+  /// @param relays  send tensors through rank 0 in any case; the same on all ranks
+  /// @throws InputError if the ranks' devices differ, the address is not available or this rank is refused
   static std::unique_ptr<Communicator> connect(RankPlace place, const torch::Device& device,
-                                               const RankLimits& limits = {});
+                                               const RankLimits& limits = {}, bool relays = false);
 
   /// If an exception is the reason, tells the others. Otherwise rank 0 waits here until all ranks have finished.
   ~Communicator();
@@ -48,6 +49,14 @@ class Communicator {
   int rank() const { return rank_; }
   int size() const { return size_; }
   bool is_first() const { return rank_ == 0; }
+  const torch::Device& device() const { return device_; }
+
+  /// How tensors travel; the same on all ranks.
+  Transport transport() const { return transport_; }
+  /// Whether any ranks share a GPU; the same on all ranks.
+  bool shares_gpus() const { return shares_gpus_; }
+  /// Ranks that use the GPU of this one, including it; 1 on a CPU.
+  int n_on_own_gpu() const { return n_on_own_gpu_; }
 
   // Records on the host. `label` says what is exchanged; it must be the same on all ranks, or all of them fail.
 
@@ -100,12 +109,16 @@ class Communicator {
 
  private:
   Communicator() = default;
-  void check_same_device();
+  /// Compares the devices of all ranks, and chooses the transport.
+  void agree_on_transport(bool relays);
   void check_tensor(const torch::Tensor& tensor) const;
   void check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const;
 
   int rank_ = 0, size_ = 1;
   torch::Device device_ = torch::kCPU;
+  Transport transport_ = Transport::kRelay;
+  bool shares_gpus_ = false;
+  int n_on_own_gpu_ = 1;
   int n_exceptions_ = std::uncaught_exceptions();
   std::unique_ptr<RankHub> hub_;  // of rank 0
   std::unique_ptr<RankLink> link_;

@@ -29,23 +29,28 @@
 
 #include "core/check.h"
 #include "dist/control/socket.h"
+#include "dist/relay_group.h"
 
 namespace b3dgs {
 
-std::string why_no_tensor_group(const torch::Device& device) {
-#if !B3DGS_C10D
-  static_cast<void>(device);
-  return "the LibTorch of this build has no support for several processes (c10d)";
-#else
-  if (device.is_cuda()) {
-    return B3DGS_NCCL ? ""
-                      : "this build has no NCCL (needs a LibTorch with CUDA, and the header nccl.h of its NCCL, "
-                        "before CMake configures)";
+const char* name_of(Transport transport) {
+  switch (transport) {
+    case Transport::kNccl: return "NCCL";
+    case Transport::kGloo: return "Gloo";
+    case Transport::kRelay: return "through rank 0";
   }
-  return B3DGS_GLOO ? ""
-                    : "this build has no Gloo, which LibTorch needs for several processes on CPUs (on Debian: install "
-                      "libgloo-dev, then configure and build again)";
+  return "";
+}
+
+Transport fastest_transport(const torch::Device& device) {
+#if B3DGS_NCCL
+  if (device.is_cuda()) return Transport::kNccl;
 #endif
+#if B3DGS_GLOO
+  if (device.is_cpu()) return Transport::kGloo;
+#endif
+  static_cast<void>(device);
+  return Transport::kRelay;
 }
 
 #if B3DGS_C10D
@@ -244,15 +249,17 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
 }  // namespace
 
-std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link) {
-  const std::string reason = why_no_tensor_group(device);
-  if (!reason.empty()) input_error(link.size(), " ranks: ", reason);
+#endif
+
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link) {
+  if (transport == Transport::kRelay) return std::make_unique<RelayGroup>(link);
+  B3DGS_CHECK(transport == fastest_transport(device), "no ", name_of(transport), " for this device");
   try {
 #if B3DGS_NCCL
-    if (device.is_cuda()) return std::make_unique<NcclGroup>(device, link);
+    if (transport == Transport::kNccl) return std::make_unique<NcclGroup>(device, link);
 #endif
 #if B3DGS_GLOO
-    if (device.is_cpu()) return std::make_unique<GlooGroup>(link);
+    if (transport == Transport::kGloo) return std::make_unique<GlooGroup>(link);
 #endif
   } catch (const Error&) {
     throw;
@@ -261,16 +268,7 @@ std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Rank
     link.throw_if_failed();
     throw Error(detail::concat("ranks cannot connect to each other: ", error.what()));
   }
-  B3DGS_CHECK(false, "no group for this device");
-  return nullptr;
+  throw LogicError("no group for this device");
 }
-
-#else
-
-std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link) {
-  input_error(link.size(), " ranks: ", why_no_tensor_group(device));
-}
-
-#endif
 
 }  // namespace b3dgs

@@ -1,5 +1,5 @@
-// Collective operations on tensors, by the process groups of LibTorch (c10d). tensor_group.cpp is the only file that
-// knows c10d, and the differences between its versions.
+// Collective operations on tensors, by the process groups of LibTorch (c10d), or through rank 0. tensor_group.cpp is
+// the only file that knows c10d, and the differences between its versions.
 #pragma once
 
 #include <torch/types.h>
@@ -14,8 +14,9 @@
 namespace b3dgs {
 
 /// All ranks call the same functions in one order. Tensors are contiguous, and on the group's device. On a CPU the
-/// functions return when the results are there; on a GPU, the current stream waits for them, not the host.
-/// @throws PeerError if another rank has failed. Gloo notices in every function, NCCL as far as the host waits.
+/// functions return when the results are there; on a GPU, the current stream waits for them, and with NCCL the host
+/// does not. @throws PeerError if another rank has failed. NCCL notices as far as the host waits, others in every
+/// function.
 class TensorGroup {
  public:
   virtual ~TensorGroup() = default;
@@ -35,10 +36,19 @@ class TensorGroup {
   virtual void all_reduce(torch::Tensor tensor, Reduction reduction) = 0;
 };
 
-/// Why this build has no group for the device, and what to do about it; "" if it has one.
-std::string why_no_tensor_group(const torch::Device& device);
+/// How tensors travel between ranks.
+enum class Transport {
+  kNccl,  // from GPU to GPU; each rank needs one of its own
+  kGloo,  // between CPUs
+  kRelay  // through the memory of rank 0, from and to any device, in every build; slow
+};
+/// For messages: "NCCL".
+const char* name_of(Transport transport);
 
-/// All ranks of the link call this together. @throws InputError with why_no_tensor_group()
-std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, RankLink& link);
+/// The fastest one that this build has for the device, if each rank has a device of its own.
+Transport fastest_transport(const torch::Device& device);
+
+/// All ranks of the link call this together. @param transport  that this build has for the device
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link);
 
 }  // namespace b3dgs

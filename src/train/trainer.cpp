@@ -9,6 +9,9 @@
 #include "train/scene_limits.h"
 #include "train/threads.h"
 #include "train/trainer_impl.h"
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_memory.h"
+#endif
 
 namespace b3dgs {
 
@@ -28,6 +31,21 @@ KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
   return tools;
 }
 
+/// --gpu_memory_gb of this rank. By default, ranks that share a GPU get equal parts of what is free there.
+double gpu_memory_gb_of_rank(const TrainConfig& config, [[maybe_unused]] const torch::Device& device,
+                             [[maybe_unused]] Communicator* ranks) {
+#if B3DGS_TORCH_CUDA
+  if (config.gpu_memory_gb == 0 && ranks != nullptr && ranks->shares_gpus()) {
+    device_memory_size();  // makes the context of this process, which takes memory itself
+    ranks->barrier("start of the GPU");
+    const std::int64_t free = device_memory_size().free;
+    ranks->barrier("free GPU memory");
+    return 1e-9 * static_cast<double>(free) / ranks->n_on_own_gpu();
+  }
+#endif
+  return config.gpu_memory_gb;
+}
+
 }  // namespace
 
 Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
@@ -37,7 +55,8 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       hooks(std::move(hooks)),
       ranks(this->hooks.ranks),
       device(choose_device(config.device)),
-      memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, config.gpu_memory_gb)),
+      gpu_memory_gb(gpu_memory_gb_of_rank(config, device, ranks)),
+      memory(this->hooks.memory ? this->hooks.memory : make_memory_source(device, gpu_memory_gb)),
       row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
       rasterizer(device),
       stepper(rasterizer),
@@ -47,7 +66,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
              this->hooks.image_budget ? *this->hooks.image_budget
-                                      : image_budget(config.image_cache_gb, device, config.gpu_memory_gb),
+                                      : image_budget(config.image_cache_gb, device, gpu_memory_gb),
              this->hooks.on_loading),
       reducer(device),
       timer(make_stage_clock(device)),

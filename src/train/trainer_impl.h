@@ -305,6 +305,7 @@ struct Trainer::Impl {
   const TrainHooks hooks;
   Communicator* const ranks;  // null: this process trains alone
   const torch::Device device;
+  const double gpu_memory_gb;  // that this process may use; 0: all that is free
 
   const std::shared_ptr<MemorySource> memory;
   RowEditor row_editor;

@@ -82,6 +82,19 @@ TEST(Control, GathersRecordsOfAnySize) {
   });
 }
 
+TEST(Control, ExchangesAPartForEachRank) {
+  Job(3).run([](RankLink& link) {
+    const auto part = [](int from, int to) { return std::string(static_cast<std::size_t>(from * 3 + to), 'a'); };
+    std::vector<std::string> parts;
+    for (int to = 0; to < 3; ++to) parts.push_back(part(link.rank(), to));
+    if (link.rank() == 2) parts = {"for all"};
+    for (int round = 0; round < 3; ++round) {
+      const std::vector<std::string> expected{part(0, link.rank()), part(1, link.rank()), "for all"};
+      EXPECT_EQ(link.exchange("step", parts), expected);
+    }
+  });
+}
+
 TEST(Control, OneRankAlone) {
   Job(1).run([](RankLink& link) { EXPECT_EQ(link.gather("x", "y"), std::vector<std::string>{"y"}); });
 }

@@ -66,7 +66,8 @@ void check_all_to_all(Communicator& ranks, const char* name, CountOf&& count_of)
     }
     const Counts receive = ranks.exchange_counts(name, send);
     expect(receive == receive_expected, std::string(name) + ": counts");
-    const torch::Tensor received = ranks.all_to_all_rows(typed(torch::cat(sent), type), send, receive);
+    const torch::Tensor rows = typed(torch::cat(sent), type).to(ranks.device());
+    const torch::Tensor received = ranks.all_to_all_rows(rows, send, receive).cpu();
     expect(received.scalar_type() == type && received.size(0) == total(receive), std::string(name) + ": shape");
     expect(same_bytes(received, torch::cat(expected)), std::string(name) + ": bytes");
   }
@@ -81,26 +82,29 @@ void check_all_gather(Communicator& ranks, const char* name, CountOf&& count_of)
     expected.push_back(make_rows(rank, 7, counts.back(), 24));
   }
   const torch::Tensor own = typed(expected[static_cast<std::size_t>(ranks.rank())], torch::kFloat32);
-  const torch::Tensor all = ranks.all_gather_rows(own, counts);
+  const torch::Tensor all = ranks.all_gather_rows(own.to(ranks.device()), counts).cpu();
   expect(all.size(0) == total(counts) && all.size(1) == 2, std::string(name) + ": shape");
   expect(same_bytes(all, torch::cat(expected)), std::string(name) + ": bytes");
 }
 
 void check_collectives(Communicator& ranks) {
   const int size = ranks.size(), rank = ranks.rank();
+  const torch::Device& device = ranks.device();
   check_all_to_all(ranks, "uneven", [](int from, int to) { return 3 * from + 5 * to + 1; });
   check_all_to_all(ranks, "nothing at all", [](int, int) { return 0; });
   check_all_to_all(ranks, "only to the last rank", [&](int, int to) { return to == size - 1 ? 11 : 0; });
   check_all_to_all(ranks, "only from rank 0", [](int from, int) { return from == 0 ? 11 : 0; });
   check_all_to_all(ranks, "nothing to itself", [](int from, int to) { return from == to ? 0 : 4; });
   check_all_to_all(ranks, "many", [](int from, int to) { return 20000 + 1000 * from + to; });
-  const torch::Tensor shifted = torch::arange(1 + 3 * ranks.size(), torch::kInt32).narrow(0, 1, 3 * ranks.size());
+  check_all_to_all(ranks, "in several messages", [](int from, int to) { return from < to ? 200000 : 0; });
+  const auto ints = torch::TensorOptions(torch::kInt32).device(device);
+  const torch::Tensor shifted = torch::arange(1 + 3 * ranks.size(), ints).narrow(0, 1, 3 * ranks.size());
   const torch::Tensor pairs = torch::stack({shifted, shifted}, 1).view({-1}).narrow(0, 1, 2 * ranks.size());
   const Counts ones(static_cast<std::size_t>(size), 1);  // rows of 8 bytes that begin at 4: no whole int64
   expect(ranks.all_to_all_rows(pairs.view({size, 2}), ones, ones)
              .equal(pairs.view({size, 2}).narrow(0, rank, 1).expand({size, 2})),
          "rows at an odd address");
-  const torch::Tensor odd = make_rows(0, 0, size, 7);  // rows of 7 bytes
+  const torch::Tensor odd = make_rows(0, 0, size, 7).to(device);  // rows of 7 bytes
   expect(ranks.all_to_all_rows(odd, ones, ones).equal(odd.narrow(0, rank, 1).expand({size, 7})), "rows of odd size");
   check_all_gather(ranks, "equal parts", [](int) { return 1000; });
   check_all_gather(ranks, "nearly equal parts", [](int r) { return 1000 + r; });
@@ -108,20 +112,21 @@ void check_collectives(Communicator& ranks) {
   check_all_gather(ranks, "no part", [](int) { return 0; });
 
   for (int from = 0; from < size; ++from) {
-    torch::Tensor tensor = typed(make_rows(rank, 3, 9, 24), torch::kFloat32);
+    torch::Tensor tensor = typed(make_rows(rank, 3, 9, 24), torch::kFloat32).to(device);
     ranks.broadcast(tensor, from);
-    expect(same_bytes(tensor, make_rows(from, 3, 9, 24)), "broadcast");
+    expect(same_bytes(tensor.cpu(), make_rows(from, 3, 9, 24)), "broadcast");
   }
-  torch::Tensor empty = torch::empty({0, 3});
+  torch::Tensor empty = torch::empty({0, 3}, device);
   ranks.broadcast(empty, 0);
 
-  torch::Tensor sums = torch::tensor({std::int64_t{1} << 40, std::int64_t{rank}, std::int64_t{-rank}}, torch::kInt64);
+  const auto longs = torch::TensorOptions(torch::kInt64).device(device);
+  torch::Tensor sums = torch::tensor({std::int64_t{1} << 40, std::int64_t{rank}, std::int64_t{-rank}}, longs);
   torch::Tensor largest = sums.clone();
   ranks.all_reduce_sum(sums);
   ranks.all_reduce_max(largest);
   const std::int64_t triangle = size * (size - 1) / 2;
-  expect(sums.equal(torch::tensor({size * (std::int64_t{1} << 40), triangle, -triangle}, torch::kInt64)), "sum");
-  expect(largest.equal(torch::tensor({std::int64_t{1} << 40, std::int64_t{size - 1}, std::int64_t{0}}, torch::kInt64)),
+  expect(sums.equal(torch::tensor({size * (std::int64_t{1} << 40), triangle, -triangle}, longs)), "sum");
+  expect(largest.equal(torch::tensor({std::int64_t{1} << 40, std::int64_t{size - 1}, std::int64_t{0}}, longs)),
          "max");
 
   expect(ranks.sum("sum", rank + 1) == triangle + size && ranks.max("max", -rank) == 0, "sums on the host");

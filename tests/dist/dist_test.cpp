@@ -1,4 +1,5 @@
-// Real processes that exchange tensors and records, fail, and are killed: dist_rank.cpp, on CPUs.
+// Real processes that exchange tensors and records, fail, and are killed: dist_rank.cpp, on CPUs. Time limits are far
+// above what a loaded machine needs, or far below what a test expects to end otherwise.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,32 +15,14 @@
 #include "dist/control/socket.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
+#include "support/variables.h"
 
 namespace b3dgs {
 namespace {
 
 using test::Outcome;
 using test::run_b3dgs;  // runs dist_rank here
-
-/// Environment variables during a test. Limits are far above what a loaded machine needs, or far below what a test
-/// expects to end otherwise.
-class Variables {
- public:
-  Variables(std::initializer_list<std::pair<const char*, std::string>> values) {
-    for (const auto& [name, value] : values) {
-      setenv(name, value.c_str(), 1);
-      names_.push_back(name);
-    }
-  }
-  ~Variables() {
-    for (const char* name : names_) unsetenv(name);
-  }
-  Variables(const Variables&) = delete;
-  Variables& operator=(const Variables&) = delete;
-
- private:
-  std::vector<const char*> names_;
-};
+using test::Variables;
 
 int count_of(const std::string& text, const std::string& part) {
   int n = 0;
@@ -58,6 +41,13 @@ void expect_named(const Outcome& outcome, int exit_code, int n_others, const std
 class Collectives : public testing::TestWithParam<int> {};
 
 TEST_P(Collectives, TransferEveryByte) {
+  const Outcome outcome = run_b3dgs({std::to_string(GetParam()), "collectives"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(count_of(outcome.out, "ok "), GetParam()) << outcome.out;
+}
+
+TEST_P(Collectives, TransferEveryByteThroughRankZero) {
+  const Variables relay{{"TEST_RELAY", "1"}};
   const Outcome outcome = run_b3dgs({std::to_string(GetParam()), "collectives"});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(count_of(outcome.out, "ok "), GetParam()) << outcome.out;
@@ -91,6 +81,14 @@ TEST(FailingRank, ThrowsWhileOthersExchangeRecords) {
 TEST(FailingRank, ThrowsWhileOthersExchangeTensors) {
   expect_named(run_b3dgs({"3", "throw:tensors"}), 2, 2, "error: rank 2 of 3 stopped: the disk is full\n",
                "error: the disk is full\n");
+}
+
+TEST(FailingRank, EndsOthersThatExchangeThroughRankZero) {
+  const Variables relay{{"TEST_RELAY", "1"}};
+  expect_named(run_b3dgs({"3", "throw:tensors"}), 2, 2, "error: rank 2 of 3 stopped: the disk is full\n",
+               "error: the disk is full\n");
+  expect_named(run_b3dgs({"3", "kill:tensors"}), 128 + SIGKILL, 2, std::string("error: rank 2 of 3 ") + kVanished,
+               "error: rank 2 of 3 was killed by signal 9 (Killed)\n");
 }
 
 TEST(FailingRank, EndsOthersThatAreStuckElsewhere) {

@@ -28,7 +28,10 @@ int run_rank_program(const RankProgram& program) {
   const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? program.size : 0);
   if (!place) return start_ranks(program.size, program.arguments, program.start);
   torch::set_num_threads(1);
-  const auto ranks = Communicator::connect(*place, torch::kCPU, program.limits);
+  const char* const device = std::getenv("TEST_DEVICE");
+  const bool is_gpu = device != nullptr && std::strcmp(device, "cuda") == 0;
+  const auto ranks = Communicator::connect(*place, is_gpu ? torch::Device(torch::kCUDA, 0) : torch::Device(torch::kCPU),
+                                           program.limits, std::getenv("TEST_RELAY") != nullptr);
   try {
     run_as_rank(*ranks, [&] { program.body(*ranks); });
   } catch (const Exit& exit) {

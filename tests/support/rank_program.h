@@ -26,12 +26,13 @@ struct Exit {
 struct RankProgram {
   int size = 1;
   std::vector<std::string> arguments;             // of this program, for the ranks that it starts
-  std::function<void(Communicator& ranks)> body;  // of each rank, on the CPU
+  std::function<void(Communicator& ranks)> body;  // of each rank
   StartOptions start{};
   RankLimits limits{};
 };
 
-/// Without the environment of a launcher: starts the ranks. Otherwise this process is one of them: calls body(), and
+/// The device is that of the environment variable TEST_DEVICE: "cuda" (number 0, which all ranks share), otherwise the
+/// CPU. With TEST_RELAY, tensors go through rank 0 in any case. Without the environment of a launcher: starts the ranks. Otherwise this process is one of them: calls body(), and
 /// prints "ok RANK" after it. Returns the exit code. @throws what body() throws
 int run_rank_program(const RankProgram& program);
 

@@ -16,7 +16,7 @@ namespace b3dgs {
 enum class MessageKind : std::uint32_t {
   // from a rank to the hub
   kHello = 1,   // protocol, job, rank, size
-  kGather,      // label, bytes; answered when every rank has sent one
+  kGather,      // label, number of parts, parts; answered when every rank has sent one
   kSet,         // key, value
   kGet,         // key; answered when it is set
   kAdd,         // key, number; answered by the sum
@@ -117,6 +117,6 @@ class MessageStream {
 };
 
 inline constexpr std::size_t kMaxMessage = std::size_t{1} << 30;
-inline constexpr char kProtocol[] = "b3dgs ranks 1";
+inline constexpr char kProtocol[] = "b3dgs ranks 2";
 
 }  // namespace b3dgs

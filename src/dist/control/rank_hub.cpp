@@ -45,12 +45,12 @@ struct Member {
   bool has_left = false;
 };
 
-/// Records of one gather.
+/// What ranks have sent for one gather or exchange.
 struct Round {
   std::string label;
   int first_rank = 0;
   int count = 0;
-  std::vector<std::string> records;
+  std::vector<std::vector<std::string>> parts;  // by sender; for each rank, or one for all
   std::vector<std::uint32_t> request;  // by rank; ids of the requests to answer
   std::vector<bool> is_there;
 };
@@ -326,10 +326,10 @@ class RankHub::Server {
     const auto n = static_cast<std::size_t>(size()), row = static_cast<std::size_t>(rank);
     const std::string label = body.bytes();
     Round& round = rounds_[rounds_of_[row]++];
-    if (round.records.empty()) {
+    if (round.parts.empty()) {
       round.label = label;
       round.first_rank = rank;
-      round.records.resize(n);
+      round.parts.resize(n);
       round.request.resize(n);
       round.is_there.resize(n);
     }
@@ -337,18 +337,19 @@ class RankHub::Server {
       fail(rank, detail::concat("it is at \"", label, "\", and rank ", round.first_rank, " at \"", round.label, '"'));
       return;
     }
-    round.records[row] = body.bytes();
+    const std::int64_t n_parts = body.number();
+    if (n_parts != 1 && n_parts != size()) throw Error("a damaged message");
+    for (std::int64_t i = 0; i < n_parts; ++i) round.parts[row].push_back(body.bytes());
     round.request[row] = id;
     round.is_there[row] = true;
     if (++round.count < size()) {
       for (int other = 0; other < size(); ++other) check_rounds_without_left(other);
       return;
     }
-    BodyWriter all;
-    for (const std::string& record : round.records) all.bytes(record);
-    const std::string records = all.take();
-    for (int other = 0; other < size(); ++other) {
-      send_to(other, {MessageKind::kReply, round.request[static_cast<std::size_t>(other)], records});
+    for (std::size_t other = 0; other < n; ++other) {
+      BodyWriter for_other;
+      for (const auto& parts : round.parts) for_other.bytes(parts[parts.size() == 1 ? 0 : other]);
+      send_to(static_cast<int>(other), {MessageKind::kReply, round.request[other], for_other.take()});
     }
     rounds_.erase(rounds_.begin());  // ranks take part in every round, so rounds are completed in order
   }

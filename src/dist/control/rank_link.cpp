@@ -325,8 +325,15 @@ std::string RankLink::own_address() const {
 }
 
 std::vector<std::string> RankLink::gather(const std::string& label, const std::string& record) {
-  const std::string records = client_->request(MessageKind::kGather, BodyWriter().bytes(label).bytes(record).take());
-  BodyReader body(records);
+  return exchange(label, {record});
+}
+
+std::vector<std::string> RankLink::exchange(const std::string& label, const std::vector<std::string>& parts) {
+  BodyWriter request;
+  request.bytes(label).number(static_cast<std::int64_t>(parts.size()));
+  for (const std::string& part : parts) request.bytes(part);
+  const std::string answer = client_->request(MessageKind::kGather, request.take());
+  BodyReader body(answer);
   std::vector<std::string> all;
   all.reserve(static_cast<std::size_t>(size()));
   for (int rank = 0; rank < size(); ++rank) all.push_back(body.bytes());

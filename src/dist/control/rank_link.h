@@ -14,7 +14,8 @@
 namespace b3dgs {
 
 /// Every function but fail(), close() and the destructor throws a PeerError once another rank has failed. Safe to use
-/// from several threads, except that all threads of a rank must call gather() in one order.
+/// from several threads, except that all threads of a rank must call gather() and exchange()
+/// in one order.
 class RankLink {
  public:
   /// Joins, and waits until all ranks have. @throws InputError if this rank is refused, PeerError if another one failed
@@ -31,6 +32,10 @@ class RankLink {
 
   /// The records of all ranks, by rank. All ranks call this in one order, with the same `label`, which errors name.
   std::vector<std::string> gather(const std::string& label, const std::string& record);
+
+  /// parts[r] goes to rank r, or the only part to all. Returns what came from each rank, by rank. All ranks call this
+  /// in one order with gather(). The parts of a rank have less than 1 GiB together, as have those that it receives.
+  std::vector<std::string> exchange(const std::string& label, const std::vector<std::string>& parts);
 
   // A table of keys and values that all ranks share, with the functions of c10d::Store.
   void set(const std::string& key, const std::string& value);

@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "support/run_program.h"
+#include "support/variables.h"
 
 namespace b3dgs {
 namespace {
@@ -39,6 +40,13 @@ TEST_P(TrainTogether, GivesTheFilesOfOneProcess) {
   expect_success(B3DGS_TRAIN_TOGETHER, std::get<0>(GetParam()), std::get<1>(GetParam()));
 }
 
+class TrainThroughRankZero : public TrainRanks {};
+
+TEST_P(TrainThroughRankZero, GivesTheFilesOfOneProcess) {
+  const test::Variables relay{{"TEST_RELAY", "1"}};
+  expect_success(B3DGS_TRAIN_TOGETHER, std::get<0>(GetParam()), std::get<1>(GetParam()));
+}
+
 std::string name_of(const testing::TestParamInfo<std::tuple<int, const char*>>& test) {
   return std::get<1>(test.param) + std::to_string(std::get<0>(test.param));
 }
@@ -57,6 +65,11 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                                                           "few", "resume", "invalid", "stop", "appearance",
                                                           "background", "poses", "skips", "memory", "exhausted",
                                                           "failure", "scenes")),
+                         name_of);
+
+INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero,
+                         testing::Combine(testing::Values(2, 3), testing::Values("balanced", "bands", "parts",
+                                                                                 "failure")),
                          name_of);
 
 }  // namespace

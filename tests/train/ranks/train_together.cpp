@@ -106,6 +106,12 @@ void expect_same(const Files& together, const Files& alone, const std::string& w
   }
 }
 
+/// Whether the ranks share a GPU: the device that run_rank_program() chooses.
+bool runs_on_gpu() {
+  const char* const device = std::getenv("TEST_DEVICE");
+  return device != nullptr && std::string(device) == "cuda";
+}
+
 TrainConfig config_of(const std::string& strategy) {
   TrainConfig config = strategy == "balanced" ? test::eventful_balanced_config() : test::eventful_config();
   config.strategy = strategy;
@@ -114,6 +120,10 @@ TrainConfig config_of(const std::string& strategy) {
   config.batch = 3;
   config.threads = 1;
   config.deterministic = true;
+  if (runs_on_gpu()) {
+    config.device = "cuda";
+    config.kernel = "combined";
+  }
   return config;
 }
 
