@@ -38,6 +38,7 @@ END
   git ls-files 'tests/train/cuda/*.cpp'
 } | sort -u | xargs -P "$(nproc)" -I FILE g++ -std=c++17 -fsyntax-only -Wall -Wextra -Werror -fopenmp \
   -DB3DGS_TORCH_CUDA=1 -DB3DGS_HAS_CUDA=1 -DB3DGS_C10D=1 -DB3DGS_GLOO=0 -DB3DGS_NCCL=1 "-DB3DGS_VERSION=\"\"" \
+  "-DB3DGS_PROGRAM=\"\"" "-DB3DGS_DIST_RANK=\"\"" \
   -Isrc -I. -Itests -isystem "$stand_in" \
   -isystem "$cuda_include" -isystem /usr/include/torch/csrc/api/include -isystem /usr/include/opencv4 FILE
 echo "code for a LibTorch with CUDA: type-checked"

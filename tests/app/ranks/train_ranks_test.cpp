@@ -14,7 +14,6 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "dist/control/socket.h"
-#include "dist/tensor_group.h"
 #include "model/model_folder.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -95,12 +94,7 @@ class TrainRanks : public testing::Test {
   const test::TempDir temp;
 };
 
-class TrainRanksOnCpu : public TrainRanks {
- protected:
-  void SetUp() override {
-    if (!why_no_tensor_group(torch::kCPU).empty()) GTEST_SKIP() << why_no_tensor_group(torch::kCPU);
-  }
-};
+using TrainRanksOnCpu = TrainRanks;
 
 TEST_F(TrainRanks, RefusesOptionsThatContradictEachOther) {
   expect_refused({"--ranks", "2", "--gpus", "2"}, "--ranks and --gpus exclude each other");
@@ -205,9 +199,27 @@ TEST(RankSetup, ARankUsesTheGpuOfItsNumber) {
                                              [&] { choose_rank_device(name, place, 1); }))
         << "never the CPU beside GPUs of other ranks";
   }
+  EXPECT_TRUE(test::fails_with<InputError>({"share GPUs, which is slow (--ranks 4 --device cuda)"},
+                                           [&] { choose_rank_device("cuda", place, 1); }));
   EXPECT_EQ(choose_rank_device("auto", place, 0), torch::Device(torch::kCPU));
   EXPECT_EQ(choose_rank_device("cpu", place, 2), torch::Device(torch::kCPU));
   EXPECT_TRUE(test::fails_with<InputError>({"sees 0 GPUs;"}, [&] { choose_rank_device("cuda", place, 0); }));
+}
+
+TEST(RankSetup, RanksShareGpusOnlyIfThatIsSaid) {
+  RankPlace place;
+  place.rank = place.local_rank = 3;
+  place.size = 4;
+  const bool may_share = true;
+  EXPECT_EQ(choose_rank_device("cuda", place, 1, may_share), torch::Device(torch::kCUDA, 0));
+  EXPECT_EQ(choose_rank_device("cuda", place, 2, may_share), torch::Device(torch::kCUDA, 1));
+  EXPECT_EQ(choose_rank_device("cuda", place, 4, may_share), torch::Device(torch::kCUDA, 3));
+  EXPECT_TRUE(test::fails_with<InputError>({"sees 0 GPUs;"}, [&] { choose_rank_device("cuda", place, 0, may_share); }));
+  const Variables variables(launched(3, 4));
+  EXPECT_TRUE(plan_ranks({4, ""}, "cuda").may_share_gpus);
+  EXPECT_FALSE(plan_ranks({4, ""}, "auto").may_share_gpus);
+  EXPECT_FALSE(plan_ranks({0, ""}, "cuda").may_share_gpus) << "a launcher may have started too many by mistake";
+  EXPECT_FALSE(plan_ranks({0, "4"}, "cuda").may_share_gpus);
 }
 
 TEST(RankSetup, DefaultThreadsAreThoseOfAShare) {
