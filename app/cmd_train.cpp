@@ -55,10 +55,10 @@ std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::op
 /// How ranks exchange, where that is slow; otherwise empty.
 std::string describe_slow_transport(const Communicator& ranks) {
   if (ranks.size() == 1 || ranks.transport() != Transport::kRelay) return "";
-  const std::string reason = ranks.shares_gpus()         ? "ranks share a GPU"
+  const std::string reason = ranks.shares_gpus()        ? "ranks share a GPU"
                              : ranks.device().is_cuda() ? "no NCCL in this build"
-                                                         : "no Gloo in this build";
-  return "exchange    through the memory of rank 0: " + reason + " (slow; to check a training)";
+                                                        : "no Gloo in this build";
+  return "exchange    through the memory of rank 0, which is slow: " + reason;
 }
 
 std::string describe_limit(const TrainConfig& config) {

@@ -65,9 +65,8 @@ void require_gpus(const RankOptions& options, int n, int n_gpus, bool may_share)
   if (n <= n_gpus || (may_share && n_gpus > 0)) return;
   const std::string share = n_gpus > 0 ? detail::concat("--ranks ", n, " --device cuda to share, ") : "";
   input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
-              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", share,
-              share.empty() ? "" : "or ", n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ",
-              n, " --device cpu");
+              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", share, share.empty() ? "" : "or ",
+              n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ", n, " --device cpu");
 }
 
 bool may_share(const RankOptions& options, const std::string& device_name) {
@@ -115,10 +114,12 @@ torch::Device choose_rank_device(const std::string& name, const RankPlace& place
     return torch::Device(torch::kCUDA, static_cast<c10::DeviceIndex>(place.local_rank % n_gpus));
   }
   if (name == "auto" && n_gpus == 0) return torch::kCPU;
-  input_error("rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ", place.local_rank,
-              " of this machine), but sees ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs",
-              "; let each rank see all GPUs (srun: no --gpus-per-task), or use fewer ranks, or --device cpu, or let ranks "
-              "share GPUs, which is slow (--ranks ", place.size, " --device cuda)");
+  input_error(
+      "rank ", place.rank, " of ", place.size, " needs a GPU of its own (number ", place.local_rank,
+      " of this machine), but sees ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs",
+      "; let each rank see all GPUs (srun: no --gpus-per-task), or use fewer ranks, or --device cpu, or let ranks "
+      "share GPUs, which is slow (--ranks ",
+      place.size, " --device cuda)");
 }
 
 JoinedRank join_ranks(const RankPlan& plan) {

@@ -35,9 +35,12 @@ namespace b3dgs {
 
 const char* name_of(Transport transport) {
   switch (transport) {
-    case Transport::kNccl: return "NCCL";
-    case Transport::kGloo: return "Gloo";
-    case Transport::kRelay: return "through rank 0";
+    case Transport::kNccl:
+      return "NCCL";
+    case Transport::kGloo:
+      return "Gloo";
+    case Transport::kRelay:
+      return "through rank 0";
   }
   return "";
 }

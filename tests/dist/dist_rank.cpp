@@ -126,8 +126,7 @@ void check_collectives(Communicator& ranks) {
   ranks.all_reduce_max(largest);
   const std::int64_t triangle = size * (size - 1) / 2;
   expect(sums.equal(torch::tensor({size * (std::int64_t{1} << 40), triangle, -triangle}, longs)), "sum");
-  expect(largest.equal(torch::tensor({std::int64_t{1} << 40, std::int64_t{size - 1}, std::int64_t{0}}, longs)),
-         "max");
+  expect(largest.equal(torch::tensor({std::int64_t{1} << 40, std::int64_t{size - 1}, std::int64_t{0}}, longs)), "max");
 
   expect(ranks.sum("sum", rank + 1) == triangle + size && ranks.max("max", -rank) == 0, "sums on the host");
   const std::vector<std::string> texts = ranks.exchange("texts", std::string(static_cast<std::size_t>(rank), 'x'));

@@ -32,8 +32,9 @@ struct RankProgram {
 };
 
 /// The device is that of the environment variable TEST_DEVICE: "cuda" (number 0, which all ranks share), otherwise the
-/// CPU. With TEST_RELAY, tensors go through rank 0 in any case. Without the environment of a launcher: starts the ranks. Otherwise this process is one of them: calls body(), and
-/// prints "ok RANK" after it. Returns the exit code. @throws what body() throws
+/// CPU. With TEST_RELAY, tensors go through rank 0 in any case. Without the environment of a launcher: starts the
+/// ranks. Otherwise this process is one of them: calls body(), and prints "ok RANK" after it. Returns the exit code.
+/// @throws what body() throws
 int run_rank_program(const RankProgram& program);
 
 /// Calls run() for the exit code; prints an exception as one line and returns its exit code.

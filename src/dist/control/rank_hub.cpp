@@ -51,7 +51,7 @@ struct Round {
   int first_rank = 0;
   int count = 0;
   std::vector<std::vector<std::string>> parts;  // by sender; for each rank, or one for all
-  std::vector<std::uint32_t> request;  // by rank; ids of the requests to answer
+  std::vector<std::uint32_t> request;           // by rank; ids of the requests to answer
   std::vector<bool> is_there;
 };
 

@@ -68,8 +68,8 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero,
-                         testing::Combine(testing::Values(2, 3), testing::Values("balanced", "bands", "parts",
-                                                                                 "failure")),
+                         testing::Combine(testing::Values(2, 3),
+                                          testing::Values("balanced", "bands", "parts", "failure")),
                          name_of);
 
 }  // namespace
