@@ -1,7 +1,5 @@
 #include "dist/relay_group.h"
 
-#include <torch/torch.h>
-
 #include <algorithm>
 #include <cstring>
 
