@@ -42,7 +42,7 @@ const std::vector<OptionRow>& presets() {
         {"prune_until_iter", "22400"},
         {"lr_decay_from_iter", "6000"},
         {"lr_decay_from_epoch", "80"},
-        {"feature_lr", "0.00375"},
+        {"feature_lr", "0.005"},
         {"rotation_lr", "0.002"},
         {"abs_grad_threshold", "0.0006"},
         {"pixels_per_gaussian", "45"},
