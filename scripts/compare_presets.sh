@@ -15,8 +15,8 @@
 #   SEEDS    default "0 1 2"
 #   OPTIONS  options of all trainings; default "--device cuda"
 #   LIMIT_S  starts no further training once so many seconds have passed, and exits with 3 if any is left; default: none
-#   JOBS     how many trainings run at a time; default 1. Where there are several, they slow each other down: the table
-#            then takes times from those that ran alone, or says so if there are none
+#   JOBS     how many trainings run at a time; default 1. Several slow each other down: the table has the times of
+#            trainings with JOBS=1, or, if there are none, of all, marked "N at once"
 #   KEEP     1: keeps the models
 # Example: LIMIT_S=500 SEEDS=0 CONFIGS='fast=--preset fast;mine=--preset fast --max_gaussians 200000' \
 #   scripts/compare_presets.sh build/gpu/app/b3dgs output/presets data/bonsai data/fox
@@ -152,7 +152,7 @@ list_trainings() {
   done
 }
 
-# xargs ends when a training exits with 255.
+# When a training fails, its shell exits with 255, and xargs starts no further one.
 list=$(mktemp)
 trap 'rm -f -- "$list"' EXIT
 list_trainings "$@" > "$list"

@@ -38,7 +38,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> vi
   field(Option{"ranks"}, c.ranks, InRange{0, kMaxStartedRanks},
         "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
-        "where the data is; cuda: ranks share GPUs if there are too few; auto: the CPU then");
+        "cuda: GPUs, shared if there are fewer than ranks; auto: the CPU in that case");
   field(Option{"mib"}, c.mib, InRange{0.001, 4096},
         "MiB that each rank sends to each other rank; a line for each value");
   field(Option{"repeat"}, c.repeat, InRange{1, 10000}, "timed repetitions after one that is checked");
