@@ -85,6 +85,15 @@ void report_quality(const TrainResult& result) {
   }
 }
 
+void report_overfitting(const ModelFolder& folder) {
+  const std::optional<Overfitting> found = find_overfitting(read_train_log(folder.log()));
+  if (!found) return;
+  std::printf(
+      "%-12sPSNR was %.2f dB higher after iteration %d; fewer Gaussians or iterations may help: see "
+      "docs/recipes.md#few-photographs\n",
+      "overfitting", found->lost, found->iteration);
+}
+
 void report(const TrainResult& result, const TrainConfig& config, double total_s) {
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
@@ -216,7 +225,10 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
   record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
-  if (is_first) std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+  if (is_first) {
+    report_overfitting(folder);
+    std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+  }
   // A launcher may end ranks that still run after another one has returned something else than 0.
   ranks.barrier("end");
   if (!result.interrupted) return 0;

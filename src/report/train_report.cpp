@@ -69,6 +69,16 @@ std::string limit_text(const TrainHistory& history) {
                          hold.reason + ").");
 }
 
+/// "" if the test views show no overfitting.
+std::string overfitting_text(const TrainHistory& history) {
+  const std::optional<Overfitting> found = find_overfitting(history);
+  if (!found) return "";
+  return html::paragraph("Overfitting: after iteration " + format_count(found->iteration) +
+                         print_to_string(", PSNR on the test views was %.2f dB higher", found->lost) +
+                         " than at the last evaluation. Fewer Gaussians (--pixels_per_gaussian, --max_gaussians) or "
+                         "fewer iterations may help; see docs/recipes.md, Few photographs.");
+}
+
 std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
   const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
   const std::string no_psnr = run.info.held_out ? "The test views have not been evaluated yet."
@@ -76,6 +86,7 @@ std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
                                                   "over the iterations.";
   return (psnr.empty() ? html::paragraph(no_psnr, "soft")
                        : curve_figure({"PSNR", "dB", "PSNR, mean over the test views.", false}, psnr)) +
+         overfitting_text(run.history) +
          curve_figure({"SSIM", "", "SSIM, mean over the test views.", false}, curves({run}, &LogPoint::test_ssim)) +
          curve_figure({"Loss", "", "Training loss, running average over steps."}, curves({run}, &LogPoint::loss)) +
          curve_figure({"Gaussians", "", "Number of Gaussians."}, count_curves({run})) + limit_text(run.history) +
@@ -114,6 +125,17 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
 }
 
 }  // namespace
+
+std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
+  constexpr double kClear = 0.2;  // dB
+  const LogPoint* const last = last_evaluation(history);
+  const LogPoint* best = last;
+  for (const LogPoint& point : history.points) {
+    if (point.test_psnr && *point.test_psnr > *best->test_psnr) best = &point;
+  }
+  if (last == nullptr || *best->test_psnr - *last->test_psnr <= kClear) return std::nullopt;
+  return Overfitting{best->iteration, *best->test_psnr, *best->test_psnr - *last->test_psnr};
+}
 
 std::filesystem::path write_train_report(const ModelFolder& folder) {
   const TrainConfig config = folder.read_config();

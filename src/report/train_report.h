@@ -2,12 +2,26 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
 #include "model/model_folder.h"
+#include "report/train_log_reader.h"
 
 namespace b3dgs {
 
 /// Writes MODEL/report.html and returns its path. @throws InputError if the folder holds no training; IoError
 std::filesystem::path write_train_report(const ModelFolder& folder);
+
+/// The test views were clearly better after an earlier iteration than at the last evaluation: what was added since fits
+/// the training photographs alone.
+struct Overfitting {
+  int iteration = 0;  // with the highest PSNR
+  double psnr = 0;    // dB, after it
+  double lost = 0;    // dB, until the last evaluation
+};
+
+/// Empty if PSNR at the last evaluation is at most 0.2 dB below the highest, about what evaluations of one training
+/// differ by without a trend.
+std::optional<Overfitting> find_overfitting(const TrainHistory& history);
 
 }  // namespace b3dgs

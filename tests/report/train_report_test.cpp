@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -54,6 +55,31 @@ class TrainReport : public ::testing::Test {
   TrainConfig config_;
 };
 
+TrainHistory history_of(const std::vector<std::optional<double>>& test_psnr) {
+  TrainHistory history;
+  for (const auto& psnr : test_psnr) {
+    LogPoint point;
+    point.iteration = 10 * (static_cast<int>(history.points.size()) + 1);
+    point.test_psnr = psnr;
+    history.points.push_back(point);
+  }
+  return history;
+}
+
+TEST(FindOverfitting, ComparesTheLastEvaluationWithTheBest) {
+  EXPECT_FALSE(find_overfitting(history_of({})));
+  EXPECT_FALSE(find_overfitting(history_of({std::nullopt, std::nullopt})));
+  EXPECT_FALSE(find_overfitting(history_of({20.0})));
+  EXPECT_FALSE(find_overfitting(history_of({20.0, 21.0, std::nullopt})));
+  EXPECT_FALSE(find_overfitting(history_of({20.0, 21.0, 20.75, 20.875}))) << "not clearly";
+  EXPECT_FALSE(find_overfitting(history_of({std::nan(""), 20.0})));
+  const auto found = find_overfitting(history_of({20.0, 21.5, std::nullopt, 21.0, 20.75, std::nullopt}));
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->iteration, 20);
+  EXPECT_EQ(found->psnr, 21.5);
+  EXPECT_EQ(found->lost, 0.75);
+}
+
 bool contains(const std::string& page, const std::string& text) {
   return page.find(text) != std::string::npos;
 }
@@ -76,6 +102,13 @@ TEST_F(TrainReport, HeadlineOfAnUnfinishedTrainingSaysHowFarItIs) {
                        "<h1>garden: not finished, 40 of 60 iterations in 8 min 2 s, PSNR 23.00 dB on "
                        "test views at iteration 30, 1,040 Gaussians</h1>"));
   EXPECT_TRUE(contains(page(0, false), "<h1>garden: no iterations logged yet</h1>"));
+}
+
+TEST_F(TrainReport, SaysThatTestViewsWereBetterBefore) {
+  EXPECT_FALSE(contains(page(60, true), "Overfitting"));
+  std::ofstream(folder_.log(), std::ios::app) << R"({"iteration": 70, "test_psnr": 25.5})";
+  EXPECT_TRUE(contains(test::read_bytes(write_train_report(folder_)),
+                       "Overfitting: after iteration 60, PSNR on the test views was 0.50 dB higher"));
 }
 
 TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
