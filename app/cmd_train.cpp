@@ -56,8 +56,8 @@ std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::op
 std::string describe_slow_transport(const Communicator& ranks) {
   if (ranks.size() == 1 || ranks.transport() != Transport::kRelay) return "";
   const std::string reason = ranks.shares_gpus()        ? "ranks share a GPU"
-                             : ranks.device().is_cuda() ? "no NCCL in this build"
-                                                        : "no Gloo in this build";
+                             : ranks.device().is_cuda() ? "a build has no NCCL"
+                                                        : "a build has no Gloo";
   return "exchange    through the memory of rank 0, which is slow: " + reason;
 }
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Trains every SCENE with every preset and strategy and several seeds, and prints a Markdown table of time, count, PSNR
-# and SSIM: mean, and half the range over seeds. Above the table: with which program,
-# on which machine, and at which commit of the repository that this script is in. Colour-corrected PSNR has a column if a
-# training measured it. After trainings with --train_test_exp, whole test views are measured, too.
+# and SSIM: mean, and half the range over seeds. Above the table: with which program, on which machine, and at which
+# commit of the repository that this script is in. Colour-corrected PSNR has a column if a training measured it. After
+# trainings with --train_test_exp, whole test views are measured, too.
 #
 # Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
 # script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
@@ -129,9 +129,11 @@ train_one() {
   fi
 }
 
-# list_trainings SCENE...: the arguments of train_one for every training that is not in results.jsonl.
+# list_trainings SCENE...: the arguments of train_one for every training that is not in results.jsonl. Fails if two
+# different ones would have the same folder.
 list_trainings() {
-  local scene scene_path scene_name seed config name own all known
+  local scene scene_path scene_name seed config name own all known model
+  local -A listed=()
   for scene in "$@"; do
     scene_path=$(realpath -- "$scene")
     scene_name=$(basename "$scene_path")
@@ -146,7 +148,15 @@ list_trainings() {
         all="${options[*]} ${own[*]}"
         known=$(is_known "$scene_name" "$name" "$seed" "$all" "$scene_path")
         [[ -z $known ]] || continue
-        printf '%s\0' "$scene_name" "$name" "$seed" "$all" "$scene_path" "$output/$scene_name/$name/seed_$seed"
+        model=$output/$scene_name/$name/seed_$seed
+        if [[ -n ${listed[$model]:-} ]]; then
+          [[ ${listed[$model]} != "$scene_path $all" ]] || continue
+          echo "compare_presets.sh: error: two trainings would write $model: that of ${listed[$model]}, and that of" \
+            "$scene_path $all; give each configuration and each scene's folder a name of its own" >&2
+          exit 2
+        fi
+        listed[$model]="$scene_path $all"
+        printf '%s\0' "$scene_name" "$name" "$seed" "$all" "$scene_path" "$model"
       done <<< "$configs;"
     done
   done

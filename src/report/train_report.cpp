@@ -127,7 +127,7 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
 }  // namespace
 
 std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
-  constexpr double kClear = 0.2;  // dB
+  constexpr double kClear = 0.2;  // dB; PSNR also goes up and down where it has no trend
   const LogPoint* const last = last_evaluation(history);
   const LogPoint* best = last;
   for (const LogPoint& point : history.points) {

@@ -20,8 +20,7 @@ struct Overfitting {
   double lost = 0;    // dB, until the last evaluation
 };
 
-/// Empty if PSNR at the last evaluation is at most 0.2 dB below the highest, about what evaluations of one training
-/// differ by without a trend.
+/// Empty if PSNR at the last evaluation is at most 0.2 dB below the highest.
 std::optional<Overfitting> find_overfitting(const TrainHistory& history);
 
 }  // namespace b3dgs

@@ -160,7 +160,10 @@ TEST(ComparePresets, TrainsSeveralAtATimeOnceEach) {
   };
   EXPECT_EQ(compare("JOBS=2.5 SEEDS=0 CONFIGS='a='"), 2);
   EXPECT_NE(test::read_bytes(folder / "out").find("JOBS: \"2.5\" is no number of trainings"), std::string::npos);
-  EXPECT_EQ(compare("JOBS=3 SEEDS='4 5 6' CONFIGS='a=;b=--preset fast'"), 0);
+  EXPECT_EQ(compare("JOBS=2 SEEDS=4 CONFIGS='a=;a=--preset fast'"), 2);
+  EXPECT_NE(test::read_bytes(folder / "out").find("two trainings would write"), std::string::npos);
+  EXPECT_EQ(test::read_bytes(folder / "results/results.jsonl"), "");
+  EXPECT_EQ(compare("JOBS=3 SEEDS='4 5 6 6' CONFIGS='a=;b=--preset fast'"), 0);
   const std::string out = test::read_bytes(folder / "out");
   EXPECT_NE(out.find("| scene | a | 20 | 3 | 1.50 ± 0.00, 3 at once | 5 ± 1 |"), std::string::npos) << out;
   EXPECT_NE(out.find("| scene | b | 20 | 3 | 1.50 ± 0.00, 3 at once | 5 ± 1 |"), std::string::npos) << out;
