@@ -1,10 +1,6 @@
 #include "config/option_layers.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <type_traits>
 #include <utility>
 
 #include "core/check.h"
@@ -20,28 +16,9 @@ GivenOptions values_of(const std::vector<OptionRow>& rows, const std::string& na
   return row == rows.end() ? GivenOptions::object() : parse_values(row->values);
 }
 
-/// Rounded to the nearest whole number, but a positive number of iterations does not become 0.
-template <class Integer>
-Integer scaled(Integer steps, double factor) {
-  const double most = static_cast<double>(std::numeric_limits<Integer>::max());
-  const double product = std::round(static_cast<double>(steps) * factor);
-  if (steps <= 0) return steps;
-  return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
-}
-
-/// Multiplies the options counted in iterations for which is_wanted(option) holds.
-template <class Wanted>
-void scale_steps(TrainConfig& config, double factor, Wanted&& is_wanted) {
-  if (factor == 1) return;
-  visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
-    if (option.steps == Steps::kNone || !is_wanted(option)) return;
-    using Value = std::decay_t<decltype(value)>;
-    if constexpr (std::is_integral_v<Value> && !std::is_same_v<Value, bool>) {
-      value = scaled(value, factor);
-    } else if constexpr (std::is_same_v<Value, std::vector<int>>) {
-      for (int& entry : value) entry = scaled(entry, factor);
-    }
-  });
+/// --iterations without --max_epochs: that many are trained, however few photographs there are.
+bool wants_all_iterations(const GivenOptions& given) {
+  return given.contains("iterations") && !given.contains("max_epochs");
 }
 
 /// Adds "label       a 1, b 2", broken at commas into lines of at most 100 columns.
@@ -104,11 +81,10 @@ OptionLayers resolve_options(const GivenOptions& given) {
   values.update(given);
   config_from_json(layers.config, values, /*place=*/"");
   TrainConfig& config = layers.config;
+  if (wants_all_iterations(given)) config.max_epochs = 0;
   if (layers.preset.contains("iterations") && given.contains("iterations")) {
     layers.schedule_scale = config.iterations / layers.preset.at("iterations").get<double>();
-    scale_steps(config, layers.schedule_scale, [&](const Option& option) {
-      return option.steps == Steps::kSchedule && !given.contains(std::string(option.name));
-    });
+    scale_schedule(config, layers.schedule_scale, given);
   }
   layers.steps_scaler = std::exchange(config.steps_scaler, 1);
   scale_steps(config, layers.steps_scaler, [](const Option&) { return true; });
@@ -122,6 +98,7 @@ void apply_at_resume(TrainConfig& config, const GivenOptions& given) {
     input_error("--preset ", config.preset, ": the training to resume was started with --preset ", preset,
                 "; leave the option out, or start again with --overwrite");
   }
+  if (wants_all_iterations(given)) config.max_epochs = 0;
   scale_steps(config, std::exchange(config.steps_scaler, 1),
               [&](const Option& option) { return given.contains(std::string(option.name)); });
 }
@@ -142,6 +119,9 @@ std::vector<std::string> describe_options(const OptionLayers& layers) {
   named.push_back("strategy " + layers.config.strategy);
   if (layers.schedule_scale != 1) {
     named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
+  }
+  if (layers.epoch_scale != 1) {
+    named.push_back(print_to_string("schedule x %.4g for --max_epochs", layers.epoch_scale));
   }
   if (layers.steps_scaler != 1) {
     named.push_back(print_to_string("all numbers of iterations x %.4g", layers.steps_scaler));

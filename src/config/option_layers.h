@@ -8,8 +8,9 @@
 //
 // Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule
 // (Steps::kSchedule) that was not given by iterations / the preset's iterations. With `original`, the schedule is not
-// scaled, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given or not. Both
-// round to the nearest integer, but to no less than 1; 0 stays 0.
+// scaled, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given or not.
+// Once the scene is known, --max_epochs may shorten the schedule (limit_epochs() in schedule.h). A given --iterations
+// without a given --max_epochs sets that to 0.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -17,13 +18,11 @@
 #include <vector>
 
 #include "config/presets.h"
+#include "config/schedule.h"
 #include "config/train_config.h"
 #include "core/options/command_line.h"
 
 namespace b3dgs {
-
-/// Values by the option's primary name, each of the option's type.
-using GivenOptions = nlohmann::ordered_json;
 
 /// The training options given in `config_file` (a path, or empty) and on the command line, which overrides the file.
 /// @throws InputError for an invalid file
@@ -37,6 +36,7 @@ struct OptionLayers {
   GivenOptions strategy = GivenOptions::object(), preset = GivenOptions::object(), given = GivenOptions::object();
   double schedule_scale = 1;  // by which a given --iterations scaled the preset's schedule
   double steps_scaler = 1;
+  double epoch_scale = 1;  // by which limit_epochs() scaled the schedule
 };
 
 /// @throws InputError for a given value that is out of range
@@ -44,8 +44,9 @@ OptionLayers resolve_options(const GivenOptions& given = GivenOptions::object())
 
 /// Changes the options of a resumed training. Those that are not given keep the checkpoint's values: neither the
 /// preset nor the strategy's defaults are applied again, and schedules do not follow a changed --iterations. A given
-/// --steps_scaler multiplies given options only. So repeating the command line that started the training changes
-/// nothing. @throws InputError if another preset is given, and for a value that is out of range
+/// --iterations without --max_epochs sets max_epochs to 0. A given --steps_scaler multiplies given options only. So
+/// repeating the command line that started the training changes nothing. @throws InputError if another preset is given,
+/// and for a value that is out of range
 void apply_at_resume(TrainConfig& config, const GivenOptions& given);
 
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.

@@ -58,6 +58,7 @@ struct TrainConfig {
   std::string preset = kPresetNames[0];
   double steps_scaler = 1;  // in a config in use (OptionLayers), always 1: it has been applied
   int iterations = 30000;
+  int max_epochs = 0;  // 0 = no limit; otherwise, limit_epochs() has shortened the schedule once the scene is known
   int batch = 1;
   std::int64_t seed = 0;
   std::vector<int> test_iterations{7000, 30000};
@@ -215,6 +216,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"steps_scaler"}, c.steps_scaler, Above{0},
         "multiply all options counted in iterations by X, --iterations included");
   field(Option{"iterations", '\0', {"max_steps"}}.common().in_steps(), c.iterations, AtLeast{1}, "training iterations");
+  field(Option{"max_epochs"}.in_steps(), c.max_epochs, AtLeast{0},
+        "use each photograph at most X times: shortens the schedule (0 = no limit)");
   field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
         "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");

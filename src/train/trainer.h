@@ -69,7 +69,8 @@ void check_options(const TrainConfig& config);
 
 class Trainer {
  public:
-  /// `scene` must outlive the trainer. @throws InputError if config.device cannot be used
+  /// Limits of the scene apply (scene_limits.h). `scene` must outlive the trainer. @throws InputError if config.device
+  /// cannot be used
   Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
   ~Trainer();
 

@@ -209,8 +209,52 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   EXPECT_EQ(both.position_lr_max_steps, 20000);
 }
 
+TEST(GivenMaxEpochs, IsOffIfIterationsAreGivenWithoutIt) {
+  EXPECT_EQ(resolved({}).max_epochs, 600);
+  EXPECT_EQ(resolved({"--strategy", "balanced"}).max_epochs, 700);
+  for (const Words& words : {Words{"--preset", "original"}, Words{"--preset", "fast"}, Words{"--strategy", "mcmc"},
+                             Words{"--iterations", "24000"}, Words{"--strategy", "balanced", "--max_steps", "30000"},
+                             Words{"--max_epochs", "0"}, Words{"--steps_scaler", "2", "--iterations", "500"}}) {
+    EXPECT_EQ(resolved(words).max_epochs, 0) << testing::PrintToString(words);
+  }
+  EXPECT_EQ(resolved({"--iterations", "9000", "--max_epochs", "50"}).max_epochs, 50);
+  EXPECT_EQ(resolved({"--steps_scaler", "0.1"}).max_epochs, 60);
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"--max_epochs (expected at least 0"}, [&] { resolved({"--max_epochs=-1"}); }));
+}
+
+TEST(GivenMaxEpochs, AtResumeFollowsTheSameRules) {
+  TrainConfig started = resolved({});
+  limit_epochs(started, 21, given({}));
+  TrainConfig config = started;
+  apply_at_resume(config, given({}));
+  EXPECT_TRUE(config_differences(started, config).empty());
+  apply_at_resume(config, given({"--iterations", "20000"}));
+  EXPECT_EQ(config.max_epochs, 0);
+  EXPECT_EQ(config.iterations, 20000);
+  EXPECT_EQ(config.densify_until_iter, started.densify_until_iter);
+  config = started;
+  apply_at_resume(config, given({"--max_epochs", "100", "--steps_scaler", "2"}));
+  EXPECT_EQ(config.max_epochs, 200);
+  EXPECT_EQ(config.iterations, started.iterations);
+  // As `b3dgs train` does at a resume: only the end changes.
+  EXPECT_LT(limit_epochs(config, 21, config_to_json(config)), 1);
+  EXPECT_EQ(config.iterations, 4200);
+  EXPECT_EQ(config.densify_until_iter, started.densify_until_iter);
+}
+
+TEST(GivenMaxEpochs, OfOlderFilesIsOff) {
+  nlohmann::ordered_json older = config_to_json(resolved({}));
+  older.erase("max_epochs");
+  TrainConfig config;
+  config_from_json(config, older, "config.json");
+  EXPECT_EQ(limit_epochs(config, 1, GivenOptions::object()), 1);
+  EXPECT_EQ(config.iterations, 24000);
+}
+
 TEST(ResumedOptions, TheSameCommandLineChangesNothing) {
-  for (const Words& words : {Words{}, Words{"--preset", "fast"}, Words{"--preset", "fast", "--iterations", "10000"},
+  for (const Words& words : {Words{}, Words{"--max_epochs", "5"}, Words{"--max_epochs", "8", "--steps_scaler", "0.5"},
+                             Words{"--preset", "fast"}, Words{"--preset", "fast", "--iterations", "10000"},
                              Words{"--preset", "quality", "--iterations", "9", "--steps_scaler", "0.3", "--eval"},
                              Words{"--steps_scaler", "0.3", "--iterations", "1000"}}) {
     const TrainConfig started = resolved(words);
@@ -250,6 +294,10 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_NE(text.find("\n  preset    "), std::string::npos) << text;
   EXPECT_NE(text.find("position_lr_max_steps 10000"), std::string::npos) << text;
   EXPECT_NE(text.find("\n  given     eval on, iterations 10000, tile 16x8\n"), std::string::npos) << text;
+  OptionLayers layers = resolve_options();
+  layers.epoch_scale = limit_epochs(layers.config, 21, layers.given);
+  EXPECT_EQ(describe_options(layers)[0],
+            "options     preset quality, strategy balanced, schedule x 0.525 for --max_epochs");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <set>
 
+#include "config/option_layers.h"
 #include "config/output_plan.h"
 #include "config/view_order.h"
 #include "core/random.h"
@@ -133,6 +134,129 @@ TEST(DecayStart, IsNoLaterThanSoManyUsesOfEachPhotograph) {
   config = with_scene_limits(config, scene);
   EXPECT_EQ(config.lr_decay_from_iter, 2100);
   EXPECT_EQ(with_scene_limits(config, scene).lr_decay_from_iter, 2100);
+}
+
+Scene scene_of(std::size_t n_photographs) {
+  Scene scene;
+  scene.train.resize(n_photographs);
+  scene.test.resize(100);  // which do not count
+  return scene;
+}
+
+/// What `b3dgs train` does with these options given.
+TrainConfig limited(const GivenOptions& given, const Scene& scene) {
+  TrainConfig config = resolve_options(given).config;
+  limit_epochs(config, scene.train.size(), given);
+  return with_scene_limits(config, scene);
+}
+
+TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
+  const GivenOptions quality{{"preset", "quality"}}, balanced{{"strategy", "balanced"}};
+  const TrainConfig full = resolve_options(quality).config, config = limited(quality, scene_of(21));
+  EXPECT_EQ(config.iterations, 21 * 600);
+  EXPECT_EQ(config.max_epochs, 600);
+  EXPECT_EQ(config.position_lr_max_steps, 12600) << "the schedule ends with the training";
+  EXPECT_EQ(config.densify_until_iter, 8400);
+  EXPECT_EQ(config.densify_from_iter, 210);
+  EXPECT_EQ(config.densification_interval, 126);
+  EXPECT_EQ(config.test_iterations, full.test_iterations) << "no part of the schedule";
+  EXPECT_EQ(config.save_iterations, full.save_iterations);
+  EXPECT_EQ(config.stats_interval, full.stats_interval);
+  EXPECT_EQ(config.batch, full.batch);
+  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 700);
+  EXPECT_EQ(limited({{"max_epochs", 1}}, scene_of(3)).iterations, 3);
+}
+
+TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
+  for (const auto& [given, n] : {std::pair{GivenOptions{{"preset", "quality"}}, 40},
+                                 {GivenOptions{{"strategy", "balanced"}}, 43},
+                                 {GivenOptions{{"preset", "fast"}}, 1},
+                                 {GivenOptions{{"preset", "original"}}, 1},
+                                 {GivenOptions{{"strategy", "default"}}, 1},
+                                 {GivenOptions{{"strategy", "mcmc"}}, 1},
+                                 {GivenOptions{{"max_epochs", 0}}, 1},
+                                 {GivenOptions{{"max_epochs", std::numeric_limits<int>::max()}}, 3},
+                                 {GivenOptions{{"iterations", 24000}}, 1},
+                                 {GivenOptions{{"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
+    const TrainConfig full = resolve_options(given).config;
+    TrainConfig config = full;
+    EXPECT_EQ(limit_epochs(config, static_cast<std::size_t>(n), given), 1);
+    EXPECT_TRUE(config_differences(full, config).empty()) << given;
+  }
+  for (const char* strategy : {"quality", "balanced"}) {
+    const GivenOptions given{{strategy == std::string("quality") ? "preset" : "strategy", strategy}};
+    EXPECT_LT(limited(given, scene_of(39)).iterations, resolve_options(given).config.iterations) << strategy;
+  }
+}
+
+TEST(EpochLimit, AppliedAgainChangesNothing) {
+  for (const std::size_t n : {1, 7, 21, 39, 40, 1000}) {
+    const GivenOptions given{{"densify_until_iter", 5000}};
+    const TrainConfig config = limited(given, scene_of(n));
+    EXPECT_TRUE(config_differences(config, with_scene_limits(config, scene_of(n))).empty()) << n;
+    TrainConfig again = config;
+    EXPECT_EQ(limit_epochs(again, n, given), 1) << n;
+    EXPECT_TRUE(config_differences(config, again).empty()) << n;
+  }
+}
+
+TEST(EpochLimit, DoesNotScaleGivenOptions) {
+  const GivenOptions given{
+      {"densify_until_iter", 16000}, {"lr_decay_from_epoch", 80}, {"opacity_reset_interval", 3000}};
+  const TrainConfig config = limited(given, scene_of(21));
+  EXPECT_EQ(config.iterations, 12600);
+  EXPECT_EQ(config.densify_until_iter, 16000);
+  EXPECT_EQ(config.lr_decay_from_epoch, 80);
+  EXPECT_EQ(config.lr_decay_from_iter, 21 * 80);
+  EXPECT_EQ(config.opacity_reset_interval, 3000) << "also a value that equals the default";
+  EXPECT_EQ(config.prune_interval, 1260);
+}
+
+TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
+  EXPECT_EQ(limited({{"iterations", 24000}, {"max_epochs", 600}}, scene_of(21)).iterations, 12600);
+  EXPECT_EQ(limited({{"iterations", 1000}, {"max_epochs", 600}}, scene_of(21)).iterations, 1000);
+  const TrainConfig original =
+      limited({{"preset", "original"}, {"iterations", 6000}, {"max_epochs", 100}}, scene_of(30));
+  EXPECT_EQ(original.iterations, 3000);
+  EXPECT_EQ(original.densify_until_iter, 7500) << "half of its schedule, which does not follow --iterations";
+}
+
+TEST(EpochLimit, IsScaledByStepsScaler) {
+  const TrainConfig half = limited({{"steps_scaler", 0.5}}, scene_of(21));
+  EXPECT_EQ(half.max_epochs, 300);
+  EXPECT_EQ(half.iterations, 6300);
+  EXPECT_EQ(half.densify_until_iter, 4200);
+  EXPECT_EQ(limited({{"steps_scaler", 2}, {"max_epochs", 100}}, scene_of(21)).iterations, 4200);
+}
+
+TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
+  for (const GivenOptions& given : {GivenOptions{{"preset", "quality"}}, GivenOptions{{"strategy", "balanced"}}}) {
+    for (const std::size_t n : {1, 5, 21, 37}) {
+      const TrainConfig config = limited(given, scene_of(n));
+      GivenOptions scaled = given;
+      scaled["steps_scaler"] = static_cast<double>(config.iterations) / resolve_options(given).config.iterations;
+      scaled["max_epochs"] = 0;
+      TrainConfig expected = limited(scaled, scene_of(n));
+      EXPECT_EQ(config.lr_decay_from_iter, expected.lr_decay_from_iter) << n;
+      EXPECT_LT(config.lr_decay_from_iter, config.iterations / 2) << n;
+      // All but the options of outputs, and the limit itself.
+      expected.max_epochs = config.max_epochs;
+      expected.test_iterations = config.test_iterations;
+      expected.save_iterations = config.save_iterations;
+      expected.stats_interval = config.stats_interval;
+      expected.kernel_check_interval = config.kernel_check_interval;
+      EXPECT_EQ(config_differences(expected, config), std::vector<std::string>{}) << given << " " << n;
+    }
+  }
+}
+
+TEST(EpochLimit, IsDescribedWhereItEndsTheTraining) {
+  EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(21)), 21),
+            "schedule    12,600 iterations: each photograph 600 times (--max_epochs)");
+  EXPECT_EQ(describe_epochs(limited({{"max_epochs", 1}}, scene_of(3)), 3),
+            "schedule    3 iterations: each photograph 1 time (--max_epochs)");
+  EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(41)), 41), "");
+  EXPECT_EQ(describe_epochs(limited({{"iterations", 12600}}, scene_of(21)), 21), "");
 }
 
 TEST(ViewOrder, UsesEveryViewOnceBeforeAnyTwice) {

@@ -1,0 +1,69 @@
+#include "config/schedule.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+#include "core/check.h"
+#include "core/text.h"
+
+namespace b3dgs {
+namespace {
+
+/// Rounded to the nearest whole number, but a positive number of iterations does not become 0.
+template <class Integer>
+Integer scaled(Integer steps, double factor) {
+  const double most = static_cast<double>(std::numeric_limits<Integer>::max());
+  const double product = std::round(static_cast<double>(steps) * factor);
+  if (steps <= 0) return steps;
+  return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
+}
+
+/// Iterations that use each photograph --max_epochs times.
+std::int64_t most_iterations(const TrainConfig& config, std::size_t n_photographs) {
+  return static_cast<std::int64_t>(n_photographs) * config.max_epochs;
+}
+
+}  // namespace
+
+void scale_steps(TrainConfig& config, double factor, const std::function<bool(const Option&)>& is_wanted) {
+  if (factor == 1) return;
+  visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
+    if (option.steps == Steps::kNone || !is_wanted(option)) return;
+    using Value = std::decay_t<decltype(value)>;
+    if constexpr (std::is_integral_v<Value> && !std::is_same_v<Value, bool>) {
+      value = scaled(value, factor);
+    } else if constexpr (std::is_same_v<Value, std::vector<int>>) {
+      for (int& entry : value) entry = scaled(entry, factor);
+    }
+  });
+}
+
+void scale_schedule(TrainConfig& config, double factor, const GivenOptions& given) {
+  scale_steps(config, factor, [&](const Option& option) {
+    return option.steps == Steps::kSchedule && !given.contains(std::string(option.name));
+  });
+}
+
+double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given) {
+  const int max_epochs = config.max_epochs;
+  const std::int64_t most = most_iterations(config, n_photographs);
+  if (most == 0 || config.iterations <= most) return 1;
+  const double factor = static_cast<double>(most) / config.iterations;
+  scale_schedule(config, factor, given);
+  config.iterations = static_cast<int>(most);
+  config.max_epochs = max_epochs;  // the limit stays the same
+  return factor;
+}
+
+std::string describe_epochs(const TrainConfig& config, std::size_t n_photographs) {
+  if (config.max_epochs == 0 || config.iterations != most_iterations(config, n_photographs)) return "";
+  return detail::concat("schedule    ", format_count(config.iterations), " iterations: each photograph ",
+                        format_count(config.max_epochs), config.max_epochs == 1 ? " time" : " times",
+                        " (--max_epochs)");
+}
+
+}  // namespace b3dgs

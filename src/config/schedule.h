@@ -1,0 +1,31 @@
+// Changes the length of a training: multiplies options counted in iterations. Products are rounded to the nearest
+// integer, but to no less than 1; 0 stays 0.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "config/train_config.h"
+
+namespace b3dgs {
+
+/// Values by the option's primary name, each of the option's type.
+using GivenOptions = nlohmann::ordered_json;
+
+/// Multiplies the options counted in iterations for which is_wanted(option) holds.
+void scale_steps(TrainConfig& config, double factor, const std::function<bool(const Option&)>& is_wanted);
+
+/// Multiplies the options of the schedule (Steps::kSchedule) that are not in `given`.
+void scale_schedule(TrainConfig& config, double factor, const GivenOptions& given);
+
+/// --max_epochs: if training would use each of its photographs more often, it ends after that many uses, and the
+/// schedule is scaled by the same factor, except for options in `given`. An iteration uses one photograph, also with
+/// --batch. Returns the factor, 1 without a change; applying it again changes nothing.
+double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given);
+
+/// "schedule    12,600 iterations: each photograph 600 times (--max_epochs)" if training ends there, otherwise empty.
+std::string describe_epochs(const TrainConfig& config, std::size_t n_photographs);
+
+}  // namespace b3dgs
