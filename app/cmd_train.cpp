@@ -77,6 +77,13 @@ std::string describe_memory(const MemoryForecast& forecast) {
          format_count(forecast.largest_count) + " Gaussians";
 }
 
+/// Before the other limits of the scene, so that it can be said what each of them changed.
+void limit_schedule(TrainPlan& plan, const Scene& scene) {
+  limit_epochs(plan.config, scene.train.size(), plan.fixed);
+  if (!plan.layers) return;
+  plan.layers->epoch_scale = limit_epochs(plan.layers->config, scene.train.size(), plan.layers->given);
+}
+
 void report_quality(const TrainResult& result) {
   for (const auto& [iteration, evaluation] : result.evaluations) {
     std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views\n", "quality", iteration,
@@ -170,9 +177,15 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     if (has_peers) std::cout << describe_ranks(ranks.size(), config, plan.layers) << std::endl;
     if (const std::string slow = describe_slow_transport(ranks); !slow.empty()) std::cout << slow << std::endl;
   }
-  const TrainConfig given = std::exchange(plan.config, with_scene_limits(config, scene));
-  if (!quiet && config.max_gaussians != given.max_gaussians) std::cout << describe_limit(config) << std::endl;
-  if (!quiet && config.lr_decay_from_iter != given.lr_decay_from_iter) std::cout << describe_decay(config) << std::endl;
+  limit_schedule(plan, scene);
+  const TrainConfig before = std::exchange(plan.config, with_scene_limits(config, scene));
+  if (!quiet) {
+    if (const std::string text = describe_epochs(config, scene.train.size()); !text.empty()) {
+      std::cout << text << std::endl;
+    }
+    if (config.max_gaussians != before.max_gaussians) std::cout << describe_limit(config) << std::endl;
+    if (config.lr_decay_from_iter != before.lr_decay_from_iter) std::cout << describe_decay(config) << std::endl;
+  }
   if (!quiet && plan.layers) {
     for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
   }

@@ -117,6 +117,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
+  plan.fixed = plan.layers ? given : config_to_json(config);
   return plan;
 }
 
@@ -155,11 +156,14 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
 
 void share_plan(Communicator& ranks, TrainPlan& plan) {
   nlohmann::ordered_json words;
-  if (ranks.is_first()) words = {{"config", config_to_json(plan.config)}, {"checkpoint", plan.checkpoint.string()}};
+  if (ranks.is_first()) {
+    words = {{"config", config_to_json(plan.config)}, {"fixed", plan.fixed}, {"checkpoint", plan.checkpoint.string()}};
+  }
   const std::string plan_of_first = ranks.exchange("plan", words.dump()).front();
   if (ranks.is_first()) return;
   words = nlohmann::ordered_json::parse(plan_of_first);
   config_from_json(plan.config, words["config"], "the plan of rank 0");
+  plan.fixed = words["fixed"];
   plan.checkpoint = words["checkpoint"].get<std::string>();
 }
 

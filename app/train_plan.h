@@ -54,6 +54,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
 struct TrainPlan {
   TrainConfig config;
   std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
+  GivenOptions fixed = GivenOptions::object();  // what --max_epochs does not scale: given options; at a resume, all
   TrainCommandOptions options;
   std::filesystem::path checkpoint;  // to resume, or empty
   bool is_replaced = false;          // the model in the folder

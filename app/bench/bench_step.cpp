@@ -138,6 +138,7 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();
+  config.max_epochs = 0;  // the schedule is not that of so many iterations
   config.device = device_name(choose_device(config.device));
   return config;
 }
@@ -211,7 +212,7 @@ int run_bench_step(const std::vector<std::string>& words) {
                    "b3dgs bench step scenes/garden --steps 200");
   line.add(options, "Benchmark");
   line.add(resolve_options().config, "Training", {"source_path"},
-           {"model_path", "iterations", "test_iterations", "save_iterations", "checkpoint_iterations",
+           {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations",
             "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;
   line.apply(options);
