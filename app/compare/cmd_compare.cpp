@@ -107,6 +107,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     given["preset"] = planned_preset;
     plan.base = resolve_options(given).config;
   }
+  plan.set_photographs(plan.n_photographs);  // of the comparison to resume
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
     input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
@@ -201,11 +202,13 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
   hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
+  plan.set_photographs(scene.train.size());
   const double reading_s = steady_seconds() - start_s;
   plan.reading_s += reading_s;
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
+    if (!options.resume) suggest_fewer_iterations(plan, device, status);
   }
   // Only after the scene has been read, so that an unreadable scene does not delete existing models.
   for (const ComparisonPlan& old : replaced) remove_runs(old);
@@ -253,7 +256,6 @@ int run_compare(const std::vector<std::string>& words) {
   if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  if (!options.resume && !options.quiet) suggest_fewer_iterations(plan, device, status);
   const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);

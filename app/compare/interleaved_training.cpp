@@ -82,6 +82,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   hooks.resume_command = resume_command(plan);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
   status_.clear();
+  if (const std::string text = describe_epochs(config, scene.train.size()); !text.empty()) hooks.on_message(text);
   hooks.on_message("photographs " + turn.trainer->describe_images());
   const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_warning);
   if (checkpoint.empty()) return;
@@ -167,6 +168,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
     config.iterations = 5;
+    config.max_epochs = 0;
     config.densify_from_iter = 0;
     config.densification_interval = 2;
     config.kernel_check_interval = 2;  // the kernel choice `paper` has no check before that

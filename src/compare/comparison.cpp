@@ -28,10 +28,15 @@ void write_json(const fs::path& path, const Json& json) {
 }
 
 Json to_json(const ComparisonPlan& plan) {
-  return {{"configs", plan.configs},      {"seeds", plan.seeds},
-          {"noise", plan.has_repetition}, {"chunk", plan.chunk},
-          {"reading_s", plan.reading_s},  {"loading_ms", plan.loading_ms},
-          {"given", plan.given},          {"config", config_to_json(plan.base)}};
+  return {{"configs", plan.configs},
+          {"seeds", plan.seeds},
+          {"noise", plan.has_repetition},
+          {"chunk", plan.chunk},
+          {"reading_s", plan.reading_s},
+          {"loading_ms", plan.loading_ms},
+          {"given", plan.given},
+          {"photographs", plan.n_photographs},
+          {"config", config_to_json(plan.base)}};
 }
 
 template <class Value>
@@ -137,9 +142,14 @@ std::string quality_cell(const ComparisonSummary& summary, std::size_t configura
 }  // namespace
 
 std::vector<Configuration> ComparisonPlan::configurations() const {
-  std::vector<Configuration> all = parse_configurations(configs, base, given);
+  std::vector<Configuration> all = parse_configurations(configs, base, given, n_photographs);
   if (has_repetition) all.push_back(repeat_baseline(all));
   return all;
+}
+
+void ComparisonPlan::set_photographs(std::size_t n) {
+  n_photographs = n;
+  limit_epochs(base, n, given);
 }
 
 int ComparisonPlan::longest() const {
@@ -193,6 +203,9 @@ ComparisonPlan read_plan(const fs::path& root) {
     config_from_json(plan.base, own.at("config"), path.string());
     // Files of early versions have the options in use only.
     plan.given = own.contains("given") ? own.at("given") : config_to_json(plan.base);
+    // Comparisons of versions without --max_epochs have no such limit.
+    if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
+    plan.n_photographs = own.value("photographs", std::size_t{0});
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }

@@ -44,6 +44,22 @@ TEST(CompareConfig, OriginalSelectsTheOptionsClosestToTheOriginalTrainer) {
   EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
 }
 
+TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
+  const GivenOptions given{{"densify_until_iter", 16000}};
+  const auto entries = parse_configurations(
+      "quality:preset=quality,balanced:preset=original+strategy=balanced,fast:preset=fast,"
+      "all:iterations=24000,given:prune_interval=2400,off:max_epochs=0",
+      resolve_options(given).config, given, 21);
+  std::vector<int> iterations;
+  for (const Configuration& entry : entries) iterations.push_back(entry.config.iterations);
+  EXPECT_EQ(iterations, (std::vector<int>{12600, 14700, 5000, 24000, 12600, 24000}));
+  EXPECT_EQ(entries[0].config.prune_interval, 1260);
+  EXPECT_EQ(entries[0].config.densify_until_iter, 16000) << "given for all";
+  EXPECT_EQ(entries[4].config.prune_interval, 2400) << "its own option";
+  EXPECT_EQ(parse_configurations("a:naive,b:naive", resolve_options(given).config, given)[0].config.iterations, 24000)
+      << "the scene is not known yet";
+}
+
 TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
   const GivenOptions given{{"opacity_lr", 0.5}, {"densify_until_iter", 321}};
   const TrainConfig base = resolve_options(given).config;
