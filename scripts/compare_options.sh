@@ -41,8 +41,8 @@ scenes=$output/scenes
 mkdir -p -- "$scenes"
 is_left=0
 
-# A fixed kernel, so that no choice by time makes two trainings differ.
-common='--device cpu --threads 1 --kernel shared-memory'
+# A fixed kernel, so that no choice by time makes two trainings differ; and as many iterations for every scene.
+common='--device cpu --threads 1 --kernel shared-memory --max_epochs 0'
 short="$common --strategy balanced --steps_scaler 0.05"
 # The size of the photographs of a scene; disturbed copies are named SCENE_FAULT.
 size_of() {
