@@ -201,14 +201,14 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   // One per configuration and one for evaluations, of which only one runs at a time.
   scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
-  hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
   plan.set_photographs(scene.train.size());
+  if (!options.resume && !options.quiet) suggest_fewer_iterations(plan, device, status);
+  hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
   const double reading_s = steady_seconds() - start_s;
   plan.reading_s += reading_s;
   if (!options.quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
-    if (!options.resume) suggest_fewer_iterations(plan, device, status);
   }
   // Only after the scene has been read, so that an unreadable scene does not delete existing models.
   for (const ComparisonPlan& old : replaced) remove_runs(old);

@@ -114,7 +114,7 @@ TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
   stop.signal_when = [&] { return fs::exists(output() / "naive/seed_0/train.jsonl"); };
   const Outcome by_default = compare({}, "out", stop);
   EXPECT_EQ(by_default.exit_code, 143) << by_default.err;
-  EXPECT_EQ(by_default.err.rfind(hint, 0), 0u) << by_default.err;
+  EXPECT_LT(by_default.err.find(hint), by_default.err.find("loading images")) << by_default.err;
   const Outcome chosen = compare({"--iterations", "10"}, "chosen");
   ASSERT_EQ(chosen.exit_code, 0) << chosen.err;
   EXPECT_EQ(chosen.err.find("take long"), std::string::npos) << chosen.err;
