@@ -22,9 +22,10 @@ Integer scaled(Integer steps, double factor) {
   return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
 }
 
-/// Iterations that use each photograph --max_epochs times.
+/// Iterations that use each photograph --max_epochs times; any number of photographs does not overflow.
 std::int64_t most_iterations(const TrainConfig& config, std::size_t n_photographs) {
-  return static_cast<std::int64_t>(n_photographs) * config.max_epochs;
+  constexpr std::size_t kMost = std::numeric_limits<int>::max();
+  return static_cast<std::int64_t>(std::min(n_photographs, kMost)) * config.max_epochs;
 }
 
 }  // namespace

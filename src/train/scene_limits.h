@@ -32,8 +32,8 @@ inline int decay_start(const TrainConfig& config, const Scene& scene) {
   return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, latest));
 }
 
-/// The options of a training of this scene, with these limits and that of --max_epochs. To keep options that were given,
-/// apply limit_epochs() before. Applying it again changes nothing.
+/// The options of a training of this scene, with these limits and that of --max_epochs. To keep options that were
+/// given, apply limit_epochs() before. Applying it again changes nothing.
 inline TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
   limit_epochs(config, scene.train.size(), GivenOptions::object());
   config.max_gaussians = count_limit(config, scene);

@@ -97,7 +97,7 @@ TEST_F(MaxEpochs, AResumedTrainingIsTheSame) {
   EXPECT_EQ(model().ply_iterations(), (std::vector<int>{12, 16}));
 }
 
-TEST_F(MaxEpochs, ACheckpointOfAnOlderVersionHasNone) {
+TEST_F(MaxEpochs, AModelFolderOfAnOlderVersionHasNone) {
   train({"--iterations", "8"});
   // A training that was interrupted before its first checkpoint has only its config.json.
   nlohmann::ordered_json older = nlohmann::ordered_json::parse(read_bytes(model().root() / "config.json"));
@@ -108,12 +108,11 @@ TEST_F(MaxEpochs, ACheckpointOfAnOlderVersionHasNone) {
   const Outcome outcome = run_b3dgs({"train", "-m", folder, "--resume", "auto"});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(model("older").ply_iterations(), std::vector<int>{8});
+  EXPECT_EQ(model("older").read_config().max_epochs, 0) << "not that of the preset";
 }
 
-using MaxEpochsOnCpu = MaxEpochs;  // in a process each, which needs Gloo
-
-TEST_F(MaxEpochsOnCpu, RanksHaveTheSameSchedule) {
-  // Options that were given are known to all ranks: their schedules would differ otherwise.
+TEST_F(MaxEpochs, RanksHaveTheSameSchedule) {
+  // Two options are given, which no rank may scale.
   const Words words{"--max_epochs", "2", "--batch", "2", "--densify_from_iter", "2", "--position_lr_max_steps", "5"};
   train(words, "one");
   Words on_two = words;
