@@ -75,8 +75,9 @@ std::string overfitting_text(const TrainHistory& history) {
   if (!found) return "";
   return html::paragraph("Overfitting: after iteration " + format_count(found->iteration) +
                          print_to_string(", PSNR on the test views was %.2f dB higher", found->lost) +
-                         " than at the last evaluation. Fewer Gaussians (--pixels_per_gaussian, --max_gaussians) or "
-                         "fewer iterations may help; see docs/recipes.md, Few photographs.");
+                         " than at the last evaluation. With few photographs, fewer iterations (--max_epochs) or "
+                         "Gaussians (--pixels_per_gaussian, --max_gaussians) may help; where things move, masks. "
+                         "See docs/recipes.md, Few photographs.");
 }
 
 std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
