@@ -25,7 +25,6 @@ const std::vector<OptionRow>& presets() {
         {"split", "moments"},
         {"score_views", "10"},
         {"scaling_lr", "0.01"},
-        {"feature_lr", "0.0025"},
         {"coarse_scale", "4"},
         {"coarse_until", "3000"},
         {"skip_from_iter", "2600"},
