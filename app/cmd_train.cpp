@@ -96,7 +96,7 @@ void report_overfitting(const ModelFolder& folder) {
   const std::optional<Overfitting> found = find_overfitting(read_train_log(folder.log()));
   if (!found) return;
   std::printf(
-      "%-12sPSNR was %.2f dB higher after iteration %d: few photographs, or things that move? See "
+      "%-12sPSNR was %.2f dB higher after iteration %d, as happens with few photographs or things that move; see "
       "docs/recipes.md#few-photographs\n",
       "overfitting", found->lost, found->iteration);
 }

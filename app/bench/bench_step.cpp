@@ -138,7 +138,6 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();
-  config.max_epochs = 0;  // the schedule is not that of so many iterations
   config.device = device_name(choose_device(config.device));
   return config;
 }

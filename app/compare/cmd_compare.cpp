@@ -201,6 +201,11 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   // One per configuration and one for evaluations, of which only one runs at a time.
   scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
+  if (plan.n_photographs != 0 && plan.n_photographs != scene.train.size()) {
+    input_error(plan.base.source_path, ": ", scene.train.size(), " photographs for training, but the comparison in ",
+                plan.root().string(), " began with ", plan.n_photographs,
+                "; resume it with the same photographs and options, or begin again with --overwrite");
+  }
   plan.set_photographs(scene.train.size());
   if (!options.resume && !options.quiet) suggest_fewer_iterations(plan, device, status);
   hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds

@@ -168,7 +168,6 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
     config.iterations = 5;
-    config.max_epochs = 0;
     config.densify_from_iter = 0;
     config.densification_interval = 2;
     config.kernel_check_interval = 2;  // the kernel choice `paper` has no check before that

@@ -130,7 +130,9 @@ std::vector<std::string> describe_options(const OptionLayers& layers) {
     // Paths are printed elsewhere, and preset and strategy above.
     if (name == "source_path" || name == "model_path" || name == "preset" || name == "strategy") continue;
     if (value == defaults.at(name)) continue;
-    std::vector<std::string>& parts = layers.given.contains(name)      ? given
+    const bool is_limited = name == "iterations" && layers.epoch_scale != 1;
+    std::vector<std::string>& parts = is_limited                       ? others
+                                      : layers.given.contains(name)    ? given
                                       : layers.preset.contains(name)   ? preset
                                       : layers.strategy.contains(name) ? strategy
                                                                        : others;

@@ -58,7 +58,7 @@ struct TrainConfig {
   std::string preset = kPresetNames[0];
   double steps_scaler = 1;  // in a config in use (OptionLayers), always 1: it has been applied
   int iterations = 30000;
-  int max_epochs = 0;  // 0 = no limit; otherwise, limit_epochs() has shortened the schedule once the scene is known
+  int max_epochs = 0;  // 0 = no limit; commands apply it by limit_epochs() (schedule.h), Trainer does not
   int batch = 1;
   std::int64_t seed = 0;
   std::vector<int> test_iterations{7000, 30000};

@@ -75,8 +75,8 @@ std::string overfitting_text(const TrainHistory& history) {
   if (!found) return "";
   return html::paragraph("Overfitting: after iteration " + format_count(found->iteration) +
                          print_to_string(", PSNR on the test views was %.2f dB higher", found->lost) +
-                         " than at the last evaluation. With few photographs, fewer iterations (--max_epochs) or "
-                         "Gaussians (--pixels_per_gaussian, --max_gaussians) may help; where things move, masks. "
+                         " than at the last evaluation. With few photographs, a lower --max_epochs or fewer Gaussians "
+                         "(a higher --pixels_per_gaussian, or --max_gaussians) may help; if things move, mask them. "
                          "See docs/recipes.md, Few photographs.");
 }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "config/schedule.h"
 #include "config/train_config.h"
 #include "scene/scene.h"
 
@@ -32,10 +31,9 @@ inline int decay_start(const TrainConfig& config, const Scene& scene) {
   return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, latest));
 }
 
-/// The options of a training of this scene, with these limits and that of --max_epochs. To keep options that were
-/// given, apply limit_epochs() before. Applying it again changes nothing.
+/// The options of a training of this scene, with these limits. Applying it again changes nothing. --max_epochs is not
+/// among them: limit_epochs() (config/schedule.h) has to know which options were given, so commands apply it before.
 inline TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
-  limit_epochs(config, scene.train.size(), GivenOptions::object());
   config.max_gaussians = count_limit(config, scene);
   config.lr_decay_from_iter = decay_start(config, scene);
   return config;
