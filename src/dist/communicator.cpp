@@ -1,6 +1,9 @@
 #include "dist/communicator.h"
 
+#include <signal.h>
+
 #include <algorithm>
+#include <csignal>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -81,6 +84,13 @@ Socket prepare_to_listen(const RankPlace& place) {
   return listen_at(place.address, place.port);
 }
 
+/// Gloo writes to sockets without MSG_NOSIGNAL, since Python ignores SIGPIPE: by default, a rank whose peer has ended
+/// would be killed before it could say which one. A handler of the program stays.
+void ignore_broken_pipes() {
+  struct sigaction current {};
+  if (sigaction(SIGPIPE, nullptr, &current) == 0 && current.sa_handler == SIG_DFL) std::signal(SIGPIPE, SIG_IGN);
+}
+
 }  // namespace
 
 std::unique_ptr<Communicator> Communicator::alone() {
@@ -91,6 +101,7 @@ std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch
                                                     const RankLimits& limits, bool relays) {
   std::unique_ptr<Communicator> communicator = alone();
   if (place.size == 1) return communicator;
+  ignore_broken_pipes();
   communicator->rank_ = place.rank;
   communicator->size_ = place.size;
   communicator->device_ = device;

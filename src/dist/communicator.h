@@ -34,7 +34,8 @@ class Communicator {
   /// The only rank of 1: every function returns its input, nothing is connected.
   static std::unique_ptr<Communicator> alone();
 
-  /// Joins the other ranks. alone() if place.size is 1.
+  /// Joins the other ranks. alone() if place.size is 1; otherwise, SIGPIPE is ignored from here on, unless the program
+  /// handles it.
   /// @param device  of the tensors: the CPU, or this rank's GPU, with index
   /// @param relays  send tensors through rank 0 in any case; the same on all ranks
   /// @throws InputError if the ranks' devices differ, the address is not available or this rank is refused

@@ -171,6 +171,7 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   } else if (what == "exit") {
     ranks.barrier("start");
     if (is_failing) std::_Exit(3);
+    raise(SIGPIPE);  // as writing to a connection that the other rank has closed
     wait_in(operation, ranks);
   } else if (what == "wait") {  // for a signal, and leave files in the folder that `operation` names
     static volatile std::sig_atomic_t got = 0;
