@@ -3,7 +3,6 @@
 #include <signal.h>
 
 #include <algorithm>
-#include <csignal>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -88,7 +87,7 @@ Socket prepare_to_listen(const RankPlace& place) {
 /// would be killed before it could say which one. A handler of the program stays.
 void ignore_broken_pipes() {
   struct sigaction current {};
-  if (sigaction(SIGPIPE, nullptr, &current) == 0 && current.sa_handler == SIG_DFL) std::signal(SIGPIPE, SIG_IGN);
+  if (sigaction(SIGPIPE, nullptr, &current) == 0 && current.sa_handler == SIG_DFL) signal(SIGPIPE, SIG_IGN);
 }
 
 }  // namespace
