@@ -78,12 +78,13 @@ OptionLayers resolve_options(const GivenOptions& given) {
   layers.config.preset = named.preset;
   nlohmann::ordered_json values = layers.strategy;
   values.update(layers.preset);
+  const double own_iterations = values.value("iterations", 0.0);  // those of the schedule that --iterations scales
   values.update(given);
   config_from_json(layers.config, values, /*place=*/"");
   TrainConfig& config = layers.config;
   if (wants_all_iterations(given)) config.max_epochs = 0;
-  if (layers.preset.contains("iterations") && given.contains("iterations")) {
-    layers.schedule_scale = config.iterations / layers.preset.at("iterations").get<double>();
+  if (own_iterations > 0 && given.contains("iterations")) {
+    layers.schedule_scale = config.iterations / own_iterations;
     scale_schedule(config, layers.schedule_scale, given);
   }
   layers.steps_scaler = std::exchange(config.steps_scaler, 1);

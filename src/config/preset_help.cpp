@@ -78,12 +78,12 @@ std::string presets_markdown() {
   std::string text =
       "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset original`, the "
       "strategy in use,\n`--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
-  text +=
-      std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
-      kPresetNames[0] +
-      "`. The tables\nabove show defaults without `--preset` and `--strategy`. Where a cell below is empty, the "
-      "value of\nthe strategy applies or, if it has none, that of `original`. `--iterations` scales the schedule.\n\n"
-      "### Values of `--preset`\n\n";
+  text += std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
+          kPresetNames[0] +
+          "`. The tables\nabove show defaults without `--preset` and `--strategy`. Where a cell below is empty, the "
+          "value of\nthe strategy applies or, if it has none, that of `original`. `--iterations` scales the schedule,\n"
+          "except that of `--preset original` with `--strategy default`.\n\n"
+          "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
   return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +
          table("`default`", strategy_defaults());

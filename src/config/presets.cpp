@@ -5,7 +5,7 @@ namespace b3dgs {
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
       {"original", "the options of the original 3DGS code", {}},
-      // A sixth of the schedule of strategy balanced.
+      // A sixth of the schedule of strategy balanced, with growth until five sixths of it.
       {"fast",
        "strategy balanced in 5000 iterations, with more Gaussians",
        {{"strategy", "balanced"},
@@ -19,7 +19,6 @@ const std::vector<OptionRow>& presets() {
         {"prune_interval", "500"},
         {"prune_until_iter", "4667"},
         {"pixels_per_gaussian", "160"},
-        {"abs_grad_threshold", "0.0006"},
         {"lr_final_scale", "1"},
         {"lr_decay_from_epoch", "17"},
         {"split", "moments"},
@@ -29,7 +28,7 @@ const std::vector<OptionRow>& presets() {
         {"coarse_until", "3000"},
         {"skip_from_iter", "2600"},
         {"pose_opt_from_iter", "100"}}},
-      // The schedule of strategy balanced x 0.8, with growth until two thirds of it.
+      // The schedule of strategy balanced x 0.8.
       {"quality",
        "strategy balanced with more Gaussians where they help, and decaying rates",
        {{"strategy", "balanced"},
@@ -44,8 +43,6 @@ const std::vector<OptionRow>& presets() {
         {"prune_until_iter", "22400"},
         {"lr_decay_from_iter", "6000"},
         {"lr_decay_from_epoch", "80"},
-        {"rotation_lr", "0.002"},
-        {"abs_grad_threshold", "0.0006"},
         {"pixels_per_gaussian", "45"},
         {"coarse_until", "12000"},
         {"skip_from_iter", "12400"},
@@ -56,24 +53,35 @@ const std::vector<OptionRow>& presets() {
 
 const std::vector<OptionRow>& strategy_defaults() {
   static const std::vector<OptionRow> kStrategyDefaults{
+      // The schedule of preset original x 0.9, with growth until five sixths of it.
       {"mcmc",
        "",
-       {{"opacity_lr", "0.05"},
+       {{"iterations", "27000"},
+        {"position_lr_max_steps", "27000"},
+        {"densify_from_iter", "450"},
+        {"densify_until_iter", "22500"},
+        {"densification_interval", "90"},
+        {"sh_increase_interval", "900"},
+        {"pose_opt_from_iter", "450"},
+        {"max_gaussians", "1000000"},
+        {"noise_lr", "50000"},
+        {"opacity_lr", "0.05"},
         {"opacity_reg", "0.01"},
         {"scale_reg", "0.01"},
-        {"densify_until_iter", "25000"},
-        {"max_gaussians", "1000000"},
-        {"init_opacity", "0.5"},
-        {"init_scale", "0.1"}}},
+        {"lr_final_scale", "0.3"},
+        {"lr_decay_from_iter", "13500"}}},
       {"balanced",
        "",
-       {{"max_epochs", "700"},
-        {"densify_until_iter", "25000"},
+       {{"iterations", "30000"},  // that of original, too, but here --iterations scales the schedule
+        {"max_epochs", "700"},
+        {"densify_until_iter", "20000"},
         {"densification_interval", "300"},
-        {"pixels_per_gaussian", "220"},
+        {"pixels_per_gaussian", "206"},
+        {"abs_grad_threshold", "0.0006"},
         {"position_lr_final", "0.000016"},
         {"opacity_lr", "0.05"},
         {"feature_lr", "0.005"},
+        {"rotation_lr", "0.002"},
         {"opacity_reg", "0.005"},
         {"scale_reg", "0.01"},
         {"lr_final_scale", "0.1"},

@@ -24,6 +24,11 @@ GivenOptions given(const Words& words, const std::string& config_file = "") {
   return given_options(line, config_file);
 }
 
+Words joined(Words words, const Words& others) {
+  words.insert(words.end(), others.begin(), others.end());
+  return words;
+}
+
 TrainConfig resolved(const Words& words) {
   return resolve_options(given(words)).config;
 }
@@ -58,8 +63,7 @@ TEST(Presets, EveryRowNamesOptionsOnceWithValuesInRange) {
       EXPECT_NO_THROW(config_from_json(config, values, row.name)) << row.name;
       for (const auto& [name, value] : values.items())
         EXPECT_EQ(not_allowed.count(name), 0u) << row.name << " " << name;
-      const bool is_strategy = rows == &strategy_defaults();
-      EXPECT_FALSE(is_strategy && (values.contains("iterations") || values.contains("strategy"))) << row.name;
+      EXPECT_FALSE(rows == &strategy_defaults() && values.contains("strategy")) << row.name;
     }
   }
 }
@@ -73,6 +77,7 @@ TEST(Presets, StrategiesWithDefaultsExist) {
     const GivenOptions values = parse_values(row.values);
     for (const auto& [name, value] : values.items()) {
       EXPECT_EQ(config_to_json(config).at(name), value) << row.name << " " << name;
+      if (name == "iterations") continue;  // given, it turns --max_epochs off
       const std::string given_value = value.is_string() ? value.get<std::string>() : value.dump();
       EXPECT_TRUE(
           config_differences(config, resolved({"--strategy", row.name, "--" + name + "=" + given_value})).empty());
@@ -80,15 +85,17 @@ TEST(Presets, StrategiesWithDefaultsExist) {
   }
 }
 
-TEST(Presets, EveryPresetButOriginalHasIterationsAndEndsItsScheduleWithin) {
-  for (std::size_t i = 1; i < presets().size(); ++i) {
-    const std::string name = presets()[i].name;
-    EXPECT_TRUE(parse_values(presets()[i].values).contains("iterations")) << name << ": a schedule to scale";
-    const TrainConfig config = resolved({"--preset", name});
-    EXPECT_LE(config.densify_until_iter, config.iterations) << name;
-    EXPECT_LT(config.densify_from_iter, config.densify_until_iter) << name;
-    EXPECT_EQ(config.position_lr_max_steps, config.iterations) << name;
-  }
+TEST(Presets, AllButOriginalAndDefaultHaveIterationsAndEndTheirScheduleWithin) {
+  const auto check = [](const std::string& option, const OptionRow& row) {
+    EXPECT_TRUE(parse_values(row.values).contains("iterations")) << row.name << ": a schedule to scale";
+    const TrainConfig config = resolved({option, row.name});
+    EXPECT_LE(config.densify_until_iter, config.iterations) << row.name;
+    EXPECT_LT(config.densify_from_iter, config.densify_until_iter) << row.name;
+    EXPECT_TRUE(config.lr_final_scale == 1 || config.lr_decay_from_iter < config.iterations) << row.name;
+    EXPECT_EQ(config.position_lr_max_steps, config.iterations) << row.name;
+  };
+  for (std::size_t i = 1; i < presets().size(); ++i) check("--preset", presets()[i]);
+  for (const OptionRow& row : strategy_defaults()) check("--strategy", row);
 }
 
 TEST(Presets, HelpAndPageShowEveryValue) {
@@ -167,16 +174,21 @@ TEST(Schedule, OptionsCountedInIterationsAreMarked) {
 }
 
 TEST(Schedule, OfOriginalDoesNotFollowIterations) {
-  const TrainConfig config = resolved({"--preset", "original", "--iterations", "10000"});
-  EXPECT_EQ(config_differences(TrainConfig{}, config), Words{"iterations: 30000 -> 10000"});
+  for (const Words& words : {Words{"--preset", "original"}, Words{"--strategy", "default"}}) {
+    const TrainConfig config = resolved(joined(words, {"--iterations", "10000"}));
+    EXPECT_EQ(config_differences(TrainConfig{}, config), Words{"iterations: 30000 -> 10000"});
+  }
 }
 
-TEST(Schedule, OfAPresetFollowsIterations) {
-  for (const char* preset : {"fast", "quality"}) {
-    const TrainConfig base = resolved({"--preset", preset});
+TEST(Schedule, OfAPresetOrStrategyFollowsIterations) {
+  for (const Words& words : {Words{"--preset", "fast"}, Words{"--preset", "quality"}, Words{"--strategy", "mcmc"},
+                             Words{"--strategy", "balanced"}, Words{"--preset", "fast", "--strategy", "mcmc"},
+                             Words{"--preset", "original", "--strategy", "mcmc"}}) {
+    SCOPED_TRACE(testing::PrintToString(words));
+    const TrainConfig base = resolved(words);
     for (const int iterations : {10000, 333}) {
       const TrainConfig config =
-          resolved({"--preset", preset, "--iterations", std::to_string(iterations), "--densify_until_iter", "77"});
+          resolved(joined(words, {"--iterations", std::to_string(iterations), "--densify_until_iter", "77"}));
       const double scale = static_cast<double>(iterations) / base.iterations;
       EXPECT_EQ(config.iterations, iterations);
       EXPECT_EQ(config.densify_until_iter, 77) << "was given";
