@@ -5,6 +5,7 @@
 
 #include "app/model.h"
 #include "app/train_setup.h"
+#include "compare/comparison.h"
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
@@ -86,6 +87,19 @@ void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) 
   if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
 }
 
+/// @throws InputError if --overwrite would remove a file or folder that the training reads
+void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainConfig& config) {
+  const fs::path model = fs::weakly_canonical(folder.root());
+  for (const auto& [option, value] : {std::pair{"--init_ply", config.init_ply}, std::pair{"--images", config.images},
+                                      std::pair{"--masks", config.masks}, std::pair{"--depths", config.depths}}) {
+    if (value.empty()) continue;
+    const fs::path path = fs::weakly_canonical(fs::path(config.source_path) / value).lexically_relative(model);
+    if (const auto first = path.begin(); first != path.end() && (*first == "point_cloud" || *first == "report")) {
+      input_error(option, " ", value, " is part of the model that --overwrite replaces; copy it elsewhere first");
+    }
+  }
+}
+
 }  // namespace
 
 TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks) {
@@ -122,6 +136,9 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
 }
 
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
+  if (holds_comparison(folder.root())) {
+    input_error("output folder holds a comparison: ", folder.root().string(), "; choose another folder with -m");
+  }
   if (!plan.checkpoint.empty()) {
     const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
     if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
@@ -137,7 +154,12 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
     }
     return is_replaced;
   }
-  if (plan.options.overwrite) return true;
+  if (plan.options.overwrite) {
+    // Otherwise there is nothing to replace: a folder report/, for example, is the user's.
+    const bool is_replaced = folder.holds_model() || !folder.training_id().empty();
+    if (is_replaced) check_inputs_are_elsewhere(folder, plan.config);
+    return is_replaced;
+  }
   if (!folder.holds_model()) return false;
   input_error("output folder already holds a model: ", folder.root().string(), "; ",
               folder.checkpoint_iterations().empty() ? "" : "resume it with --resume auto, ",

@@ -43,6 +43,7 @@ const std::atomic<int>& stop_signal() {
 void catch_stop_signals() {
   std::signal(SIGINT, ask_to_stop);
   std::signal(SIGTERM, ask_to_stop);
+  if (std::signal(SIGHUP, ask_to_stop) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // of nohup
 }
 
 void request_stop() {

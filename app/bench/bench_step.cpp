@@ -125,7 +125,7 @@ Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, con
 
 TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options) {
   GivenOptions given = given_options(line, /*config_file=*/"");
-  given.erase("iterations");  // ignored, so it scales no preset's schedule
+  given.erase("iterations");  // ignored, so it scales no schedule
   TrainConfig config;
   if (options.checkpoint.empty()) {
     config = resolve_options(given).config;

@@ -104,7 +104,8 @@ void VideoWriter::write(const Image8& frame) {
 
 void VideoWriter::finish() {
   const ChildResult result = ffmpeg_->finish();
-  if (!result.succeeded()) fail(result);
+  // With a full disk, ffmpeg 5 reports an error and exits with 0.
+  if (!result.succeeded() || !last_line_.empty()) fail(result);
   file_.commit();
 }
 

@@ -6,11 +6,11 @@
 //      a strategy is given, `original`, since the values of another preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
-// Schedules: with a preset other than `original`, a given --iterations scales every option of the schedule
-// (Steps::kSchedule) that was not given by iterations / the preset's iterations. With `original`, the schedule is not
-// scaled, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given or not.
-// Once the scene is known, --max_epochs may shorten the schedule (limit_epochs() in schedule.h). A given --iterations
-// without a given --max_epochs sets that to 0.
+// Schedules: a given --iterations scales every option of the schedule (Steps::kSchedule) that was not given, by
+// iterations / those of the preset or, if it has none, of the strategy. With preset `original` and strategy `default`,
+// which have none, the schedule is not scaled, as in the original code. Then --steps_scaler multiplies all options
+// counted in iterations, given or not. Once the scene is known, --max_epochs may shorten the schedule (limit_epochs()
+// in schedule.h). A given --iterations without a given --max_epochs sets that to 0.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -34,7 +34,7 @@ GivenOptions parse_values(const std::vector<OptionValue>& values);
 struct OptionLayers {
   TrainConfig config;  // the options in use; steps_scaler has been applied and is 1
   GivenOptions strategy = GivenOptions::object(), preset = GivenOptions::object(), given = GivenOptions::object();
-  double schedule_scale = 1;  // by which a given --iterations scaled the preset's schedule
+  double schedule_scale = 1;  // by which a given --iterations scaled the schedule
   double steps_scaler = 1;
   double epoch_scale = 1;  // by which limit_epochs() scaled the schedule
 };

@@ -30,7 +30,7 @@ const std::vector<OptionRow>& presets() {
         {"pose_opt_from_iter", "100"}}},
       // The schedule of strategy balanced x 0.8.
       {"quality",
-       "strategy balanced with more Gaussians where they help, and decaying rates",
+       "strategy balanced in 24,000 iterations, with more Gaussians",
        {{"strategy", "balanced"},
         {"iterations", "24000"},
         {"max_epochs", "600"},
@@ -62,6 +62,8 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"densify_until_iter", "22500"},
         {"densification_interval", "90"},
         {"sh_increase_interval", "900"},
+        {"coarse_until", "13500"},
+        {"skip_from_iter", "13950"},
         {"pose_opt_from_iter", "450"},
         {"max_gaussians", "1000000"},
         {"noise_lr", "50000"},

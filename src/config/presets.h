@@ -22,7 +22,8 @@ inline constexpr const char* kDefaultPreset = "quality";
 /// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy.
 const std::vector<OptionRow>& presets();
 
-/// Defaults of density strategies in place of TrainConfig's. Strategies without a row use TrainConfig's.
+/// Defaults of density strategies in place of TrainConfig's. Strategies without a row use TrainConfig's. Each row has
+/// `iterations`: those of the schedule that a given --iterations scales.
 const std::vector<OptionRow>& strategy_defaults();
 
 }  // namespace b3dgs

@@ -137,6 +137,11 @@ void ModelFolder::remove_poses() const {
   fs::remove(poses(), error);
 }
 
+void ModelFolder::remove_exposures() const {
+  std::error_code error;  // ignored: reported when it is read
+  fs::remove(exposures(), error);
+}
+
 bool ModelFolder::has_config() const {
   return fs::exists(root_ / "config.json");
 }

@@ -52,8 +52,9 @@ class ModelFolder {
 
   /// Writes cameras.json with the refined poses of the training views, and poses.json. @throws IoError
   void write_poses(const Scene& scene, const std::vector<View>& refined_train) const;
-  /// Removes poses.json, if there is one.
+  /// Removes poses.json, or exposure.json, if there is one.
   void remove_poses() const;
+  void remove_exposures() const;
 
   /// Whether there is a config.json: a training was started here.
   bool has_config() const;

@@ -84,6 +84,9 @@ void add_initial_points(const TransformsModel& transforms, SceneModel& scene) {
   for (const ColmapImage& image : scene.model.images) {
     if (scene.held_out.count(image.name) == 0) centers.push_back(center_of(image));
   }
+  if (centers.empty()) {  // all are held out; without --eval, all are used for training
+    for (const ColmapImage& image : scene.model.images) centers.push_back(center_of(image));
+  }
   scene.points = random_points_around(centers, kRandomPoints);
   scene.points_description = "random, in the box of the cameras; give better ones with --init_ply";
 }

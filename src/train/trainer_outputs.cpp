@@ -35,14 +35,14 @@ void Trainer::Impl::begin() {
   if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
   if (is_distributed()) check_same_scene(*ranks, scene, fingerprint);
   if (state.n_gaussians() == 0) initialize_model();
+  const bool is_model_folder = !folder.training_id().empty();  // files of these names are not the user's
   claim_folder();
   if (writes_files()) {
     folder.write_inputs(config, scene);
     write_poses();
-    if (!state.appearance.exposures.defined()) {  // those of an earlier session; each PLY keeps its own beside it
-      std::error_code error;
-      std::filesystem::remove(folder.exposures(), error);
-    }
+    if (is_model_folder && !state.poses.is_defined()) folder.remove_poses();
+    // Those of an earlier session; each PLY keeps its own beside it.
+    if (is_model_folder && !state.appearance.exposures.defined()) folder.remove_exposures();
   }
   if (config.pose_opt && scene.train.size() < 3) {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
@@ -146,7 +146,7 @@ void Trainer::Impl::write_ply() {
 }
 
 void Trainer::Impl::write_poses() {
-  if (!state.poses.is_defined()) return folder.remove_poses();
+  if (!state.poses.is_defined()) return;
   folder.write_poses(scene, with_refined_poses(scene.train, scene.train, state.poses));
 }
 

@@ -188,7 +188,7 @@ TEST_F(EndToEnd, APlyIsRenderedWithTheCamerasOfAScene) {
 }
 
 TEST_F(EndToEnd, ASignalLeavesACheckpointToResume) {
-  for (const auto& [signal, code] : {std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
+  for (const auto& [signal, code] : {std::pair{SIGHUP, 129}, std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
     remove_tree(model());
     const Outcome stopped = train_and_signal(signal);
     ASSERT_EQ(stopped.exit_code, code) << stopped.err;

@@ -5,6 +5,7 @@
 #include <csignal>
 
 #include "config/train_config.h"
+#include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "model/model_folder.h"
 #include "support/files.h"
@@ -188,6 +189,36 @@ TEST_F(Resume, AutoWithNothingToResumeAndNoSceneIsOneLine) {
   expect_refused(outcome, {"nothing to resume: ", temp / "none", "b3dgs train SOURCE_PATH"});
   EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   EXPECT_FALSE(fs::exists(temp / "none"));
+}
+
+TEST_F(Resume, OverwriteKeepsTheModelIfTheTrainingReadsItsGaussians) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "5"}));
+  const std::string ply = read_bytes(a.ply(5));
+  const Words words{"-s", scene(), "-m", a.root(), "--iterations", "3", "--overwrite"};
+  Words from_itself = words;
+  from_itself.insert(from_itself.end(), {"--init_ply", a.ply(5)});
+  expect_refused(train(from_itself), {"--init_ply", a.ply(5), "copy it elsewhere"});
+  EXPECT_EQ(read_bytes(a.ply(5)), ply);
+  expect_success(train(words));
+  EXPECT_FALSE(fs::exists(a.ply(5)));
+}
+
+TEST_F(Resume, FilesThatAreNotOfATrainingAreKept) {
+  for (const char* name : {"poses.json", "exposure.json", "report/notes.txt"}) {
+    fs::create_directories((a.root() / name).parent_path());
+    write_file(a.root() / name, "mine");
+  }
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "2", "--overwrite"}));
+  for (const char* name : {"poses.json", "exposure.json", "report/notes.txt"}) {
+    EXPECT_EQ(read_bytes(a.root() / name), "mine") << name;
+  }
+}
+
+TEST_F(Resume, ATrainingInTheFolderOfAComparisonIsRefused) {
+  fs::create_directories(a.root());
+  write_file(a.root() / "compare.json", "{}");
+  expect_refused(train({"-s", scene(), "-m", a.root(), "--overwrite"}), {"holds a comparison", "-m"});
+  EXPECT_EQ(read_bytes(a.root() / "compare.json"), "{}");
 }
 
 TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {

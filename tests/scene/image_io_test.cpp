@@ -216,6 +216,13 @@ TEST_F(ImageFile, SizeIsReadFromTheHeader) {
   EXPECT_EQ(read_image_size(pgm).height, 2);
 }
 
+TEST_F(ImageFile, MorePixelsThanCanBeDecodedAreRejected) {
+  const std::string header = big_endian(1 << 15) + big_endian((1 << 15) + 1) + std::string("\x08\x02\0\0\0", 5);
+  const auto path = store("a.png", "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IEND", ""));
+  EXPECT_TRUE(
+      fails_with<InputError>({path.string(), "1073741824 px", "32768 x 32769"}, [&] { read_image_size(path); }));
+}
+
 TEST_F(ImageFile, WritingNeedsAnImageExtension) {
   EXPECT_TRUE(fails_with<InputError>({"a.xyz", ".png"}, [&] { write_image(folder_ / "a.xyz", noise(2, 2, 3)); }));
 }

@@ -181,6 +181,15 @@ TEST_F(Transforms, HoldsOutWhatTheFileListsOrElseEveryEighth) {
   EXPECT_TRUE(says(scene, "test_filenames of transforms.json"));
 }
 
+TEST_F(Transforms, WhereAllAreHeldOutAllAreTrainedOnWithoutEval) {
+  Json json = line(2);
+  json["test_filenames"] = {"images/00.png", "images/01.png"};
+  write(json);
+  EXPECT_EQ(load().train.size(), 2u);
+  options_.eval = true;
+  EXPECT_THROW(load(), InputError);
+}
+
 TEST_F(Transforms, KeysOfAFrameComeBeforeThoseOfTheFile) {
   Json json = line(2);
   json["frames"][1]["fl_x"] = 70;

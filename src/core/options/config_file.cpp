@@ -10,7 +10,9 @@ namespace b3dgs {
 
 nlohmann::ordered_json read_json_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) input_error("cannot open config file: ", path, " (expected a JSON file with option names as keys)");
+  file.peek();  // fails for a folder, which can be opened
+  if (file.bad() || !file.is_open())
+    input_error("cannot open config file: ", path, " (expected a JSON file with option names as keys)");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
   if (!json.is_discarded()) return json;

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdint>
 #include <cstdlib>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
+
+constexpr std::int64_t kMostPixels = std::int64_t{1} << 30;  // OpenCV decodes no larger images
 
 // The size is usually within these bytes; a long EXIF segment can push it further back.
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;
@@ -40,6 +44,7 @@ cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target =
     cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : " (" + error.err + ")";
+    image.release();  // not the memory of `target`, which the file was not decoded into
   }
   if (image.empty()) {
     input_error(path.string(), ": cannot be decoded", reason,
@@ -126,12 +131,21 @@ void read_image_into(const fs::path& path, bool white_background, ImageSize size
 ImageSize read_image_size(const fs::path& path) {
   FileReader file(path);
   Bytes bytes = read_bytes(file, kHeaderBytes);
-  if (const auto size = image_size_from_header(bytes)) return *size;
-  const Bytes more = read_bytes(file, file.remaining());
-  bytes.insert(bytes.end(), more.begin(), more.end());
-  if (const auto size = image_size_from_header(bytes)) return *size;
-  const cv::Mat image = decode(path, bytes);
-  return {image.cols, image.rows};
+  std::optional<ImageSize> size = image_size_from_header(bytes);
+  if (!size) {
+    const Bytes more = read_bytes(file, file.remaining());
+    bytes.insert(bytes.end(), more.begin(), more.end());
+    size = image_size_from_header(bytes);
+  }
+  if (!size) {
+    const cv::Mat image = decode(path, bytes);
+    size = ImageSize{image.cols, image.rows};
+  }
+  if (std::int64_t{size->width} * size->height > kMostPixels) {
+    input_error(path.string(), ": expected at most ", kMostPixels, " px, found ", size->width, " x ", size->height,
+                "; reduce the image or remove it from the scene");
+  }
+  return *size;
 }
 
 Image8 resize_image(const Image8& image, int width, int height) {
