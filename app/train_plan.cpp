@@ -90,8 +90,9 @@ void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) 
 /// @throws InputError if --overwrite would remove a file or folder that the training reads
 void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainConfig& config) {
   const fs::path model = fs::weakly_canonical(folder.root());
-  for (const auto& [option, value] : {std::pair{"--init_ply", config.init_ply}, std::pair{"--images", config.images},
-                                      std::pair{"--masks", config.masks}, std::pair{"--depths", config.depths}}) {
+  for (const auto& [option, value] : {std::pair{"-s", config.source_path}, std::pair{"--init_ply", config.init_ply},
+                                      std::pair{"--images", config.images}, std::pair{"--masks", config.masks},
+                                      std::pair{"--depths", config.depths}}) {
     if (value.empty()) continue;
     const fs::path path = fs::weakly_canonical(fs::path(config.source_path) / value).lexically_relative(model);
     if (const auto first = path.begin(); first != path.end() && (*first == "point_cloud" || *first == "report")) {

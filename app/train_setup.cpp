@@ -59,7 +59,9 @@ void remove_model(const ModelFolder& folder) {
   std::error_code error;
   for (const int iteration : folder.ply_iterations()) remove_tree(folder.ply(iteration).parent_path());
   for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
-  for (const fs::path& file : {folder.log(), folder.poses(), folder.root() / "report.html"}) fs::remove(file, error);
+  for (const fs::path& file : {folder.log(), folder.poses(), folder.exposures(), folder.root() / "report.html"}) {
+    fs::remove(file, error);
+  }
   for (const fs::path& file : folder.results()) fs::remove(file, error);
   remove_run_info(folder);
 }

@@ -199,6 +199,12 @@ TEST_F(Resume, OverwriteKeepsTheModelIfTheTrainingReadsItsGaussians) {
   from_itself.insert(from_itself.end(), {"--init_ply", a.ply(5)});
   expect_refused(train(from_itself), {"--init_ply", a.ply(5), "copy it elsewhere"});
   EXPECT_EQ(read_bytes(a.ply(5)), ply);
+  const fs::path guest = a.ply(5).parent_path() / "scene";
+  fs::copy(scene(), guest, fs::copy_options::recursive);
+  Words of_guest = words;
+  of_guest[1] = guest.string();
+  expect_refused(train(of_guest), {"-s", guest, "copy it elsewhere"});
+  EXPECT_TRUE(fs::exists(guest / "images"));
   expect_success(train(words));
   EXPECT_FALSE(fs::exists(a.ply(5)));
 }

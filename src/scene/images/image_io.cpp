@@ -37,14 +37,22 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
 cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target = {}) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
-  cv::Mat image = target;
+  cv::Mat image;
   std::string reason;
-  try {
-    // IMREAD_UNCHANGED also ignores the EXIF orientation.
-    cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
-  } catch (const cv::Exception& error) {
-    reason = error.err.empty() ? "" : " (" + error.err + ")";
-    image.release();  // not the memory of `target`, which the file was not decoded into
+  // Where imdecode() cannot read the header, it leaves `image` as it was. The first byte of the target's memory tells
+  // whether it was written: two values are tried, since the photograph may begin with the first.
+  for (const std::uint8_t mark : {std::uint8_t{0x5a}, std::uint8_t{0xa5}}) {
+    image = target;
+    if (!target.empty()) *target.data = mark;
+    try {
+      // IMREAD_UNCHANGED also ignores the EXIF orientation.
+      cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
+    } catch (const cv::Exception& error) {
+      reason = error.err.empty() ? "" : " (" + error.err + ")";
+    }
+    const bool is_written = target.empty() || image.data != target.data || *image.data != mark;
+    if (is_written) break;
+    image.release();
   }
   if (image.empty()) {
     input_error(path.string(), ": cannot be decoded", reason,
