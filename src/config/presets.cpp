@@ -33,7 +33,7 @@ const std::vector<OptionRow>& presets() {
        "strategy balanced in 24,000 iterations, with more Gaussians",
        {{"strategy", "balanced"},
         {"iterations", "24000"},
-        {"max_epochs", "600"},
+        {"max_epochs", "400"},
         {"position_lr_max_steps", "24000"},
         {"densify_from_iter", "400"},
         {"densify_until_iter", "16000"},
@@ -75,7 +75,7 @@ const std::vector<OptionRow>& strategy_defaults() {
       {"balanced",
        "",
        {{"iterations", "30000"},  // that of original, too, but here --iterations scales the schedule
-        {"max_epochs", "700"},
+        {"max_epochs", "400"},
         {"densify_until_iter", "20000"},
         {"densification_interval", "300"},
         {"pixels_per_gaussian", "206"},

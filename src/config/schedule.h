@@ -25,7 +25,7 @@ void scale_schedule(TrainConfig& config, double factor, const GivenOptions& give
 /// --batch. Returns the factor, 1 without a change; applying it again changes nothing.
 double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given);
 
-/// "schedule    12,600 iterations: each photograph 600 times (--max_epochs)" if training ends there, otherwise empty.
+/// "schedule    8,400 iterations: each photograph 400 times (--max_epochs)" if training ends there, otherwise empty.
 std::string describe_epochs(const TrainConfig& config, std::size_t n_photographs);
 
 }  // namespace b3dgs

@@ -222,15 +222,15 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
 }
 
 TEST(GivenMaxEpochs, IsOffIfIterationsAreGivenWithoutIt) {
-  EXPECT_EQ(resolved({}).max_epochs, 600);
-  EXPECT_EQ(resolved({"--strategy", "balanced"}).max_epochs, 700);
+  EXPECT_EQ(resolved({}).max_epochs, 400);
+  EXPECT_EQ(resolved({"--strategy", "balanced"}).max_epochs, 400);
   for (const Words& words : {Words{"--preset", "original"}, Words{"--preset", "fast"}, Words{"--strategy", "mcmc"},
                              Words{"--iterations", "24000"}, Words{"--strategy", "balanced", "--max_steps", "30000"},
                              Words{"--max_epochs", "0"}, Words{"--steps_scaler", "2", "--iterations", "500"}}) {
     EXPECT_EQ(resolved(words).max_epochs, 0) << testing::PrintToString(words);
   }
   EXPECT_EQ(resolved({"--iterations", "9000", "--max_epochs", "50"}).max_epochs, 50);
-  EXPECT_EQ(resolved({"--steps_scaler", "0.1"}).max_epochs, 60);
+  EXPECT_EQ(resolved({"--steps_scaler", "0.1"}).max_epochs, 40);
   EXPECT_TRUE(
       test::fails_with<InputError>({"--max_epochs (expected at least 0"}, [&] { resolved({"--max_epochs=-1"}); }));
 }
@@ -309,7 +309,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   OptionLayers layers = resolve_options();
   layers.epoch_scale = limit_epochs(layers.config, 21, layers.given);
   EXPECT_EQ(describe_options(layers)[0],
-            "options     preset quality, strategy balanced, schedule x 0.525 for --max_epochs");
+            "options     preset quality, strategy balanced, schedule x 0.35 for --max_epochs");
 }
 
 }  // namespace

@@ -153,23 +153,23 @@ TrainConfig limited(const GivenOptions& given, const Scene& scene) {
 TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
   const GivenOptions quality{{"preset", "quality"}}, balanced{{"strategy", "balanced"}};
   const TrainConfig full = resolve_options(quality).config, config = limited(quality, scene_of(21));
-  EXPECT_EQ(config.iterations, 21 * 600);
-  EXPECT_EQ(config.max_epochs, 600);
-  EXPECT_EQ(config.position_lr_max_steps, 12600) << "the schedule ends with the training";
-  EXPECT_EQ(config.densify_until_iter, 8400);
-  EXPECT_EQ(config.densify_from_iter, 210);
-  EXPECT_EQ(config.densification_interval, 126);
+  EXPECT_EQ(config.iterations, 21 * 400);
+  EXPECT_EQ(config.max_epochs, 400);
+  EXPECT_EQ(config.position_lr_max_steps, 8400) << "the schedule ends with the training";
+  EXPECT_EQ(config.densify_until_iter, 5600);
+  EXPECT_EQ(config.densify_from_iter, 140);
+  EXPECT_EQ(config.densification_interval, 84);
   EXPECT_EQ(config.test_iterations, full.test_iterations) << "no part of the schedule";
   EXPECT_EQ(config.save_iterations, full.save_iterations);
   EXPECT_EQ(config.stats_interval, full.stats_interval);
   EXPECT_EQ(config.batch, full.batch);
-  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 700);
+  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 400);
   EXPECT_EQ(limited({{"max_epochs", 1}}, scene_of(3)).iterations, 3);
 }
 
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
-  for (const auto& [given, n] : {std::pair{GivenOptions{{"preset", "quality"}}, 40},
-                                 {GivenOptions{{"strategy", "balanced"}}, 43},
+  for (const auto& [given, n] : {std::pair{GivenOptions{{"preset", "quality"}}, 60},
+                                 {GivenOptions{{"strategy", "balanced"}}, 75},
                                  {GivenOptions{{"preset", "fast"}}, 1},
                                  {GivenOptions{{"preset", "original"}}, 1},
                                  {GivenOptions{{"strategy", "default"}}, 1},
@@ -183,15 +183,15 @@ TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
     EXPECT_EQ(limit_epochs(config, static_cast<std::size_t>(n), given), 1);
     EXPECT_TRUE(config_differences(full, config).empty()) << given;
   }
-  EXPECT_EQ(limited({{"preset", "quality"}}, scene_of(39)).iterations, 23400);
-  EXPECT_EQ(limited({{"strategy", "balanced"}}, scene_of(42)).iterations, 29400);
+  EXPECT_EQ(limited({{"preset", "quality"}}, scene_of(59)).iterations, 23600);
+  EXPECT_EQ(limited({{"strategy", "balanced"}}, scene_of(74)).iterations, 29600);
   TrainConfig config;
   config.max_epochs = std::numeric_limits<int>::max();
   EXPECT_EQ(limit_epochs(config, std::numeric_limits<std::size_t>::max(), GivenOptions::object()), 1);
 }
 
 TEST(EpochLimit, AppliedAgainChangesNothing) {
-  for (const std::size_t n : {1, 7, 21, 39, 40, 1000}) {
+  for (const std::size_t n : {1, 7, 21, 59, 60, 1000}) {
     const GivenOptions given{{"densify_until_iter", 5000}};
     const TrainConfig config = limited(given, scene_of(n));
     EXPECT_TRUE(config_differences(config, with_scene_limits(config, scene_of(n))).empty()) << n;
@@ -205,12 +205,12 @@ TEST(EpochLimit, DoesNotScaleGivenOptions) {
   const GivenOptions given{
       {"densify_until_iter", 16000}, {"lr_decay_from_epoch", 80}, {"opacity_reset_interval", 3000}};
   const TrainConfig config = limited(given, scene_of(21));
-  EXPECT_EQ(config.iterations, 12600);
+  EXPECT_EQ(config.iterations, 8400);
   EXPECT_EQ(config.densify_until_iter, 16000);
   EXPECT_EQ(config.lr_decay_from_epoch, 80);
   EXPECT_EQ(config.lr_decay_from_iter, 21 * 80);
   EXPECT_EQ(config.opacity_reset_interval, 3000) << "also a value that equals the default";
-  EXPECT_EQ(config.prune_interval, 1260);
+  EXPECT_EQ(config.prune_interval, 840);
 }
 
 TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
@@ -224,9 +224,9 @@ TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
 
 TEST(EpochLimit, IsScaledByStepsScaler) {
   const TrainConfig half = limited({{"steps_scaler", 0.5}}, scene_of(21));
-  EXPECT_EQ(half.max_epochs, 300);
-  EXPECT_EQ(half.iterations, 6300);
-  EXPECT_EQ(half.densify_until_iter, 4200);
+  EXPECT_EQ(half.max_epochs, 200);
+  EXPECT_EQ(half.iterations, 4200);
+  EXPECT_EQ(half.densify_until_iter, 2800);
   EXPECT_EQ(limited({{"steps_scaler", 2}, {"max_epochs", 100}}, scene_of(21)).iterations, 4200);
 }
 
@@ -253,10 +253,10 @@ TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
 
 TEST(EpochLimit, IsDescribedWhereItEndsTheTraining) {
   EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(21)), 21),
-            "schedule    12,600 iterations: each photograph 600 times (--max_epochs)");
+            "schedule    8,400 iterations: each photograph 400 times (--max_epochs)");
   EXPECT_EQ(describe_epochs(limited({{"max_epochs", 1}}, scene_of(3)), 3),
             "schedule    3 iterations: each photograph 1 time (--max_epochs)");
-  EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(41)), 41), "");
+  EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(61)), 61), "");
   EXPECT_EQ(describe_epochs(limited({{"iterations", 12600}}, scene_of(21)), 21), "");
 }
 
