@@ -108,7 +108,7 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
 }
 
 TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
-  const std::string hint = "training on a CPU: 4,800 iterations of each of 2 configurations take long; --iterations";
+  const std::string hint = "training on a CPU: 3,200 iterations of each of 2 configurations take long; --iterations";
   test::RunOptions stop;
   stop.signal = SIGTERM;
   stop.signal_when = [&] { return fs::exists(output() / "naive/seed_0/train.jsonl"); };
