@@ -2,16 +2,17 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
+#include <cstdlib>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <system_error>
+#include <vector>
 
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
+#include "core/options/config_file.h"
 #include "core/random.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
@@ -23,28 +24,85 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
-constexpr const char* kParts[] = {"images", "sparse", "truth.ply"};
-
-/// Removes an earlier synthetic scene. @throws InputError if the folder contains anything else
-void prepare_folder(const fs::path& folder) {
-  if (!holds_synth_scene(folder)) return;
-  for (const char* part : kParts) {
-    if (!remove_tree(folder / part))
-      io_error("cannot remove ", (folder / part).string(), " (", std::strerror(errno), ")");
-  }
-}
-
-/// Removes what was written of a scene.
-void remove_unfinished(const fs::path& folder) {
-  std::error_code error;  // ignored: another error is being reported
-  for (const char* part : kParts) remove_tree(folder / part);
-  fs::remove(folder / kOptionsFile, error);
-}
 
 std::string image_name(std::size_t index, const SynthConfig& config) {
   char name[32];
   std::snprintf(name, sizeof name, "%05zu.", index);
   return name + config.image_format;
+}
+
+/// Whether `name` is that of an image of the scene.
+bool is_image_of(const SynthConfig& config, const std::string& name) {
+  const std::size_t index = std::strtoull(name.c_str(), nullptr, 10);
+  return index < static_cast<std::size_t>(config.views) && name == image_name(index, config);
+}
+
+ColmapFormat model_format(const SynthConfig& config) {
+  return config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;
+}
+
+/// The options of the scene in `folder`. @throws InputError if they cannot be read
+SynthConfig options_of_scene(const fs::path& folder) {
+  const std::string file = (folder / kOptionsFile).string();
+  SynthConfig config;
+  try {
+    apply_config_file(config, file);
+    check_ranges(config, file);
+  } catch (const InputError& error) {
+    input_error(error.what(),
+                "; it says which files belong to the scene that would be replaced; choose another folder");
+  }
+  return with_scene_defaults(config);
+}
+
+/// A file that cannot be removed, and why.
+struct Obstacle {
+  fs::path path;
+  std::error_code error;
+};
+
+/// Removes the files of the scene that `config` describes but for kOptionsFile, and folders that are empty then. Files
+/// that others put there stay. Goes on after a failure, and returns the first one.
+std::optional<Obstacle> remove_scene(const fs::path& folder, const SynthConfig& config) {
+  const fs::path images = folder / "images", sparse = folder / "sparse", model = sparse / "0";
+  std::optional<Obstacle> obstacle;
+  std::error_code error;
+  const auto note = [&](const fs::path& path) {
+    if (error && !obstacle) obstacle = Obstacle{path, error};
+  };
+  const auto remove = [&](const fs::path& path) {
+    fs::remove(path, error);
+    note(path);
+  };
+  for (const fs::path& link : {images, sparse, model}) {
+    if (fs::is_symlink(fs::symlink_status(link, error))) remove(link);  // what it leads to is not ours
+  }
+  remove_unfinished_files(folder);
+  std::vector<fs::path> files{folder / "truth.ply"};
+  if (fs::is_directory(images, error)) {
+    fs::directory_iterator entry(images, error);
+    for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+      if (is_image_of(config, entry->path().filename().string())) files.push_back(entry->path());
+    }
+    note(images);
+  }
+  const std::string extension = model_format(config) == ColmapFormat::kText ? ".txt" : ".bin";
+  for (const char* const name : {"cameras", "images", "points3D"}) files.push_back(model / (name + extension));
+  for (const fs::path& file : files) remove(file);
+  for (const fs::path& own : {images, model, sparse}) {
+    if (fs::is_directory(own, error)) fs::remove(own, error);  // not if it holds other files
+  }
+  return obstacle;
+}
+
+/// After a failure: removes what was written of a scene. kOptionsFile stays beside files of others, so that the folder
+/// still counts as a synthetic scene.
+void remove_unfinished(const fs::path& folder, const SynthConfig& config) {
+  remove_scene(folder, config);
+  std::error_code error;  // ignored: another error is being reported
+  int n_left = 0;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) ++n_left;
+  if (n_left == 1) fs::remove(folder / kOptionsFile, error);
 }
 
 ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
@@ -102,8 +160,7 @@ void write_files(const fs::path& folder, const SynthConfig& config, const SynthS
     write_image(folder / "images" / image_name(i, config), image);
     if (on_image) on_image(i + 1, scene.cameras.size());
   }
-  const ColmapFormat format = config.format == "text" ? ColmapFormat::kText : ColmapFormat::kBinary;
-  write_colmap_model(folder / "sparse" / "0", colmap_model(config, scene), format);
+  write_colmap_model(folder / "sparse" / "0", colmap_model(config, scene), model_format(config));
 }
 
 }  // namespace
@@ -126,11 +183,16 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   const fs::path folder = config.output;
   std::error_code error;
   const bool is_new = !fs::exists(folder, error);
-  prepare_folder(folder);
+  if (holds_synth_scene(folder)) {
+    if (const auto obstacle = remove_scene(folder, options_of_scene(folder))) {
+      io_error("cannot remove ", obstacle->path.string(), " (", obstacle->error.message(),
+               "), which is part of the scene that would be replaced; remove it, or choose another folder");
+    }
+  }
   try {
     write_files(folder, config, scene, on_image);
   } catch (...) {
-    remove_unfinished(folder);
+    remove_unfinished(folder, with_scene_defaults(config));
     if (is_new) fs::remove(folder, error);
     throw;
   }

@@ -13,9 +13,12 @@ namespace b3dgs {
 /// Whether the folder holds a synthetic scene. @throws InputError if it holds anything else
 bool holds_synth_scene(const std::filesystem::path& folder);
 
-/// Renders the images and writes everything to config.output. Replaces an existing synthetic scene.
-/// @throws InputError if the folder contains anything else, which protects real scenes
-/// @throws IoError if something cannot be written; nothing of the scene is left then
+/// Renders the images and writes everything to config.output. Removes the files of a synthetic scene that is there
+/// before, those that its synth.json describes; other files in its folders stay.
+/// @throws InputError if the folder contains anything else, which protects real scenes, or if its synth.json cannot be
+///   read
+/// @throws IoError if something cannot be removed or written. Nothing of the new scene is left then, but for synth.json
+///   if the folder holds other files
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t done, std::size_t total)>& on_image = {});
 

@@ -13,6 +13,7 @@
 #include "model/formats/ply.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
+#include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 #include "train/gaussians/gaussian_model.h"
@@ -188,6 +189,79 @@ TEST(SynthFolder, ASyntheticSceneIsReplaced) {
   config.views = 2;
   write(config);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path() / "scene" / "images"), fs::directory_iterator()), 2);
+}
+
+TEST(SynthFolder, OtherFilesInItStayWhenASceneIsReplaced) {
+  const test::TempDir temporary;
+  const fs::path folder = temporary.path() / "scene", elsewhere = temporary.path() / "elsewhere";
+  SynthConfig config = small("orbit", folder);
+  config.views = 6;
+  write(config);
+  const std::vector<fs::path> others{folder / "images" / "IMG_0001.png",
+                                     folder / "images" / "00006.png",   // beyond the 6 views
+                                     folder / "images" / "000001.png",  // not as image_name() writes it
+                                     folder / "images" / "00001.jpg",   // of the other format
+                                     folder / "sparse" / "0" / "notes.txt", folder / "sparse" / "1" / "cameras.bin",
+                                     folder / "masks" / "00000.png"};
+  for (const fs::path& other : others) write_file(other, "mine");
+  config.views = 4;
+  config.format = "text";
+  write(config);
+  for (const fs::path& other : others) EXPECT_EQ(read_bytes(other), "mine") << other;
+  EXPECT_TRUE(fs::exists(folder / "sparse" / "0" / "images.txt"));
+  EXPECT_FALSE(fs::exists(folder / "images" / "00005.png")) << "an image of the scene before";
+  EXPECT_FALSE(fs::exists(folder / "sparse" / "0" / "images.bin")) << "the model of the scene before";
+
+  write_file(elsewhere / "00000.png", "mine");
+  fs::rename(folder / "images", temporary.path() / "images");
+  fs::create_directory_symlink(elsewhere, folder / "images");
+  write(config);
+  EXPECT_EQ(read_bytes(elsewhere / "00000.png"), "mine") << "the link was replaced, not followed";
+  EXPECT_FALSE(fs::is_symlink(folder / "images"));
+}
+
+TEST(SynthFolder, ASceneWhoseOptionsCannotBeReadIsNotReplaced) {
+  const test::TempDir folder;
+  const SynthConfig config = small("orbit", folder.path());
+  write(config);
+  const std::string image = read_bytes(folder.path() / "images" / "00000.png");
+  for (const char* const options : {"{", "{\"views\": -1}", "{\"views\": \"four\"}"}) {
+    write_file(folder.path() / "synth.json", options);
+    EXPECT_TRUE(test::fails_with<InputError>({"synth.json", "choose another folder"}, [&] { write(config); }));
+    EXPECT_EQ(read_bytes(folder.path() / "images" / "00000.png"), image) << options;
+  }
+}
+
+TEST(SynthFolder, AfterAFailureTheSceneIsGoneAndFilesOfOthersStay) {
+  const test::TempDir temporary;
+  const fs::path folder = temporary.path() / "scene";
+  const SynthConfig config = small("orbit", folder);
+  const SynthScene made = make_scene(config);
+  const auto fail = [&] {
+    write_synth_scene(config, made, [](std::size_t, std::size_t) { io_error("no space left"); });
+  };
+  EXPECT_THROW(fail(), IoError);
+  EXPECT_FALSE(fs::exists(folder)) << "it was new";
+
+  write(config);
+  write_file(folder / "images" / "IMG_0001.png", "mine");
+  EXPECT_THROW(fail(), IoError);
+  EXPECT_EQ(read_bytes(folder / "images" / "IMG_0001.png"), "mine");
+  EXPECT_FALSE(fs::exists(folder / "images" / "00000.png"));
+  EXPECT_FALSE(fs::exists(folder / "sparse"));
+  write(config);  // the folder still counts as a synthetic scene
+  EXPECT_EQ(read_bytes(folder / "images" / "IMG_0001.png"), "mine");
+}
+
+TEST(SynthFolder, WhatCannotBeRemovedIsNamed) {
+  const test::TempDir folder;
+  const SynthConfig config = small("orbit", folder.path());
+  write(config);
+  fs::remove(folder.path() / "truth.ply");
+  write_file(folder.path() / "truth.ply" / "notes.txt", "mine");
+  EXPECT_TRUE(
+      test::fails_with<IoError>({"cannot remove", "truth.ply", "choose another folder"}, [&] { write(config); }));
+  EXPECT_EQ(read_bytes(folder.path() / "truth.ply" / "notes.txt"), "mine");
 }
 
 TEST(SynthFolder, AnyOtherFolderIsRejected) {
