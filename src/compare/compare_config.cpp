@@ -132,6 +132,10 @@ void check_name(const std::string& entry, const std::string& name, const std::st
     input_error("--configs ", entry, ": \"", name,
                 "\" cannot be a folder name; name it with letters, digits, _ - . + = instead: NAME:", configuration);
   }
+  if (name == kComparisonFile || name == kComparisonReport) {
+    input_error("--configs ", entry, ": ", name,
+                " is the name of a file that the comparison writes; choose another name");
+  }
 }
 
 Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given,

@@ -9,6 +9,10 @@
 
 namespace b3dgs {
 
+/// Files beside the folders of the configurations.
+inline constexpr const char* kComparisonFile = "compare.json";
+inline constexpr const char* kComparisonReport = "report.html";
+
 struct Configuration {
   std::string name;  // also the name of its folder
   TrainConfig config;

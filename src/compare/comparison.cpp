@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 fs::path plan_path(const fs::path& root) {
-  return root / "compare.json";
+  return root / kComparisonFile;
 }
 
 void write_json(const fs::path& path, const Json& json) {
@@ -236,7 +236,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
 
 void write_comparison(const Comparison& comparison) {
   write_json(plan_path(comparison.plan.root()), to_json(comparison));
-  write_file(comparison.plan.root() / "report.html", comparison_report(comparison));
+  write_file(comparison.plan.root() / kComparisonReport, comparison_report(comparison));
 }
 
 void print_comparison(const Comparison& comparison) {

@@ -132,6 +132,8 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,../x:combined",
                   "cannot be a folder name; name it with letters, digits, _ - . + = instead: "
                   "NAME:combined");
+  expect_rejected("naive,compare.json:combined", "is the name of a file that the comparison writes");
+  expect_rejected("report.html:naive,combined", "is the name of a file that the comparison writes");
   expect_rejected("a:naive,a:combined", "a occurs twice; rename one of them: NAME:combined");
   expect_rejected("naive,combined+seeed=3", "see b3dgs train --help");
 }
