@@ -180,7 +180,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "hold out views for testing: those that transforms files list, or every 8th by name");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY (Gaussians or points) or SPZ instead of the scene's points");
-  field(Option{"depths", 'd'}, c.depths, Any{}, "folder of inverse depth maps, 16-bit PNGs named like the photographs");
+  field(Option{"depths", 'd'}.may_be_empty(), c.depths, Any{},
+        "folder of inverse depth maps, 16-bit PNGs named like the photographs");
   field(Option{"masks"}, c.masks, Any{},
         "folder of masks, black is left out (default masks/ if it exists; none: no masks)");
   field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");

@@ -36,6 +36,7 @@ struct Option {
   bool is_common = false;
   const char* group_name = "";
   Steps steps = Steps::kNone;
+  bool is_empty_allowed = false;
 
   /// Lists the option in `b3dgs COMMAND --help`, not only in --help-all.
   constexpr Option common() const {
@@ -54,6 +55,14 @@ struct Option {
   constexpr Option in_steps(Steps kind = Steps::kSchedule) const {
     Option option = *this;
     option.steps = kind;
+    return option;
+  }
+
+  /// On the command line, a text option may be the empty word. Otherwise that is an error, since it is usually the
+  /// value of a shell variable that is not set.
+  constexpr Option may_be_empty() const {
+    Option option = *this;
+    option.is_empty_allowed = true;
     return option;
   }
 

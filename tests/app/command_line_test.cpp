@@ -211,6 +211,23 @@ TEST(CommandLine, MalformedValuesAreNamed) {
   EXPECT_NE(complaint({"--iterations"}).find("--iterations"), std::string::npos);
 }
 
+TEST(CommandLine, AnEmptyWordIsNoTextExceptForDepths) {
+  for (const Words& words : {Words{"-s", ""}, Words{"--model_path", ""}, Words{"--init_ply=", "-s", "scene"}}) {
+    EXPECT_NE(complaint(words).find("expected a text that is not empty"), std::string::npos) << words[0];
+  }
+  EXPECT_EQ(complaint({"--init_ply", "", "-s", "scene"}),
+            "invalid value for --init_ply (expected a text that is not empty, found \"\"); leave the option out to "
+            "have none");
+  EXPECT_NE(complaint({"--strategy", ""}).find("mcmc"), std::string::npos) << "lists the choices instead";
+  EXPECT_EQ(parse({"--depths", "maps", "-d", ""}).depths, "") << "the default of the original 3DGS";
+  EXPECT_EQ(parse({"--depths=", "-s", "scene"}).source_path, "scene");
+}
+
+TEST(CommandLine, AFlagWithAnEmptyValueIsAnError) {
+  EXPECT_EQ(complaint({"--eval=", "-s", "scene"}), "invalid value for --eval (expected true or false, found \"\")");
+  EXPECT_EQ(complaint({"--iterations="}), "invalid value for --iterations (expected a whole number, found \"\")");
+}
+
 TEST(CommandLine, ValuesOutOfRangeAreNamedWithTheRange) {
   EXPECT_EQ(complaint({"--iterations", "0"}), "invalid value for --iterations (expected at least 1, found 0)");
   EXPECT_EQ(complaint({"--lambda_dssim", "1.5"}), "invalid value for --lambda_dssim (expected from 0 to 1, found 1.5)");

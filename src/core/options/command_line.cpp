@@ -101,7 +101,11 @@ struct CommandLine::Impl {
         word += "=" + words[++i];
       }
       const bool ends_list = parts.back().list != nullptr && is_whole_list(word);
+      const bool has_empty_value = row != nullptr && !is_list(row->spec) && equals + 1 == word.size();
+      if (has_empty_value && row->spec.kind == ValueKind::kFlag) option_value(row->spec, {""});  // throws
+      if (has_empty_value) word.pop_back();  // CLI11 would take the next word as the value of "--name="
       parts.back().words.push_back(std::move(word));
+      if (has_empty_value) parts.back().words.emplace_back();
       if (!ends_list) continue;
       parts.back().words.emplace_back("--");
       parts.push_back({nullptr, {}});

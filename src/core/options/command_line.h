@@ -48,6 +48,7 @@ class CommandLine {
       spec.is_common = option.is_common;
       spec.positional = is_in(positional, option.name);
       spec.is_ignored = is_in(ignored, option.name);
+      spec.is_empty_allowed = option.is_empty_allowed;
       add(spec);
     });
   }

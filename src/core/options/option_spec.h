@@ -28,6 +28,7 @@ struct OptionSpec {
   bool is_common = false;   // listed by --help, not only by --help-all
   bool positional = false;  // may be given without its name
   bool is_ignored = false;  // accepted without effect, and not listed
+  bool is_empty_allowed = false;
 };
 
 inline bool is_list(const OptionSpec& spec) {

@@ -63,6 +63,10 @@ nlohmann::json option_value(const OptionSpec& spec, const std::vector<std::strin
     case ValueKind::kNumber:
       return to_number<double>(spec, words.back());
     case ValueKind::kText:
+      if (words.back().empty() && !spec.is_empty_allowed && !spec.lists_choices) {
+        input_error("invalid value for --", spec.name,
+                    " (expected a text that is not empty, found \"\"); leave the option out to have none");
+      }
       return words.back();
     case ValueKind::kInts:
       return to_numbers<int>(spec, words);
