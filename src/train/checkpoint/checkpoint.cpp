@@ -5,8 +5,10 @@
 #include <iterator>
 #include <map>
 #include <set>
+#include <string>
 #include <system_error>
 #include <type_traits>
+#include <vector>
 
 #include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
@@ -196,6 +198,34 @@ std::vector<std::string> changed_files(const Json& header, const Json& fingerpri
   return names;
 }
 
+// "; 2 are missing (00002.png, ...)"; empty if there are no names.
+std::string count_and_first(const std::vector<std::string>& names, const char* what) {
+  if (names.empty()) return "";
+  return detail::concat("; ", names.size(), names.size() == 1 ? " is " : " are ", what, " (", names[0],
+                        names.size() > 1 ? ", ...)" : ")");
+}
+
+// Which of the training views `before` are not among those of the scene, and the other way round; empty if none are.
+std::string describe_difference(const Json& before, const Json& after, const Scene& scene) {
+  const auto names_of = [](const Json& views) {
+    std::set<std::string> names;
+    for (const Json& view : views) names.insert(view.at("name").get<std::string>());
+    return names;
+  };
+  const std::set<std::string> old_names = names_of(before), new_names = names_of(after);
+  std::set<std::string> test_names;
+  for (const View& view : scene.test) test_names.insert(view.name);
+  std::vector<std::string> missing, held_out, added;
+  for (const std::string& name : old_names) {
+    if (new_names.count(name) == 0) (test_names.count(name) == 0 ? missing : held_out).push_back(name);
+  }
+  for (const std::string& name : new_names) {
+    if (old_names.count(name) == 0) added.push_back(name);
+  }
+  return count_and_first(missing, "missing") + count_and_first(held_out, "held out for testing now") +
+         count_and_first(added, "new");
+}
+
 }  // namespace
 
 Json scene_fingerprint(const Scene& scene) {
@@ -214,9 +244,12 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
   const std::string remedy = "; resume with the same -s, -i, -r and --eval";
   try {
     const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
+    const std::string difference = describe_difference(before, after, scene);
     if (before.size() != after.size()) {
-      input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), remedy);
+      input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), difference,
+                  remedy);
     }
+    if (!difference.empty()) input_error(place, ": trained on other views of the scene", difference, remedy);
     for (std::size_t i = 0; i < before.size(); ++i) {
       if (before[i] != after[i]) {
         input_error(place, ": training view ", i, " was ", before[i].dump(), ", but in the scene it is ",

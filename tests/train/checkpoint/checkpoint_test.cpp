@@ -141,11 +141,24 @@ TEST_F(CheckpointFiles, OfAnotherSceneAreRefused) {
     return test::fails_with<InputError>({path.string(), part}, [&] { read_checkpoint(path, other, torch::kCPU); });
   };
   Scene other = scene;
+  const std::string name = other.train.back().name;
   other.train.pop_back();
-  EXPECT_TRUE(refused(other, "views"));
+  EXPECT_TRUE(
+      refused(other, "but the scene has " + std::to_string(other.train.size()) + "; 1 is missing (" + name + ")"));
+  other.train.push_back(other.train[0]);
+  other.train.back().name = "a.png";
+  other.train.push_back(other.train[0]);
+  other.train.back().name = "b.png";
+  EXPECT_TRUE(refused(other, "; 1 is missing (" + name + "); 2 are new (a.png, ...); resume with"));
   other = scene;
+  const std::string second = other.train[1].name;
   other.train[1].name = "other.png";
-  EXPECT_TRUE(refused(other, "other.png"));
+  EXPECT_TRUE(refused(
+      other, "trained on other views of the scene; 1 is missing (" + second + "); 1 is new (other.png); resume with"));
+  other = scene;
+  other.test.push_back(other.train[1]);
+  other.train.erase(other.train.begin() + 1);
+  EXPECT_TRUE(refused(other, "; 1 is held out for testing now (" + second + "); resume with"));
   other = scene;
   other.train[0].camera.width *= 2;
   EXPECT_TRUE(refused(other, "training view 0"));
