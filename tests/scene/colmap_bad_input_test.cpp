@@ -164,6 +164,20 @@ TEST_F(DamagedModel, RejectsNamesThatPointOutsideTheImageFolder) {
   EXPECT_EQ(read_colmap_model(folder_.path()).images[1].name, "b..c/a..png");
 }
 
+TEST_F(DamagedModel, RejectsNamesThatCouldControlATerminal) {
+  ColmapModel model = sample_model();
+  model.images[1].name = "\x1b[31m.png";
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (?[31m.png)", "control characters"}));
+  model.images[1].name =
+      "f\xc3\xbc"
+      "chse.png";  // UTF-8
+  write(model);
+  EXPECT_EQ(read_colmap_model(folder_.path()).images[1].name,
+            "f\xc3\xbc"
+            "chse.png");
+}
+
 TEST_F(DamagedModel, KeepsErrorsToOneLineWhateverTheName) {
   ColmapModel model = sample_model();
   model.images[1].name = "a\nb\x1b[31m.png";

@@ -300,6 +300,7 @@ TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
   EXPECT_TRUE(refuses(changed([](Json& f) { f.erase("file_path"); }), {"frame 1", "file_path"}));
   EXPECT_TRUE(refuses(with("file_path", 7), {"frame 1", "file_path", "7"}));
   EXPECT_TRUE(refuses(with("file_path", ".."), {"frame 1", "file_path"}));
+  EXPECT_TRUE(refuses(with("file_path", "images/\x1b[31m.png"), {"frame 1 (images/?[31m.png)", "control characters"}));
   EXPECT_TRUE(refuses(with("file_path", "images/00.png"), {"frame 1", "two frames"}));
   EXPECT_TRUE(refuses(with("fl_x", "50"), {place, "fl_x", "\"50\""}));
   EXPECT_TRUE(refuses(with("fl_x", 0), {place, "focal lengths above 0"}));

@@ -74,8 +74,10 @@ void check_image(const std::string& file, const ColmapImage& image, const Colmap
     }
   }
   if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
-  if (image.name.find('\0') != std::string::npos || points_outside(image.name)) {
-    input_error(place, ": expected a path inside the image folder, without \"..\"; rename the image in the model");
+  if (points_outside(image.name) || detail::one_line(image.name) != image.name) {
+    input_error(place,
+                ": expected a path inside the image folder, without \"..\" and control characters; "
+                "rename the image in the model");
   }
   if (model.cameras.count(image.camera_id) == 0) {
     std::string known;
