@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds, and runs all tests of this machine (CPU; tests that need a GPU say that they skip).
-# Usage: scripts/test.sh [PRESET [CMAKE_OPTION...]]    presets: cpu (default), cpu-asan
+# Usage: scripts/test.sh [PRESET [CMAKE_OPTION...]]    presets: cpu (default), cpu-asan, cuda-compile
 set -euo pipefail
 cd "$(dirname "$0")/.."
 preset=${1:-cpu}
