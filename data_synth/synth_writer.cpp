@@ -55,6 +55,32 @@ SynthConfig options_of_scene(const fs::path& folder) {
   return with_scene_defaults(config);
 }
 
+constexpr const char* kModelFiles[] = {"cameras", "images", "points3D"};
+
+std::string model_extension(const SynthConfig& config) {
+  return model_format(config) == ColmapFormat::kText ? ".txt" : ".bin";
+}
+
+/// @throws InputError if the scene `next` would replace a file that is not of the scene `earlier`
+void check_replaces_only(const SynthConfig& earlier, const SynthConfig& next, const fs::path& folder) {
+  const auto refuse = [](const fs::path& file) {
+    input_error(file.string(),
+                ": would be replaced, but is not of the synthetic scene there; move it away, or choose "
+                "another folder");
+  };
+  std::error_code error;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(next.views); ++i) {
+    const std::string name = image_name(i, next);
+    const fs::path file = folder / "images" / name;
+    if (!is_image_of(earlier, name) && fs::exists(file, error)) refuse(file);
+  }
+  if (model_format(earlier) == model_format(next)) return;
+  for (const char* const name : kModelFiles) {
+    const fs::path file = folder / "sparse" / "0" / (name + model_extension(next));
+    if (fs::exists(file, error)) refuse(file);
+  }
+}
+
 /// A file that cannot be removed, and why.
 struct Obstacle {
   fs::path path;
@@ -86,8 +112,7 @@ std::optional<Obstacle> remove_scene(const fs::path& folder, const SynthConfig& 
     }
     note(images);
   }
-  const std::string extension = model_format(config) == ColmapFormat::kText ? ".txt" : ".bin";
-  for (const char* const name : {"cameras", "images", "points3D"}) files.push_back(model / (name + extension));
+  for (const char* const name : kModelFiles) files.push_back(model / (name + model_extension(config)));
   for (const fs::path& file : files) remove(file);
   for (const fs::path& own : {images, model, sparse}) {
     if (fs::is_directory(own, error)) fs::remove(own, error);  // not if it holds other files
@@ -184,7 +209,9 @@ void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
   std::error_code error;
   const bool is_new = !fs::exists(folder, error);
   if (holds_synth_scene(folder)) {
-    if (const auto obstacle = remove_scene(folder, options_of_scene(folder))) {
+    const SynthConfig earlier = options_of_scene(folder);
+    check_replaces_only(earlier, with_scene_defaults(config), folder);
+    if (const auto obstacle = remove_scene(folder, earlier)) {
       io_error("cannot remove ", obstacle->path.string(), " (", obstacle->error.message(),
                "), which is part of the scene that would be replaced; remove it, or choose another folder");
     }

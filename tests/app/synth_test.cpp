@@ -220,6 +220,29 @@ TEST(SynthFolder, OtherFilesInItStayWhenASceneIsReplaced) {
   EXPECT_FALSE(fs::is_symlink(folder / "images"));
 }
 
+TEST(SynthFolder, ASceneThatWouldReplaceFilesOfOthersIsRefused) {
+  const test::TempDir folder;
+  SynthConfig config = small("orbit", folder.path());
+  config.views = 4;
+  write(config);
+  const std::string image = read_bytes(folder.path() / "images" / "00000.png");
+  const auto refuses = [&](const fs::path& other, const SynthConfig& next) {
+    write_file(folder.path() / other, "mine");
+    const auto refused =
+        test::fails_with<InputError>({(folder.path() / other).string(), "would be replaced"}, [&] { write(next); });
+    EXPECT_EQ(read_bytes(folder.path() / other), "mine");
+    EXPECT_EQ(read_bytes(folder.path() / "images" / "00000.png"), image) << "nothing was removed";
+    fs::remove(folder.path() / other);
+    return refused;
+  };
+  SynthConfig more = config, text = config;
+  more.views = 6;
+  text.format = "text";
+  EXPECT_TRUE(refuses("images/00005.png", more));
+  EXPECT_TRUE(refuses("sparse/0/images.txt", text));
+  write(more);
+}
+
 TEST(SynthFolder, ASceneWhoseOptionsCannotBeReadIsNotReplaced) {
   const test::TempDir folder;
   const SynthConfig config = small("orbit", folder.path());
