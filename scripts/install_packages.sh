@@ -10,7 +10,7 @@ packages=(
   g++ cmake ninja-build
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libcli11-dev libhwy-dev zlib1g-dev
-  libcpp-httplib-dev  # the live view's server
+  libmicrohttpd-dev  # the live view's server
 )
 libtorch=(
   libtorch-dev

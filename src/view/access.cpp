@@ -75,12 +75,12 @@ bool ClientLimit::admit(const std::string& client, Clock::time_point now) {
   return true;
 }
 
-bool ClientLimit::begin_frame(const std::string& client) {
+bool ClientLimit::begin_picture(const std::string& client) {
   const std::lock_guard<std::mutex> lock(mutex_);
   return in_work_.insert(client).second;
 }
 
-void ClientLimit::end_frame(const std::string& client) {
+void ClientLimit::end_picture(const std::string& client) {
   const std::lock_guard<std::mutex> lock(mutex_);
   in_work_.erase(client);
 }

@@ -26,7 +26,7 @@ bool is_own_origin(const std::string& origin, const std::string& host);
 /// Whether an address reaches this machine only: 127.0.0.0/8, ::1, localhost.
 bool is_loopback(const std::string& address);
 
-/// How many browsers may look at the same time, and how many frames each may have in work.
+/// How many browsers may look at the same time, and that each has one picture in work.
 class ClientLimit {
  public:
   using Clock = std::chrono::steady_clock;
@@ -35,9 +35,9 @@ class ClientLimit {
   /// Notes a request of a client. False if there are too many others. A client that has not asked for anything for five
   /// seconds has left.
   bool admit(const std::string& client, Clock::time_point now);
-  /// False if the client has a frame in work already.
-  bool begin_frame(const std::string& client);
-  void end_frame(const std::string& client);
+  /// False if the client has a picture in work already.
+  bool begin_picture(const std::string& client);
+  void end_picture(const std::string& client);
 
  private:
   const std::size_t most_;

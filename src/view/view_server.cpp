@@ -1,12 +1,10 @@
 #include "view/view_server.h"
 
-#include <httplib.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <regex>
-#include <thread>
 
 #include "core/check.h"
 #include "view/access.h"
@@ -17,10 +15,8 @@ namespace b3dgs {
 namespace {
 
 constexpr int kPortsTried = 20;
-constexpr std::size_t kThreads = 16;  // connections that are answered at the same time
-constexpr int kTimeoutSeconds = 5;    // for a client to send or take something
-constexpr int kKeepAliveSeconds = 2;
-constexpr const char* kJson = "application/json";
+constexpr const char* kJpeg = "image/jpeg";
+constexpr const char* kPolicy = "Content-Security-Policy";
 
 std::string encode_jpeg(const Image8& image, int quality) {
   const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
@@ -31,24 +27,23 @@ std::string encode_jpeg(const Image8& image, int quality) {
   return {bytes.begin(), bytes.end()};
 }
 
-void answer(httplib::Response& response, int status, const std::string& line) {
-  response.status = status;
-  response.set_content(line + "\n", "text/plain; charset=utf-8");
-}
-
-/// Runs `work` and turns what it throws into a status and one line.
+/// What `work` returns, or what it throws as a status and one line.
 template <class Work>
-void answer_with(httplib::Response& response, Work&& work) {
+HttpResponse answer_of(Work&& work) {
   try {
-    work();
+    return work();
   } catch (const InputError& error) {
-    answer(response, 400, error.what());
+    return text_response(400, error.what());
   } catch (const BusyError& error) {
-    answer(response, 503, error.what());
+    return text_response(503, error.what());
   } catch (const std::exception& error) {
     const std::string text = error.what();
-    answer(response, 500, detail::one_line(text.substr(0, text.find('\n'))));
+    return text_response(500, detail::one_line(text.substr(0, text.find('\n'))));
   }
+}
+
+HttpResponse json_response(const nlohmann::ordered_json& json) {
+  return {200, "application/json", json_text(json), {}};
 }
 
 std::string replace_all(std::string text, const std::string& from, const std::string& to) {
@@ -70,166 +65,139 @@ std::string host_name() {
 
 }  // namespace
 
-struct ViewServer::Impl {
+struct ViewServer::Impl final : HttpHandler {
   Impl(FrameSource& source, const ViewServerOptions& options)
-      : source(source), address(options.address), token(options.token.empty() ? make_token() : options.token) {}
+      : source(source),
+        address(options.address),
+        token(options.token.empty() ? make_token() : options.token),
+        server(*this, options.limits) {}
 
-  void bind(const std::optional<int>& wanted) {
-    // The library's own choice, SO_REUSEPORT, would let two servers share a port.
-    server.set_socket_options([](socket_t socket) {
-      const int yes = 1;
-      setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-    });
-    if (wanted == 0) {
-      port = server.bind_to_any_port(address);
-      if (port <= 0)
-        input_error("--view_address ", address, ": cannot listen there (expected an address of this machine)");
-      return;
-    }
+  void listen(const std::optional<int>& wanted) {
     const int first = wanted.value_or(kFirstViewPort), n = wanted ? 1 : kPortsTried;
-    for (port = first; port < first + n; ++port) {
-      if (server.bind_to_port(address, port)) return;
+    for (int i = 0; i < n; ++i) {
+      if (const std::optional<int> found = server.listen(address, first + i)) {
+        port = *found;
+        return;
+      }
     }
+    if (first == 0)
+      input_error("--view_address ", address, ": cannot listen there (expected an address of this machine)");
     input_error("cannot listen on ", address, wanted ? detail::concat(" port ", first) : std::string(),
                 wanted ? "" : detail::concat(" ports ", first, " to ", first + n - 1),
                 " (taken, or not an address of this machine); choose another port, or 0 for any free one");
   }
 
-  void set_limits() {
-    server.new_task_queue = [] { return new httplib::ThreadPool(kThreads); };
-    server.set_payload_max_length(kMaxViewBody);
-    server.set_read_timeout(kTimeoutSeconds);
-    server.set_write_timeout(kTimeoutSeconds);
-    server.set_keep_alive_timeout(kKeepAliveSeconds);
-    server.set_keep_alive_max_count(1000);
-    server.set_tcp_nodelay(true);
-    server.set_default_headers({{"X-Content-Type-Options", "nosniff"},
-                                {"Referrer-Policy", "no-referrer"},
-                                {"Cross-Origin-Resource-Policy", "same-origin"},
-                                {"X-Frame-Options", "DENY"},
-                                {"Cache-Control", "no-store"}});
+  /// Refuses a request that is not from the page of the one who was given the URL.
+  std::optional<HttpResponse> refuse(const HttpRequest& request) override {
+    const std::string host = request.header("host");
+    const bool is_page = request.path == "/";
+    std::optional<HttpResponse> refused;
+    if (request.headers.count("host") != 1 || !is_own_host(host, address)) {
+      refused =
+          text_response(403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
+    } else if (!is_own_origin(request.header("origin"), host)) {
+      refused = text_response(403, "a request from another site");
+    } else if (!equal_in_constant_time(is_page ? request.parameter("token") : request.header("x-token"), token)) {
+      refused = text_response(401, "the token is missing or wrong: open the URL that the program has printed");
+    } else if (!is_page && !clients.admit(client_of(request), ClientLimit::Clock::now())) {
+      refused =
+          text_response(503, detail::concat(kMaxViewClients, " browsers are looking already, which is the limit"));
+    }
+    if (refused) complete(*refused);
+    return refused;
   }
 
-  /// Refuses a request that is not from the page of the one who was given the URL. Returns whether it was refused.
-  bool refuse(const httplib::Request& request, httplib::Response& response) {
-    const std::string host = request.get_header_value("Host");
-    const bool is_page = request.path == "/";
-    if (!is_page) response.set_header("Content-Security-Policy", "default-src 'none'; frame-ancestors 'none'");
-    if (request.get_header_value_count("Host") != 1 || !is_own_host(host, address)) {
-      answer(response, 403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
-    } else if (!is_own_origin(request.get_header_value("Origin"), host)) {
-      answer(response, 403, "a request from another site");
-    } else if (!equal_in_constant_time(is_page ? request.get_param_value("token") : request.get_header_value("X-Token"),
-                                       token)) {
-      answer(response, 401, "the token is missing or wrong: open the URL that the program has printed");
-    } else if (!is_page && !clients.admit(client_of(request), ClientLimit::Clock::now())) {
-      answer(response, 503, detail::concat(kMaxViewClients, " browsers are looking already, which is the limit"));
-    } else {
-      return false;
+  void complete(HttpResponse& response) const override {
+    const bool has_policy =
+        std::any_of(response.headers.begin(), response.headers.end(), [](const auto& h) { return h.first == kPolicy; });
+    if (!has_policy) response.headers.emplace_back(kPolicy, "default-src 'none'; frame-ancestors 'none'");
+    response.headers.insert(response.headers.end(), {{"X-Content-Type-Options", "nosniff"},
+                                                     {"Referrer-Policy", "no-referrer"},
+                                                     {"Cross-Origin-Resource-Policy", "same-origin"},
+                                                     {"X-Frame-Options", "DENY"},
+                                                     {"Cache-Control", "no-store"}});
+  }
+
+  bool is_slow(const HttpRequest& request) const override {
+    return request.path == "/frame" || request.path == "/photograph";
+  }
+
+  HttpResponse answer(const HttpRequest& request) override {
+    HttpResponse response = answer_of([&] { return route(request); });
+    complete(response);
+    return response;
+  }
+
+  HttpResponse route(const HttpRequest& request) {
+    if (request.method == "GET" && request.path == "/") return page();
+    if (request.method == "GET" && request.path == "/cameras") return json_response(cameras_json(source.scene()));
+    if (request.method == "GET" && request.path == "/state") {
+      const std::string since = request.parameter("since");
+      return json_response(state_json(source.state(since.empty() ? -1 : parse_whole_number(since, "since"))));
     }
-    return true;
+    if (request.method == "GET" && request.path == "/photograph") return one_at_a_time(request, &Impl::photograph);
+    if (request.method == "POST" && request.path == "/frame") return one_at_a_time(request, &Impl::frame);
+    if (request.method == "POST" && request.path == "/command") {
+      source.command(parse_command(request.body));
+      return json_response(nlohmann::ordered_json::object());
+    }
+    return text_response(404, "there is nothing at this address: open the URL that the program has printed");
   }
 
   /// Each open page has a name of its own.
-  static std::string client_of(const httplib::Request& request) {
-    return request.get_header_value("X-Client").substr(0, 32);
-  }
+  static std::string client_of(const HttpRequest& request) { return request.header("x-client").substr(0, 32); }
 
-  void send_page(httplib::Response& response) {
+  static HttpResponse page() {
     const std::string nonce = make_token();
-    response.set_header("Content-Security-Policy",
-                        "default-src 'none'; script-src 'nonce-" + nonce + "'; style-src 'nonce-" + nonce +
-                            "'; img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-                            "frame-ancestors 'none'");
-    response.set_content(replace_all(kViewPage, "@NONCE@", nonce), "text/html; charset=utf-8");
+    const std::string policy = "default-src 'none'; script-src 'nonce-" + nonce + "'; style-src 'nonce-" + nonce +
+                               "'; img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action "
+                               "'none'; frame-ancestors 'none'";
+    return {200, "text/html; charset=utf-8", replace_all(kViewPage, "@NONCE@", nonce), {{kPolicy, policy}}};
   }
 
-  void send_frame(const httplib::Request& request, httplib::Response& response) {
-    FrameRequest wanted = parse_frame_request(request.body, source.scene());
+  /// A picture costs time and memory, so a page has at most one in work.
+  HttpResponse one_at_a_time(const HttpRequest& request, HttpResponse (Impl::*picture)(const HttpRequest&)) {
     const std::string client = client_of(request);
-    if (!clients.begin_frame(client)) throw BusyError("a frame of this page is in work already");
-    const auto end = [&](ClientLimit* limit) { limit->end_frame(client); };
+    if (!clients.begin_picture(client)) throw BusyError("a picture of this page is in work already");
+    const auto end = [&](ClientLimit* limit) { limit->end_picture(client); };
     const std::unique_ptr<ClientLimit, decltype(end)> at_end(&clients, end);
+    return (this->*picture)(request);
+  }
+
+  HttpResponse frame(const HttpRequest& request) {
+    FrameRequest wanted = parse_frame_request(request.body, source.scene());
     if (wanted.mode == FrameMode::kDifference) {
       wanted.photograph =
           std::make_shared<Image8>(source.photograph(wanted.view, {wanted.camera.width, wanted.camera.height}));
     }
     const Frame frame = source.render(wanted);
-    response.set_header("X-Frame", json_text(frame_json(frame)).c_str());
-    response.set_content(encode_jpeg(frame.image, wanted.quality), "image/jpeg");
+    return {200, kJpeg, encode_jpeg(frame.image, wanted.quality), {{"X-Frame", json_text(frame_json(frame))}}};
   }
 
-  void send_photograph(const httplib::Request& request, httplib::Response& response) {
-    const auto parameter = [&](const char* name) { return parse_whole_number(request.get_param_value(name), name); };
-    const int view = parameter("view");
-    const ImageSize size = fit_view(source.scene(), view, {parameter("width"), parameter("height")});
+  HttpResponse photograph(const HttpRequest& request) {
+    const auto number = [&](const char* name) { return parse_whole_number(request.parameter(name), name); };
+    const int view = number("view");
+    const ImageSize size = fit_view(source.scene(), view, {number("width"), number("height")});
     if (!source.scene().views[static_cast<std::size_t>(view)].has_photograph) {
       input_error("view ", view, " has no photograph");
     }
-    response.set_content(encode_jpeg(source.photograph(view, size), 90), "image/jpeg");
-  }
-
-  void add_routes() {
-    using httplib::Request;
-    using httplib::Response;
-    using Handled = httplib::Server::HandlerResponse;
-    server.set_pre_routing_handler([this](const Request& request, Response& response) {
-      return refuse(request, response) ? Handled::Handled : Handled::Unhandled;
-    });
-    server.Get("/",
-               [this](const Request&, Response& response) { answer_with(response, [&] { send_page(response); }); });
-    server.Get("/cameras", [this](const Request&, Response& response) {
-      answer_with(response, [&] { response.set_content(json_text(cameras_json(source.scene())), kJson); });
-    });
-    server.Get("/state", [this](const Request& request, Response& response) {
-      answer_with(response, [&] {
-        const std::string since = request.get_param_value("since");
-        const int iteration = since.empty() ? -1 : parse_whole_number(since, "since");
-        response.set_content(json_text(state_json(source.state(iteration))), kJson);
-      });
-    });
-    server.Get("/photograph", [this](const Request& request, Response& response) {
-      answer_with(response, [&] { send_photograph(request, response); });
-    });
-    server.Post("/frame", [this](const Request& request, Response& response) {
-      answer_with(response, [&] { send_frame(request, response); });
-    });
-    server.Post("/command", [this](const Request& request, Response& response) {
-      answer_with(response, [&] {
-        source.command(parse_command(request.body));
-        response.set_content("{}", kJson);
-      });
-    });
-    server.set_error_handler([](const Request&, Response& response) {
-      if (!response.body.empty()) return;
-      std::string line = detail::concat("error ", response.status);
-      if (response.status == 404) line = "there is nothing at this address: open the URL that the program has printed";
-      if (response.status == 413) line = detail::concat("expected at most ", kMaxViewBody, " bytes");
-      answer(response, response.status, line);
-    });
+    return {200, kJpeg, encode_jpeg(source.photograph(view, size), 90), {}};
   }
 
   FrameSource& source;
   const std::string address, token;
   int port = 0;
   ClientLimit clients{kMaxViewClients};
-  httplib::Server server;
-  std::thread thread;
+  HttpServer server;  // the last, so that its threads end first
 };
 
 ViewServer::ViewServer(FrameSource& source, const ViewServerOptions& options)
     : impl_(std::make_unique<Impl>(source, options)) {
-  impl_->set_limits();
-  impl_->add_routes();
-  impl_->bind(options.port);
-  impl_->thread = std::thread([this] { impl_->server.listen_after_bind(); });
-  while (!impl_->server.is_running()) std::this_thread::yield();  // stop() before that would have no effect
+  impl_->listen(options.port);
 }
 
 ViewServer::~ViewServer() {
   impl_->source.close();
-  impl_->server.stop();
-  impl_->thread.join();
 }
 
 int ViewServer::port() const {

@@ -16,6 +16,7 @@
 #include <string>
 
 #include "view/frame_source.h"
+#include "view/http_server.h"
 
 namespace b3dgs {
 
@@ -23,17 +24,16 @@ struct ViewServerOptions {
   std::string address = "127.0.0.1";
   std::optional<int> port;  // 0: any free one; nothing: the first free one from kFirstViewPort on
   std::string token;        // empty: a random one
+  HttpLimits limits;
 };
 
 inline constexpr int kFirstViewPort = 8080;
 inline constexpr std::size_t kMaxViewClients = 4;
-inline constexpr std::size_t kMaxViewBody = 4096;  // bytes of a request's body
 
 class ViewServer {
  public:
-  /// Listens and answers on threads of its own until it is destroyed, which closes `source`. `source` must
-  /// outlive it. @throws InputError if
-  /// the address or port cannot be used
+  /// Listens and answers on threads of its own until it is destroyed, which closes `source` and waits for no client.
+  /// `source` must outlive it. @throws InputError if the address or port cannot be used
   ViewServer(FrameSource& source, const ViewServerOptions& options);
   ~ViewServer();
   ViewServer(const ViewServer&) = delete;

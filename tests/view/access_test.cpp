@@ -65,22 +65,22 @@ TEST(ClientLimit, HoldsUntilAClientHasLeft) {
   EXPECT_FALSE(limit.admit("b", start + seconds(6)));
 }
 
-TEST(ClientLimit, OneFrameInWorkForEach) {
+TEST(ClientLimit, OnePictureInWorkForEach) {
   ClientLimit limit(2);
-  EXPECT_TRUE(limit.begin_frame("a"));
-  EXPECT_FALSE(limit.begin_frame("a"));
-  EXPECT_TRUE(limit.begin_frame("b"));
-  limit.end_frame("a");
-  EXPECT_TRUE(limit.begin_frame("a"));
+  EXPECT_TRUE(limit.begin_picture("a"));
+  EXPECT_FALSE(limit.begin_picture("a"));
+  EXPECT_TRUE(limit.begin_picture("b"));
+  limit.end_picture("a");
+  EXPECT_TRUE(limit.begin_picture("a"));
 }
 
-TEST(ClientLimit, AClientWhoseFrameIsInWorkHasNotLeft) {
+TEST(ClientLimit, AClientWhosePictureIsInWorkHasNotLeft) {
   ClientLimit limit(1);
   const ClientLimit::Clock::time_point start{};
   EXPECT_TRUE(limit.admit("a", start));
-  EXPECT_TRUE(limit.begin_frame("a"));
+  EXPECT_TRUE(limit.begin_picture("a"));
   EXPECT_FALSE(limit.admit("b", start + seconds(60)));
-  limit.end_frame("a");
+  limit.end_picture("a");
   EXPECT_TRUE(limit.admit("b", start + seconds(60)));
 }
 

@@ -1,8 +1,5 @@
 // The commands of the live view: b3dgs view and b3dgs train --view.
 #include <gtest/gtest.h>
-#include <httplib.h>
-#include <netinet/in.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
@@ -16,9 +13,11 @@
 #include "app/view/watched_model.h"
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
+#include "support/http_client.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
 #include "train/device.h"
+#include "view/listen.h"
 #include "view/view_server.h"
 
 namespace b3dgs {
@@ -45,15 +44,9 @@ class ViewPrograms : public ::testing::Test {
 
 /// A port that nobody listens on.
 int free_port() {
-  const int probe = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof address;
-  EXPECT_EQ(bind(probe, reinterpret_cast<const sockaddr*>(&address), size), 0);
-  EXPECT_EQ(getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  const int probe = listen_on("127.0.0.1", 0), port = port_of(probe);
   close(probe);
-  return ntohs(address.sin_port);
+  return port;
 }
 
 double psnr(const cv::Mat& bgr, const Image8& rgb) {
@@ -89,11 +82,11 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   const ViewServer server(watched, any);
   std::atomic<int> stop{0};
   std::thread viewer([&] {
-    httplib::Client client("127.0.0.1", server.port());
+    const test::HttpClient client(server.port());
     const auto frame = [&](const std::string& mode) {
-      const httplib::Result result =
-          client.Post("/frame", {{"X-Token", server.token()}},
-                      R"({"width":160,"height":120,"view":2,"quality":95,"mode":")" + mode + "\"}", "application/json");
+      const std::optional<test::HttpAnswer> result =
+          client.post("/frame", {{"X-Token", server.token()}},
+                      R"({"width":160,"height":120,"view":2,"quality":95,"mode":")" + mode + "\"}");
       EXPECT_TRUE(result && result->status == 200) << mode << ": " << (result ? result->body : "no answer");
       if (!result || result->status != 200) return cv::Mat();
       return cv::imdecode(std::vector<unsigned char>(result->body.begin(), result->body.end()), cv::IMREAD_COLOR);
@@ -123,7 +116,7 @@ TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
   const int port = free_port();
   test::RunOptions options;
   options.signal_when = [&] {
-    const httplib::Result answer = httplib::Client("127.0.0.1", port).Get("/");
+    const std::optional<test::HttpAnswer> answer = test::HttpClient(port).get("/");
     return answer && answer->status == 401;
   };
   options.signal = SIGINT;
@@ -153,17 +146,13 @@ TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
 }
 
 TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
-  httplib::Server other;
-  const int port = other.bind_to_any_port("127.0.0.1");
-  std::thread listening([&] { other.listen_after_bind(); });
-  while (!other.is_running()) std::this_thread::yield();
+  const int other = listen_on("127.0.0.1", 0), port = port_of(other);
   const std::string folder = (folder_.path() / "taken").string();
   EXPECT_TRUE(fails_with<InputError>({"port " + std::to_string(port), "taken"}, [&] {
     run_train({scene(), "-m", folder, "--quiet", "--device", "cpu", "--view", std::to_string(port)});
   }));
   EXPECT_FALSE(fs::exists(folder));
-  other.stop();
-  listening.join();
+  close(other);
 }
 
 TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {

@@ -36,7 +36,7 @@ class LiveTraining {
     watched.attach(hooks);
     if (asks_every_step) hooks.wants_model = [] { return true; };
     trainer_ = std::make_unique<Trainer>(config, scene, ModelFolder(folder), hooks);
-    watched.set_save([this] { return trainer_->write_checkpoint(); });
+    watched.set_save([this] { return trainer_->save(); });
   }
   ~LiveTraining() {
     if (thread_.joinable()) thread_.join();
@@ -131,6 +131,7 @@ TEST(WatchedTraining, PausesSavesAndStops) {
   while (live.watched.state(0).notice.empty()) std::this_thread::yield();
   EXPECT_EQ(live.watched.state(0).notice, "saved iteration_" + std::to_string(paused_at) + ".b3dgs");
   EXPECT_TRUE(fs::exists(ModelFolder(folder.path()).checkpoint(paused_at)));
+  EXPECT_TRUE(fs::exists(ModelFolder(folder.path()).ply(paused_at))) << "what a viewer can open";
 
   live.watched.command(ViewCommand::kResume);
   while (live.watched.state(0).iteration <= paused_at) std::this_thread::yield();

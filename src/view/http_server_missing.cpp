@@ -1,0 +1,20 @@
+// In place of http_server.cpp where libmicrohttpd was not found.
+#include "core/check.h"
+#include "view/http_server.h"
+
+namespace b3dgs {
+
+struct HttpServer::Impl {};
+
+HttpServer::HttpServer(HttpHandler&, const HttpLimits&) {
+  input_error(
+      "this program was built without the live view: install libmicrohttpd-dev (0.9.75 or later) and build again");
+}
+
+HttpServer::~HttpServer() = default;
+
+std::optional<int> HttpServer::listen(const std::string&, int) {
+  return std::nullopt;
+}
+
+}  // namespace b3dgs
