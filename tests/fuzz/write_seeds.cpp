@@ -206,6 +206,19 @@ void write_log_seeds(const fs::path& folder) {
   log.write_event(30, "load_statistics", {{"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});
 }
 
+void write_view_seeds(const fs::path& folder) {
+  const std::string matrix = R"("camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1])";
+  int n = 0;
+  for (const std::string& body :
+       {std::string(R"({"width": 640, "height": 480, "mode": "difference", "view": 0})"),
+        R"({"width": 64, "height": 48, "mode": "load", "quality": 70, "camera": {"fov": 50, )" + matrix + "}}",
+        std::string(R"({"command": "pause"})"), std::string(R"({"command": "stop"})")}) {
+    std::string input = n % 2 == 0 ? "127.0.0.1:8080" : "[::1]:8081";
+    for (const std::string& part : {std::to_string(n % 2), body}) input.append(fuzz::kFileSeparator).append(part);
+    write_file(folder / std::to_string(n++), input);
+  }
+}
+
 }  // namespace
 }  // namespace b3dgs
 
@@ -225,4 +238,5 @@ int main(int argc, char** argv) {
   b3dgs::write_camera_seeds(folder / "camera_file");
   b3dgs::write_image_seeds(folder / "image_header");
   b3dgs::write_log_seeds(folder / "train_log");
+  b3dgs::write_view_seeds(folder / "view_request");
 }
