@@ -1,8 +1,15 @@
 // The connections over which ranks learn of each other: ranks as threads of this process.
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
+#include <atomic>
 #include <chrono>
+#include <ctime>
 #include <functional>
 #include <future>
 #include <memory>
@@ -230,6 +237,51 @@ TEST(Control, RefusesStrangers) {
     }
     link.gather("end", "");
   });
+}
+
+// It sends faster than it is read. Ranks would be silent for too long if it were read to its end.
+TEST(Control, AFloodFromAStrangerDisturbsNobody) {
+  const Job job(2);
+  const Socket stranger = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
+  std::string flood;
+  for (int i = 0; i < 10000; ++i) flood += to_bytes({MessageKind::kCount, 0, ""});
+  std::atomic<bool> is_over{false};
+  std::atomic<int> n_sent{0};
+  std::thread sender([&] {
+    while (!is_over) {
+      pollfd file{stranger.fd(), POLLOUT, 0};
+      poll(&file, 1, 100);
+      if (send(stranger.fd(), flood.data(), flood.size(), MSG_NOSIGNAL | MSG_DONTWAIT) > 0) ++n_sent;
+    }
+  });
+  while (n_sent < 100) std::this_thread::yield();
+  EXPECT_NO_THROW(job.run([](RankLink& link) { EXPECT_EQ(link.gather("step", "x").size(), 2u); }));
+  is_over = true;
+  sender.join();
+}
+
+TEST(Control, WithoutFileDescriptorsItWaitsForOne) {
+  const Job job(1);
+  const Socket waiting(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  address.sin_port = htons(static_cast<std::uint16_t>(job.port()));
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const int lowest_free = dup(waiting.fd());
+  ASSERT_GE(lowest_free, 0);
+  ASSERT_EQ(close(lowest_free), 0);
+  const rlimit none{static_cast<rlim_t>(lowest_free), before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none), 0);
+  const bool has_connected = connect(waiting.fd(), reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+  const std::clock_t start = std::clock();  // processor time of all threads
+  std::this_thread::sleep_for(milliseconds(2000));
+  const std::clock_t used = std::clock() - start;
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
+  EXPECT_TRUE(has_connected);
+  EXPECT_LT(static_cast<double>(used), 0.2 * CLOCKS_PER_SEC) << "it asks again and again";
+  job.run([](RankLink& link) { EXPECT_EQ(link.gather("step", "x").size(), 1u); });
 }
 
 TEST(Control, AJobThatHasFailedAcceptsNobody) {

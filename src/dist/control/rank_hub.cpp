@@ -29,15 +29,20 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMaxHello = 4096;  // bytes of the first message, before anything is known of the sender
 
+// The one thread serves all: nobody who sends or connects without end may keep it from the others.
+constexpr int kMaxReads = 16;
+constexpr int kMaxAccepted = 64;
+constexpr std::chrono::milliseconds kAcceptPause{500};
+
 struct Connection {
   explicit Connection(Socket connected) : socket(std::move(connected)) {}
 
   Socket socket;
   MessageStream received;
   std::string to_send;
-  Clock::time_point last_heard = Clock::now();
-  int rank = -1;            // -1: has not joined
-  bool is_closing = false;  // once everything is sent
+  Clock::time_point last_heard = Clock::now();  // of those that have not joined: when they connected
+  int rank = -1;                                // -1: has not joined
+  bool is_closing = false;                      // once everything is sent
 };
 
 struct Member {
@@ -89,7 +94,7 @@ class RankHub::Server {
     while (true) {
       wait_for_events(std::min(beat_interval, std::chrono::milliseconds(500)));
       const auto now = Clock::now();
-      accept_new();
+      accept_new(now);
       for (Connection& connection : connections_) read_from(connection);
       if (now >= next_beat) {
         for (Connection& connection : connections_) {
@@ -118,15 +123,21 @@ class RankHub::Server {
       files.push_back({connection.socket.fd(), events, 0});
     }
     if (is_stopping_) files[0].fd = -1;
+    if (Clock::now() < accept_from_) files[1].fd = -1;
     poll(files.data(), files.size(), static_cast<int>(is_stopping_ ? 20 : limit.count()));
   }
 
-  void accept_new() {
+  void accept_new(Clock::time_point now) {
     // A launcher may start all ranks anew while this rank 0 still ends: they have to wait for the next one.
     if (failure_ && joined_ == size()) listening_ = Socket();
-    while (true) {
+    for (int i = 0; i < kMaxAccepted; ++i) {
       Socket socket(accept4(listening_.fd(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
-      if (!socket) return;
+      if (!socket) {
+        // The connection goes on waiting, and poll() would return at once for it.
+        if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM)
+          accept_from_ = now + kAcceptPause;
+        return;
+      }
       const int yes = 1;
       setsockopt(socket.fd(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
       connections_.emplace_back(std::move(socket));
@@ -135,7 +146,8 @@ class RankHub::Server {
 
   void read_from(Connection& connection) {
     std::array<char, 65536> buffer;
-    while (connection.socket) {
+    const int max_reads = connection.is_closing ? 1 : kMaxReads;
+    for (int i = 0; i < max_reads && connection.socket; ++i) {
       const ssize_t n = recv(connection.socket.fd(), buffer.data(), buffer.size(), 0);
       if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
       if (n < 0 && errno == EINTR) continue;
@@ -143,12 +155,13 @@ class RankHub::Server {
         lose(connection, "its process ended without saying why (killed?), or the network to it failed");
         return;
       }
-      connection.last_heard = Clock::now();
+      if (connection.is_closing) return;  // read only to notice that the other end closes it
+      if (connection.rank >= 0) connection.last_heard = Clock::now();
       connection.received.feed(buffer.data(), static_cast<std::size_t>(n));
       try {
-        while (std::optional<Message> message =
-                   connection.received.next(connection.rank < 0 ? kMaxHello : kMaxMessage)) {
-          if (connection.is_closing) continue;
+        while (!connection.is_closing) {
+          const auto message = connection.received.next(connection.rank < 0 ? kMaxHello : kMaxMessage);
+          if (!message) break;
           connection.rank < 0 ? join(connection, *message) : answer(connection, *message);
         }
       } catch (const std::exception& error) {
@@ -198,6 +211,7 @@ class RankHub::Server {
     }
     member.has_joined = true;
     connection.rank = static_cast<int>(rank);
+    connection.last_heard = Clock::now();
     if (failure_) {
       send(connection, *failure_);
     } else if (++joined_ == size()) {
@@ -392,6 +406,7 @@ class RankHub::Server {
   std::string job_;
   RankLimits limits_;
   std::list<Connection> connections_;
+  Clock::time_point accept_from_{};
   std::vector<Member> members_;
   int joined_ = 0;
   std::optional<Message> failure_;

@@ -151,18 +151,26 @@ class RankLink::Client {
     throw PeerError(*failure_);
   }
 
-  /// Sends all of it. A connection that fails is noticed by run().
+  /// Sends all of it: what follows a part of a message would be read as the rest of it. A connection that fails is
+  /// noticed by run().
   void write_message(const Message& message) {
     const std::string bytes = to_bytes(message);
     const std::lock_guard lock(write_mutex_);
+    auto end = Clock::now() + limits_.silence;
     std::size_t sent = 0;
-    while (sent < bytes.size()) {
+    while (sent < bytes.size() && !is_stuck_) {
       const ssize_t n = send(socket_.fd(), bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
       if (n > 0) {
         sent += static_cast<std::size_t>(n);
+        end = Clock::now() + limits_.silence;
       } else if (errno == EAGAIN || errno == EWOULDBLOCK) {
+        const auto rest = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
         pollfd file{socket_.fd(), POLLOUT, 0};
-        if (poll(&file, 1, static_cast<int>(limits_.silence.count())) != 1) return;
+        if (rest.count() <= 0) {
+          is_stuck_ = true;
+        } else {
+          poll(&file, 1, static_cast<int>(rest.count()));  // may end early, by a signal
+        }
       } else if (errno != EINTR) {
         return;
       }
@@ -183,6 +191,9 @@ class RankLink::Client {
       if (!has_lost_hub_ && now >= next_beat) {
         write_message({MessageKind::kBeat, 0, ""});
         next_beat = now + beat_interval;
+      }
+      if (!has_lost_hub_ && is_stuck_) {
+        lose_hub(detail::concat("it took nothing of a message for ", limits_.silence.count() / 1000, " s"));
       }
       if (!has_lost_hub_ && now - last_heard_ > limits_.silence) {
         lose_hub(detail::concat("no sign of life for ", limits_.silence.count() / 1000, " s"));
@@ -285,6 +296,7 @@ class RankLink::Client {
   Socket wake_, socket_;
   std::string own_address_;
   std::mutex write_mutex_;
+  std::atomic<bool> is_stuck_{false};  // within a message
 
   // of the thread
   MessageStream received_;

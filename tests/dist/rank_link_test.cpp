@@ -1,0 +1,112 @@
+// What a rank sends when rank 0 is slow to read.
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <pthread.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <future>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "dist/control/message.h"
+#include "dist/control/rank_link.h"
+#include "dist/control/socket.h"
+#include "support/expect_error.h"
+
+namespace b3dgs {
+namespace {
+
+using std::chrono::milliseconds;
+using test::fails_with;
+
+constexpr milliseconds kLong{60000};  // where a test fails if it is reached
+
+/// The other end of a link, which lets rank 1 of 2 join and then does what a test says.
+class OtherEnd {
+ public:
+  explicit OtherEnd(const RankLimits& limits) : listening_(listen_at("127.0.0.1", 0)) {
+    const int bytes = 4096;  // inherited by connections: soon full
+    EXPECT_EQ(setsockopt(listening_.fd(), SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes), 0);
+    auto link = std::async(std::launch::async, [&limits, port = port_of(listening_)] {
+      return std::make_unique<RankLink>("127.0.0.1", port, 1, 2, "job", limits);
+    });
+    connection_ = Socket(accept(listening_.fd(), nullptr, nullptr));
+    const std::string welcome = to_bytes({MessageKind::kWelcome, 0, ""});
+    EXPECT_EQ(send(connection_.fd(), welcome.data(), welcome.size(), 0), static_cast<ssize_t>(welcome.size()));
+    link_ = link.get();
+  }
+  RankLink& link() { return *link_; }
+  const Socket& connection() const { return connection_; }
+  /// Ends what the link waits for.
+  void hang_up() { connection_ = Socket(); }
+
+  /// Of this kind; others are passed over. Nothing if it does not come.
+  std::optional<Message> receive(MessageKind kind) {
+    MessageStream stream;
+    std::string bytes(65536, '\0');
+    while (true) {
+      pollfd file{connection_.fd(), POLLIN, 0};
+      if (poll(&file, 1, static_cast<int>(kLong.count())) != 1) return std::nullopt;
+      const ssize_t n = recv(connection_.fd(), bytes.data(), bytes.size(), 0);
+      if (n <= 0) return std::nullopt;
+      stream.feed(bytes.data(), static_cast<std::size_t>(n));
+      while (std::optional<Message> message = stream.next(kMaxMessage)) {
+        if (message->kind == kind) return message;
+      }
+    }
+  }
+
+ private:
+  Socket listening_, connection_;
+  std::unique_ptr<RankLink> link_;
+};
+
+std::atomic<int> n_signals{0};
+
+TEST(RankLink, ASignalCutsNoMessageShort) {
+  RankLimits limits;
+  limits.silence = 10 * kLong;
+  OtherEnd hub(limits);
+  const std::string value(20000000, 'v');
+  std::thread sender([&] { EXPECT_THROW(hub.link().set("key", value), PeerError) << "no answer"; });
+  int n_waiting = 0;
+  while (n_waiting < 1000) {
+    ASSERT_EQ(ioctl(hub.connection().fd(), FIONREAD, &n_waiting), 0);
+    std::this_thread::yield();
+  }
+  struct sigaction count {
+  }, before{};
+  count.sa_handler = [](int) { ++n_signals; };
+  count.sa_flags = SA_RESTART;
+  ASSERT_EQ(sigaction(SIGUSR1, &count, &before), 0);
+  n_signals = 0;
+  for (int sent = 0; sent < 200; ++sent) {
+    ASSERT_EQ(pthread_kill(sender.native_handle(), SIGUSR1), 0);
+    while (n_signals <= sent) std::this_thread::sleep_for(milliseconds(1));
+  }
+  const std::optional<Message> message = hub.receive(MessageKind::kSet);
+  ASSERT_EQ(sigaction(SIGUSR1, &before, nullptr), 0);
+  hub.hang_up();
+  sender.join();
+  ASSERT_TRUE(message);
+  BodyReader body(message->body);
+  EXPECT_EQ(body.bytes(), "key");
+  EXPECT_TRUE(body.bytes() == value);
+}
+
+TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {
+  RankLimits limits;
+  limits.silence = milliseconds(2000);
+  OtherEnd hub(limits);
+  EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: it took nothing of a message for 2 s"},
+                                    [&] { hub.link().set("key", std::string(20000000, 'v')); }));
+}
+
+}  // namespace
+}  // namespace b3dgs
