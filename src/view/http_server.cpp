@@ -140,18 +140,27 @@ struct HttpServer::Impl {
   void run() {
     while (!is_ending) {
       const Clock::time_point now = Clock::now();
-      milliseconds wait = kLongestWait;
+      poll_files(now);
+      MHD_run(daemon);
+      // What was late before that is late: what has come meanwhile was read, however long this thread had to wait.
       for (Peer& peer : peers) {
         if (peer.deadline <= now) cut(peer);
-        if (!peer.is_cut) wait = std::min(wait, std::chrono::duration_cast<milliseconds>(peer.deadline - now));
       }
-      MHD_UNSIGNED_LONG_LONG library_wait = 0;
-      if (MHD_get_timeout(daemon, &library_wait) == MHD_YES && library_wait == 0) wait = milliseconds(-1);
-      pollfd files[] = {{events, POLLIN, 0}, {waker.get(), POLLIN, 0}};
-      poll(files, 2, static_cast<int>(wait.count()) + 1);
-      if (files[1].revents != 0) waker.clear();
-      MHD_run(daemon);
     }
+  }
+
+  /// Waits until there is something to do.
+  void poll_files(Clock::time_point now) {
+    milliseconds wait = kLongestWait;
+    for (const Peer& peer : peers) {
+      const auto left = std::chrono::duration_cast<milliseconds>(peer.deadline - now) + milliseconds(1);
+      if (!peer.is_cut) wait = std::min(wait, left);
+    }
+    MHD_UNSIGNED_LONG_LONG library_wait = 0;
+    if (MHD_get_timeout(daemon, &library_wait) == MHD_YES && library_wait == 0) wait = milliseconds(0);
+    pollfd files[] = {{events, POLLIN, 0}, {waker.get(), POLLIN, 0}};
+    poll(files, 2, std::max(0, static_cast<int>(wait.count())));
+    if (files[1].revents != 0) waker.clear();
   }
 
   /// Ends a connection, whatever it is doing: the loop finds it closed. The socket itself stays the library's.
