@@ -7,6 +7,8 @@
 #include "app/train_setup.h"
 #include "compare/comparison.h"
 #include "core/check.h"
+#include "core/files/own_files.h"
+#include "core/shell_quote.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
 #include "train/checkpoint/checkpoint.h"
@@ -53,7 +55,7 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   if (!checkpoint.empty()) return checkpoint;
   if (config.source_path.empty() && !folder.has_config()) {
     input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
-                "start a training with b3dgs train SOURCE_PATH -m ", config.model_path);
+                "start a training with b3dgs train SOURCE_PATH -m ", shell_quote(config.model_path));
   }
   status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
   return "";
@@ -87,17 +89,32 @@ void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) 
   if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
 }
 
-/// @throws InputError if --overwrite would remove a file or folder that the training reads
-void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainConfig& config) {
-  const fs::path model = fs::weakly_canonical(folder.root());
-  for (const auto& [option, value] : {std::pair{"-s", config.source_path}, std::pair{"--init_ply", config.init_ply},
-                                      std::pair{"--images", config.images}, std::pair{"--masks", config.masks},
-                                      std::pair{"--depths", config.depths}}) {
-    if (value.empty()) continue;
-    const fs::path path = fs::weakly_canonical(fs::path(config.source_path) / value).lexically_relative(model);
-    if (const auto first = path.begin(); first != path.end() && (*first == "point_cloud" || *first == "report")) {
-      input_error(option, " ", value, " is part of the model that --overwrite replaces; copy it elsewhere first");
+/// @throws InputError if the training reads something at a place where it writes, or where --overwrite removes
+void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan) {
+  const TrainConfig& config = plan.config;
+  const fs::path model = real_path(folder.root());
+  const auto check = [&](const char* option, const std::string& value, const fs::path& base) {
+    if (value.empty()) return;
+    const fs::path path = real_path(base / value);
+    if (path == model) {
+      input_error(option, " ", value, " and the model folder are the same; choose another folder with -m");
     }
+    const fs::path inside = path.lexically_relative(model);
+    if (inside.empty()) return;
+    for (const char* part :
+         {"point_cloud", "checkpoints", "report", "test", "train", "interpolated", "replaced", "input.ply"}) {
+      if (*inside.begin() != part) continue;
+      input_error(option, " ", value, " is where the training writes its own files (", (folder.root() / part).string(),
+                  "); copy it elsewhere first");
+    }
+  };
+  const fs::path here = fs::current_path(), scene = config.source_path;
+  check("-s", config.source_path, here);
+  check("--init_ply", config.init_ply, here);
+  for (const fs::path& base : {scene, here}) {  // where they are looked for
+    check("--images", config.images, base);
+    check("--masks", config.masks, base);
+    check("--depths", config.depths, base);
   }
 }
 
@@ -153,14 +170,12 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
       input_error("checkpoint is in the folder of another training: ", plan.checkpoint.string(),
                   " (--overwrite would remove it, too); move it elsewhere first");
     }
+    if (is_replaced) check_inputs_are_elsewhere(folder, plan);
     return is_replaced;
   }
-  if (plan.options.overwrite) {
-    // Otherwise there is nothing to replace: a folder report/, for example, is the user's.
-    const bool is_replaced = folder.holds_model() || !folder.training_id().empty();
-    if (is_replaced) check_inputs_are_elsewhere(folder, plan.config);
-    return is_replaced;
-  }
+  check_inputs_are_elsewhere(folder, plan);
+  // Without a model there is nothing to replace: a folder report/, for example, is the user's.
+  if (plan.options.overwrite) return folder.holds_model() || !folder.training_id().empty();
   if (!folder.holds_model()) return false;
   input_error("output folder already holds a model: ", folder.root().string(), "; ",
               folder.checkpoint_iterations().empty() ? "" : "resume it with --resume auto, ",

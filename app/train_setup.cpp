@@ -4,7 +4,11 @@
 #include <cstdint>
 #include <ctime>
 
-#include "core/files/remove_tree.h"
+#include <array>
+#include <vector>
+
+#include "core/files/atomic_file.h"
+#include "core/files/own_files.h"
 #include "report/run_info.h"
 
 namespace b3dgs {
@@ -34,6 +38,64 @@ extern "C" void ask_to_stop(int signal) {
   }
 }
 
+/// Everything that a training, its evaluation and its report write into a model folder.
+std::vector<fs::path> parts_of(const ModelFolder& folder) {
+  const fs::path& root = folder.root();
+  std::vector<fs::path> parts{root / "point_cloud", root / "checkpoints", report_folder(folder)};
+  for (const fs::path& set : folder.image_sets()) parts.push_back(set);
+  for (const fs::path& results : folder.results()) parts.push_back(results);
+  for (const char* name : {"train.jsonl", "poses.json", "exposure.json", "report.html", "input.ply", "cameras.json",
+                           "photographs.json", "cfg_args", "config.json", "training.json"}) {
+    parts.push_back(root / name);
+  }
+  return parts;
+}
+
+/// What would be taken for a part of the new model: PLYs, checkpoints and results.
+std::vector<fs::path> remains_of(const ModelFolder& folder) {
+  std::vector<fs::path> remains;
+  for (const int iteration : folder.ply_iterations()) remains.push_back(folder.ply(iteration));
+  for (const int iteration : folder.checkpoint_iterations()) remains.push_back(folder.checkpoint(iteration));
+  for (const fs::path& results : folder.results()) {
+    if (fs::exists(results)) remains.push_back(results);
+  }
+  return remains;
+}
+
+fs::path move_remains(const ModelFolder& folder, OwnFiles& own) {
+  const std::vector<fs::path> remains = remains_of(folder);
+  if (remains.empty()) return {};
+  fs::path aside;
+  for (int i = 1; aside.empty() || fs::exists(aside); ++i) {
+    aside = folder.root() / "set_aside" / ("replaced_" + std::to_string(i));
+  }
+  for (const fs::path& file : remains) {
+    const fs::path to = aside / file.lexically_relative(folder.root());
+    create_folder(to.parent_path());
+    own.move(file, to);
+  }
+  return aside;
+}
+
+/// Moves the files in `from` that are the program's own to the same places below `to`.
+void move_own(const fs::path& from, const fs::path& to, OwnFiles& own) {
+  if (fs::is_symlink(from) || !fs::is_directory(from)) {
+    if (!own.is_own(from)) return;
+    create_folder(to.parent_path());
+    own.move(from, to);
+    return;
+  }
+  std::vector<fs::path> inside;
+  for (const fs::directory_entry& entry : fs::directory_iterator(from)) inside.push_back(entry.path());
+  for (const fs::path& path : inside) move_own(path, to / path.filename(), own);
+  std::error_code error;  // ignored: files of others are in it
+  fs::remove(from, error);
+}
+
+fs::path replaced_folder(const ModelFolder& folder) {
+  return folder.root() / "replaced";
+}
+
 }  // namespace
 
 const std::atomic<int>& stop_signal() {
@@ -55,15 +117,25 @@ void make_absolute(std::string& path) {
   if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }
 
-void remove_model(const ModelFolder& folder) {
-  std::error_code error;
-  for (const int iteration : folder.ply_iterations()) remove_tree(folder.ply(iteration).parent_path());
-  for (const int iteration : folder.checkpoint_iterations()) fs::remove(folder.checkpoint(iteration), error);
-  for (const fs::path& file : {folder.log(), folder.poses(), folder.exposures(), folder.root() / "report.html"}) {
-    fs::remove(file, error);
+fs::path remove_model(const ModelFolder& folder) {
+  OwnFiles own(folder.root());
+  for (const fs::path& part : parts_of(folder)) own.remove(part);
+  return move_remains(folder, own);
+}
+
+fs::path put_model_aside(const ModelFolder& folder) {
+  const bool is_unfinished = folder.ply_iterations().empty();
+  if (is_unfinished && fs::exists(replaced_folder(folder))) return remove_model(folder);
+  drop_replaced_model(folder);
+  OwnFiles own(folder.root());
+  for (const fs::path& part : parts_of(folder)) {
+    if (fs::exists(part)) move_own(part, replaced_folder(folder) / part.filename(), own);
   }
-  for (const fs::path& file : folder.results()) fs::remove(file, error);
-  remove_run_info(folder);
+  return move_remains(folder, own);
+}
+
+void drop_replaced_model(const ModelFolder& folder) {
+  OwnFiles(folder.root()).remove(replaced_folder(folder));
 }
 
 EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {

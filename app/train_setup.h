@@ -23,7 +23,16 @@ void request_stop();
 void make_absolute(std::string& path);
 
 /// Removes the files of an earlier training from a model folder, so that they are not mistaken for those of a new one.
-void remove_model(const ModelFolder& folder);
+/// Files that the program has not written, or that were changed since, stay; where they would be mistaken, too, they
+/// are moved to a folder set_aside/replaced_1 (_2, _3, ...), which is returned; otherwise the result is empty.
+std::filesystem::path remove_model(const ModelFolder& folder);
+
+/// The same, but keeps the earlier model in replaced/ until drop_replaced_model(). A model that is there already, from
+/// a training that was stopped before it had a model of its own, stays instead of an unfinished one.
+std::filesystem::path put_model_aside(const ModelFolder& folder);
+
+/// Removes what put_model_aside() has kept, once the new model is complete.
+void drop_replaced_model(const ModelFolder& folder);
 
 /// Removes a folder at the end of the scope if it did not exist before and is empty.
 class EmptyFolderGuard {

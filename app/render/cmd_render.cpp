@@ -14,6 +14,7 @@
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
 #include "core/text.h"
@@ -116,6 +117,8 @@ class Output {
  public:
   Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
       : options_(options), folder_(output_folder(model, options, choice.set)) {
+    const bool is_in_model = options.output.empty() && options.ply.empty();
+    if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
     if (options.colors_depth() || options.depth_format == "png16") {
       range_ = visible_depth_range(model.splats, choice.cameras, model.config.near_plane);
     }
@@ -193,8 +196,9 @@ class Output {
   const RenderOptions& options_;
   fs::path folder_;
   DepthRange range_;
-  double inverse_depth_scale_ = 0;  // 0: no such maps
-  std::int64_t n_too_near_ = 0;     // pixels
+  double inverse_depth_scale_ = 0;     // 0: no such maps
+  std::int64_t n_too_near_ = 0;        // pixels
+  std::optional<OwnFiles> own_files_;  // of the folder of images
   std::optional<VideoWriter> video_;
 };
 

@@ -5,6 +5,7 @@
 #include "app/tools/commands.h"
 #include "compare/comparison.h"
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "core/options/command_line.h"
 #include "report/train_report.h"
 
@@ -37,6 +38,7 @@ int run_report(const std::vector<std::string>& words) {
   if (!fs::is_directory(folder)) {
     input_error("not a directory: ", folder.string(), " (expected the output folder of b3dgs train or b3dgs compare)");
   }
+  const OwnFiles own_files(folder);
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);

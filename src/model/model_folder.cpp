@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/own_files.h"
 #include "core/json_text.h"
 #include "model/cameras/cameras_json.h"
 #include "model/cameras/poses_json.h"
@@ -133,13 +134,13 @@ void ModelFolder::write_poses(const Scene& scene, const std::vector<View>& refin
 }
 
 void ModelFolder::remove_poses() const {
-  std::error_code error;  // ignored: reported when it is read
-  fs::remove(poses(), error);
+  remove_own_file(poses());
+  make_way(poses());
 }
 
 void ModelFolder::remove_exposures() const {
-  std::error_code error;  // ignored: reported when it is read
-  fs::remove(exposures(), error);
+  remove_own_file(exposures());
+  make_way(exposures());
 }
 
 bool ModelFolder::has_config() const {
@@ -189,6 +190,7 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
   Json means = read_results(results_path), per_view = read_results(per_view_path);
   means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
   means[key].update(to_json(source));
+  if (!evaluation.unmeasured.empty()) means[key]["views_without_pixels"] = evaluation.unmeasured;
   Json ssim = Json::object(), psnr = Json::object();
   for (const ViewQuality& view : evaluation.views) {
     ssim[view.name] = view.quality.ssim;

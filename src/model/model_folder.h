@@ -52,7 +52,7 @@ class ModelFolder {
 
   /// Writes cameras.json with the refined poses of the training views, and poses.json. @throws IoError
   void write_poses(const Scene& scene, const std::vector<View>& refined_train) const;
-  /// Removes poses.json, or exposure.json, if there is one.
+  /// Removes poses.json, or exposure.json, of an earlier session; moves one of the user's aside.
   void remove_poses() const;
   void remove_exposures() const;
 

@@ -10,6 +10,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/own_files.h"
 
 namespace b3dgs {
 namespace {
@@ -85,9 +86,7 @@ std::string later_lines(const fs::path& log, int iteration) {
 void move_below(const fs::path& from, const ModelFolder& folder, const fs::path& aside) {
   const fs::path to = aside / from.lexically_relative(folder.root());
   create_folder(to.parent_path());
-  std::error_code error;
-  fs::rename(from, to, error);
-  if (error) io_error(from.string(), ": cannot be moved to ", to.string(), ": ", error.message());
+  OwnFiles(folder.root()).move(from, to);
 }
 
 fs::path new_folder(const ModelFolder& folder, int iteration) {
@@ -110,7 +109,8 @@ fs::path set_aside_after(const ModelFolder& folder, int iteration) {
     results.emplace_back(path, divide_results(path, iteration));
     has_results = has_results || !results.back().second.second.empty();
   }
-  if (files.empty() && !has_results) return {};
+  const std::string lines = later_lines(folder.log(), iteration);
+  if (files.empty() && !has_results && lines.empty()) return {};
 
   const fs::path aside = new_folder(folder, iteration);
   for (const auto& [path, parts] : results) {
@@ -118,9 +118,7 @@ fs::path set_aside_after(const ModelFolder& folder, int iteration) {
     write_json(aside / path.filename(), parts.second);
     write_json(path, parts.first);
   }
-  if (const std::string lines = later_lines(folder.log(), iteration); !lines.empty()) {
-    write_file(aside / folder.log().filename(), lines);
-  }
+  if (!lines.empty()) write_file(aside / folder.log().filename(), lines);
   for (const char* report : {"report.html", "report"}) {
     if (fs::exists(folder.root() / report)) move_below(folder.root() / report, folder, aside);
   }

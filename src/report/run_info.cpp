@@ -4,7 +4,6 @@
 #include <fstream>
 
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
 
 namespace b3dgs {
 namespace {
@@ -55,10 +54,6 @@ RunInfo read_run_info(const ModelFolder& folder) {
     return {};
   }
   return info;
-}
-
-void remove_run_info(const ModelFolder& folder) {
-  remove_tree(report_folder(folder));
 }
 
 }  // namespace b3dgs

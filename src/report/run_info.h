@@ -37,6 +37,4 @@ std::filesystem::path report_folder(const ModelFolder& folder);
 /// @throws IoError
 void write_run_info(const RunInfo& info, const ModelFolder& folder);
 
-void remove_run_info(const ModelFolder& folder);
-
 }  // namespace b3dgs

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 
 #include "core/check.h"
 #include "support/expect_error.h"
@@ -170,14 +171,22 @@ TEST(RequireWritable, RefusesWhatCannotBeWrittenAndLeavesNothing) {
   EXPECT_EQ(count_files(folder.path()), 1u);
 }
 
+/// The name of a temporary file up to the process ID.
+std::string temporary_prefix() {
+  TempDir folder;
+  const std::string name = AtomicFile(folder / "a").temporary().filename().string();
+  return name.substr(0, name.find("-" + std::to_string(::getpid()) + "-") + 1);
+}
+
 TEST(UnfinishedFiles, OnlyThoseOfDeadProcessesAreRemoved) {
   TempDir folder;
+  const std::string prefix = temporary_prefix();
   const pid_t dead = ::fork();
   if (dead == 0) ::_exit(0);
   ASSERT_EQ(::waitpid(dead, nullptr, 0), dead);
-  const std::string of_dead = ".b3dgs-" + std::to_string(dead) + "-7.tmp";
-  const std::string of_living = ".b3dgs-" + std::to_string(::getppid()) + "-7.tmp";
-  const std::string of_earlier = ".b3dgs-" + std::to_string(::getpid()) + "-7.tmp";  // process IDs are reused
+  const std::string of_dead = prefix + std::to_string(dead) + "-7.tmp";
+  const std::string of_living = prefix + std::to_string(::getppid()) + "-7.tmp";
+  const std::string of_earlier = prefix + std::to_string(::getpid()) + "-7.tmp";  // process IDs are reused
   for (const fs::path& where : {folder.path(), folder / "point_cloud/iteration_7"}) {
     for (const std::string& name : {of_dead, of_living, of_earlier, of_dead + "x", std::string(".b3dgs-notes.tmp")}) {
       test::write_bytes(where / name, "x");
@@ -192,6 +201,20 @@ TEST(UnfinishedFiles, OnlyThoseOfDeadProcessesAreRemoved) {
     EXPECT_TRUE(fs::exists(where / ".b3dgs-notes.tmp"));
   }
   remove_unfinished_files(folder / "none");
+}
+
+TEST(UnfinishedFiles, ThoseOfOtherMachinesAndContainersAreKeptForADay) {
+  TempDir folder;
+  const std::string prefix = temporary_prefix();
+  const std::string other = prefix == ".b3dgs-1-" ? ".b3dgs-2-" : ".b3dgs-1-";
+  const fs::path fresh = folder / (other + "1-7.tmp"),
+                 same_id = folder / (other + std::to_string(::getpid()) + "-7.tmp"), old = folder / (other + "1-8.tmp");
+  for (const fs::path& file : {fresh, same_id, old}) test::write_bytes(file, "x");
+  fs::last_write_time(old, fs::last_write_time(old) - std::chrono::hours(25));
+  remove_unfinished_files(folder.path());
+  EXPECT_TRUE(fs::exists(fresh));
+  EXPECT_TRUE(fs::exists(same_id));
+  EXPECT_FALSE(fs::exists(old));
 }
 
 }  // namespace

@@ -10,11 +10,14 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <ctime>
+#include <fstream>
 #include <string>
 #include <system_error>
 #include <vector>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 
 namespace b3dgs {
 namespace {
@@ -35,26 +38,38 @@ std::string with_remedy(int error) {
   return with_remedy(std::strerror(error), error);
 }
 
+// Where process IDs mean the same processes as here: this start of this machine, and this container.
+unsigned process_space() {
+  static const unsigned space = [] {
+    std::string text;
+    std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), text);
+    struct stat pids {};
+    if (::stat("/proc/self/ns/pid", &pids) == 0) text += std::to_string(pids.st_ino);
+    return static_cast<unsigned>(std::hash<std::string>{}(text));
+  }();
+  return space;
+}
+
 // Not derived from the target's name, which may already have the maximum length.
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
-  return folder / (kTemporaryPrefix + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)) +
-                   kTemporarySuffix);
+  return folder / (kTemporaryPrefix + std::to_string(process_space()) + "-" + std::to_string(::getpid()) + "-" +
+                   std::to_string(counter.fetch_add(1)) + kTemporarySuffix);
 }
 
-// The process ID in the name of a temporary file; 0 for other names.
-pid_t process_of(const std::string& name) {
+int remove_if_left_behind(const char* path, const struct stat* status, int type, FTW* place) {
+  constexpr std::time_t kOneDay = 86400;  // s
+  const std::string name = type == FTW_F ? path + place->base : "";
+  unsigned space = 0, number = 0;
   int process = 0, length = 0;
-  unsigned number = 0;
-  const std::string pattern = std::string(kTemporaryPrefix) + "%d-%u" + kTemporarySuffix + "%n";
-  const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &process, &number, &length) == 2;
-  return fits && length == static_cast<int>(name.size()) && process > 0 ? process : 0;
-}
-
-int remove_if_left_behind(const char* path, const struct stat*, int type, FTW* place) {
-  const pid_t process = type == FTW_F ? process_of(path + place->base) : 0;
+  const std::string pattern = std::string(kTemporaryPrefix) + "%u-%d-%u" + kTemporarySuffix + "%n";
+  const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &space, &process, &number, &length) == 3;
+  if (!fits || length != static_cast<int>(name.size()) || process <= 0) return 0;
   // This process has no file open here, so a file with its ID is from an earlier process with the same ID.
-  if (process == ::getpid() || (process > 0 && ::kill(process, 0) != 0 && errno == ESRCH)) ::unlink(path);
+  const bool is_left = space == process_space()
+                           ? process == ::getpid() || (::kill(process, 0) != 0 && errno == ESRCH)
+                           : std::time(nullptr) - status->st_mtime > kOneDay;
+  if (is_left) ::unlink(path);
   return 0;
 }
 
@@ -147,11 +162,13 @@ void AtomicFile::commit() {
   if (::close(file_) != 0 && failed == 0 && errno != EINTR) failed = errno;
   file_ = -1;
   if (failed) io_error("cannot write ", target_.string(), with_remedy(failed));
+  make_way(target_);
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
     io_error("cannot replace ", target_.string(), with_remedy(errno));
   }
   const fs::path folder = temporary_.parent_path();
   temporary_.clear();
+  add_own_file(target_);
   sync_folder(folder, target_.string());
 }
 

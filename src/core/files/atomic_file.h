@@ -29,7 +29,8 @@ class AtomicFile {
   /// The temporary file, for another program that writes it in place.
   const std::filesystem::path& temporary() const { return temporary_; }
 
-  /// Fsyncs the file, renames it over the target, and fsyncs the folder. @throws IoError
+  /// Fsyncs the file, renames it over the target, and fsyncs the folder. In a folder with a record (own_files.h), a
+  /// file of the user's at the target is moved aside first. @throws IoError
   void commit();
 
  private:
@@ -50,8 +51,9 @@ void require_writable(const std::filesystem::path& file, std::string_view remedy
 /// Creates a folder and its missing parents, and syncs them to disk. @throws IoError
 void create_folder(const std::filesystem::path& folder);
 
-/// Removes temporary files that killed processes left in `folder` and its subfolders. No AtomicFile of this process may
-/// be open there. Files that cannot be removed are skipped.
+/// Removes temporary files that killed processes left in `folder` and its subfolders: of processes of this machine and
+/// container if they have ended, of others after a day without a change. No AtomicFile of this process may be open
+/// there. Files that cannot be removed are skipped.
 void remove_unfinished_files(const std::filesystem::path& folder);
 
 }  // namespace b3dgs

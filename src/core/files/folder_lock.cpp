@@ -74,6 +74,7 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
   // The process ID serves error messages only, so a full disk is ignored here.
   if (::ftruncate(file_, 0) != 0 || ::write(file_, process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
+  own_files_.emplace(folder);
 }
 
 FolderLock::~FolderLock() {

@@ -82,6 +82,26 @@ struct CommandLine::Impl {
     return nullptr;
   }
 
+  /// The option that needs the next word as its value, or null.
+  const Row* option_with_value(const std::string& word) const {
+    const bool is_letter = word.size() == 2 && word[0] == '-';
+    const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2)) : nullptr;
+    for (const Row& own : rows) {
+      if (is_letter && own.spec.letter == word[1]) row = &own;
+    }
+    return row == nullptr || row->spec.kind == ValueKind::kFlag || is_list(row->spec) ? nullptr : row;
+  }
+
+  /// As from `-m $OUT --eval`, where the variable OUT is not set. A choice may begin with "-": `--up -y`.
+  void require_value(const Row& row, const std::string& value) const {
+    if (row.spec.lists_choices || !is_option(value)) return;
+    input_error("missing value: --", row.spec.name, " is followed by ", value,
+                row.spec.kind == ValueKind::kText
+                    ? " (a shell variable that is not set?); for a name that begins with \"-\", write --" +
+                          row.spec.name + "=" + value + " or ./" + value
+                    : " (expected a number)");
+  }
+
   /// The words as CLI11 expects them, last first: underscores in names, "--flag false" joined to "--flag=false", and
   /// "--" at the end of a list with commas, so that "--seeds 0,1 scene" leaves the scene for the positional argument.
   /// Of a list that is given twice, only the last one is left, since the last value of any option counts.
@@ -96,6 +116,12 @@ struct CommandLine::Impl {
       const std::size_t equals = word.find('=');
       const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2, equals - 2)) : nullptr;
       if (is_option(word)) parts.push_back({row != nullptr && is_list(row->spec) ? row : nullptr, {}});
+      if (const Row* const own = option_with_value(word); own != nullptr && i + 1 < words.size()) {
+        require_value(*own, words[i + 1]);
+        parts.back().words.push_back(std::move(word));
+        parts.back().words.push_back(words[++i]);
+        continue;
+      }
       if (equals == std::string::npos && row != nullptr && row->spec.kind == ValueKind::kFlag && i + 1 < words.size() &&
           is_truth_value(words[i + 1])) {
         word += "=" + words[++i];
@@ -124,7 +150,9 @@ struct CommandLine::Impl {
       input_error("unexpected argument \"", word, "\"; usage: ", usage_text(help()), "; see ", command("--help"));
     }
     const std::string option = word.substr(0, word.find('='));
-    const std::string nearest = option.compare(0, 2, "--") == 0 ? nearest_name(option.substr(2), known_names()) : "";
+    const bool is_long = option.compare(0, 2, "--") == 0;
+    std::string nearest = name_of_other_trainers(option.substr(is_long ? 2 : 1), known_names());
+    if (nearest.empty() && is_long) nearest = nearest_name(option.substr(2), known_names());
     input_error("unknown option ", option,
                 nearest.empty() ? "; see " + command("--help-all") : "; did you mean --" + nearest + "?");
   }

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "model/formats/ply.h"
 #include "train/gaussians/gaussian_model.h"
 
@@ -92,8 +93,7 @@ class PlyContent final : public FileContent {
   }
   void commit() override {
     file_.commit();
-    std::error_code error;  // usually there is none
-    if (!obsolete_.empty()) std::filesystem::remove(obsolete_, error);
+    if (!obsolete_.empty()) remove_own_file(obsolete_);  // usually there is none
   }
 
  private:

@@ -11,6 +11,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/own_files.h"
 
 namespace b3dgs {
 namespace {
@@ -35,10 +36,12 @@ TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(
   write_file(path_, lines_until(path_, iteration));
   file_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file_ < 0) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
+  if (OwnFiles* own = OwnFiles::of(path_)) own->add_growing(path_);
 }
 
 TrainLog::~TrainLog() {
   ::close(file_);
+  add_own_file(path_);
 }
 
 void TrainLog::write(const TrainLogLine& line) {

@@ -1,0 +1,297 @@
+#include "core/files/own_files.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <system_error>
+
+#include "core/check.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kRecord = ".b3dgs-files";
+constexpr const char* kMoved = ".previous";
+
+struct Registry {
+  std::mutex mutex;
+  std::vector<OwnFiles*> folders;
+  std::function<void(const std::string& line)> report;
+};
+
+Registry& registry() {
+  static Registry one;
+  return one;
+}
+
+void report(const std::string& line) {
+  std::function<void(const std::string&)> to;
+  {
+    const std::lock_guard lock(registry().mutex);
+    to = registry().report;
+  }
+  if (to) {
+    to(line);
+  } else {
+    std::fprintf(stderr, "warning: %s\n", line.c_str());
+  }
+}
+
+/// With the folders' links followed, but not that of the last name.
+fs::path resolved(const fs::path& path) {
+  const fs::path absolute = fs::absolute(path).lexically_normal();
+  const fs::path file = absolute.has_filename() ? absolute : absolute.parent_path();
+  return real_path(file.parent_path()) / file.filename();
+}
+
+std::optional<struct stat> status_of(const fs::path& file) {
+  struct stat status {};
+  if (::lstat(file.c_str(), &status) != 0) return std::nullopt;
+  return status;
+}
+
+std::int64_t time_of(const struct stat& status) {
+  return std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec;
+}
+
+/// A name in one line: "\n" and "\\" are escaped.
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) {
+    if (c == '\\') text += "\\\\";
+    if (c == '\n') text += "\\n";
+    if (c != '\\' && c != '\n') text += c;
+  }
+  return text;
+}
+
+std::string unescaped(const std::string& text) {
+  std::string name;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const bool is_escape = text[i] == '\\' && i + 1 < text.size();
+    if (is_escape) ++i;
+    name += is_escape && text[i] == 'n' ? '\n' : text[i];
+  }
+  return name;
+}
+
+fs::path free_previous(const fs::path& file) {
+  fs::path free = file.string() + kMoved;
+  for (int i = 2; status_of(free); ++i) free = file.string() + kMoved + "_" + std::to_string(i);
+  return free;
+}
+
+}  // namespace
+
+fs::path real_path(const fs::path& path) {
+  fs::path there = fs::absolute(path).lexically_normal(), missing;
+  for (;; there = there.parent_path()) {
+    char* const real = ::realpath(there.c_str(), nullptr);
+    if (real != nullptr) {
+      const fs::path found = missing.empty() ? fs::path(real) : real / missing;
+      std::free(real);
+      return found;
+    }
+    if (!there.has_relative_path()) return path;
+    if (there.has_filename()) missing = missing.empty() ? there.filename() : there.filename() / missing;
+  }
+}
+
+OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)) {
+  read_record();
+  const std::lock_guard lock(registry().mutex);
+  registry().folders.push_back(this);
+}
+
+void OwnFiles::read_record() {
+  entries_.clear();
+  std::ifstream file(root_ / kRecord);
+  for (std::string line; std::getline(file, line);) {
+    // "SIZE TIME KIND NAME": kind is "f", "g" for a growing file, or "-" for one that is no longer there.
+    std::istringstream words(line);
+    Entry entry;
+    std::string kind;
+    if (!(words >> entry.bytes >> entry.changed >> kind) || words.get() != ' ') continue;
+    std::string name;
+    std::getline(words, name);
+    entry.is_growing = kind == "g";
+    if (kind == "-") entries_.erase(unescaped(name));
+    if (kind == "f" || kind == "g") entries_[unescaped(name)] = entry;
+  }
+}
+
+OwnFiles::~OwnFiles() {
+  const std::lock_guard lock(registry().mutex);
+  auto& folders = registry().folders;
+  folders.erase(std::remove(folders.begin(), folders.end(), this), folders.end());
+}
+
+std::string OwnFiles::name_of(const fs::path& file) const {
+  const fs::path name = resolved(file).lexically_relative(root_);
+  return name.empty() || *name.begin() == ".." || *name.begin() == "." ? "" : name.string();
+}
+
+bool OwnFiles::is_recorded(const std::string& name) const {
+  const auto entry = entries_.find(name);
+  if (entry == entries_.end()) return false;
+  const auto status = status_of(root_ / name);
+  if (!status || !S_ISREG(status->st_mode)) return false;
+  const auto bytes = static_cast<std::uintmax_t>(status->st_size);
+  if (entry->second.is_growing) return bytes >= entry->second.bytes;
+  return bytes == entry->second.bytes && time_of(*status) == entry->second.changed;
+}
+
+bool OwnFiles::is_own(const std::string& name) {
+  if (is_recorded(name)) return true;
+  if (!status_of(root_ / name)) return false;
+  read_record();  // another process may have written the file since, such as an evaluation during a training
+  return is_recorded(name);
+}
+
+bool OwnFiles::is_own(const fs::path& file) {
+  const std::lock_guard lock(mutex_);
+  return is_own(name_of(file));
+}
+
+/// Appends to the record. A line that is missing after a failure makes a file the user's, which is safe.
+void OwnFiles::record(const std::string& name, const Entry* entry) {
+  const Entry none;
+  const Entry& values = entry != nullptr ? *entry : none;
+  const char* kind = entry == nullptr ? "-" : values.is_growing ? "g" : "f";
+  const std::string line = detail::concat(values.bytes, " ", values.changed, " ", kind, " ", escaped(name), "\n");
+  if (entry != nullptr) {
+    entries_[name] = *entry;
+  } else {
+    entries_.erase(name);
+  }
+  const int file = ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (file < 0) return;
+  const ssize_t ignored = ::write(file, line.data(), line.size());
+  static_cast<void>(ignored);
+  ::close(file);
+}
+
+void OwnFiles::add(const fs::path& file) {
+  const std::lock_guard lock(mutex_);
+  const std::string name = name_of(file);
+  const auto status = status_of(root_ / name);
+  if (name.empty() || !status) return;
+  const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), false};
+  record(name, &entry);
+}
+
+void OwnFiles::add_growing(const fs::path& file) {
+  const std::lock_guard lock(mutex_);
+  const std::string name = name_of(file);
+  const auto status = status_of(root_ / name);
+  if (name.empty() || !status) return;
+  const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), true};
+  record(name, &entry);
+}
+
+void OwnFiles::make_way(const fs::path& file) {
+  fs::path free;
+  {
+    const std::lock_guard lock(mutex_);
+    const std::string name = name_of(file);
+    const fs::path place = root_ / name;
+    if (name.empty() || !status_of(place) || is_own(name)) return;
+    free = free_previous(place);
+    std::error_code error;
+    fs::rename(place, free, error);
+    if (error) {
+      io_error(file.string(), " was not written by this program, and cannot be moved to ", free.string(), ": ",
+               error.message());
+    }
+    if (entries_.count(name) > 0) record(name, nullptr);
+  }
+  report(file.string() + " was not written by this program, or was changed since; it is kept as " +
+         free.filename().string());
+}
+
+void OwnFiles::remove_known(const fs::path& path, std::vector<fs::path>* kept) {
+  const auto status = status_of(path);
+  if (!status) return;
+  const std::string name = name_of(path);
+  if (S_ISDIR(status->st_mode)) {
+    std::vector<fs::path> inside;
+    std::error_code error;
+    for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
+      inside.push_back(it->path());
+    }
+    std::sort(inside.begin(), inside.end());
+    for (const fs::path& entry : inside) remove_known(entry, kept);
+    if (::rmdir(path.c_str()) != 0 && inside.empty() && kept != nullptr) kept->push_back(path);
+    return;
+  }
+  if (is_own(name) && ::unlink(path.c_str()) == 0) {
+    record(name, nullptr);
+  } else if (kept != nullptr) {
+    kept->push_back(path);
+  }
+}
+
+void OwnFiles::remove(const fs::path& path, std::vector<fs::path>* kept) {
+  const std::lock_guard lock(mutex_);
+  if (name_of(path).empty()) return;
+  remove_known(path, kept);
+}
+
+void OwnFiles::move(const fs::path& from, const fs::path& to) {
+  const std::lock_guard lock(mutex_);
+  const std::string old_name = name_of(from), new_name = name_of(to);
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (error) io_error(from.string(), ": cannot be moved to ", to.string(), ": ", error.message());
+  std::vector<std::pair<std::string, Entry>> moved;
+  for (const auto& [name, entry] : entries_) {
+    if (name == old_name || name.compare(0, old_name.size() + 1, old_name + "/") == 0) moved.emplace_back(name, entry);
+  }
+  for (const auto& [name, entry] : moved) {
+    record(name, nullptr);
+    if (!new_name.empty()) record(new_name + name.substr(old_name.size()), &entry);
+  }
+}
+
+OwnFiles* OwnFiles::of(const fs::path& file) {
+  const std::lock_guard lock(registry().mutex);
+  OwnFiles* innermost = nullptr;
+  for (OwnFiles* folder : registry().folders) {
+    const bool is_inner = innermost == nullptr || folder->root_.native().size() > innermost->root_.native().size();
+    if (is_inner && !folder->name_of(file).empty()) innermost = folder;
+  }
+  return innermost;
+}
+
+void OwnFiles::set_reporter(std::function<void(const std::string& line)> to) {
+  const std::lock_guard lock(registry().mutex);
+  registry().report = std::move(to);
+}
+
+void make_way(const fs::path& file) {
+  if (OwnFiles* own = OwnFiles::of(file)) own->make_way(file);
+}
+
+void add_own_file(const fs::path& file) {
+  if (OwnFiles* own = OwnFiles::of(file)) own->add(file);
+}
+
+bool remove_own_file(const fs::path& file) {
+  OwnFiles* own = OwnFiles::of(file);
+  if (own == nullptr || !own->is_own(file)) return false;
+  own->remove(file);
+  return true;
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,83 @@
+// Which files of a folder this program has written. It removes and replaces no others.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace b3dgs {
+
+/// The path without symbolic links, as far as it exists. Instead of std::filesystem::weakly_canonical(), for the reason
+/// in remove_tree.h.
+std::filesystem::path real_path(const std::filesystem::path& path);
+
+/// The files that the program has written below a folder, with their sizes and times of change, kept in
+/// FOLDER/.b3dgs-files. A file is the program's own while both are as recorded; one that is not recorded, or was
+/// changed since, is the user's, and so is a symbolic link.
+///
+/// While an object exists, AtomicFile and make_way() follow it for files below its folder: what is the user's is moved
+/// aside before a file takes its place. A record that cannot be written, or is lost, costs nothing: files are then
+/// taken for the user's. Thread-safe.
+class OwnFiles {
+ public:
+  /// Reads the record of `folder`, if there is one. Writes nothing.
+  explicit OwnFiles(const std::filesystem::path& folder);
+  ~OwnFiles();
+  OwnFiles(const OwnFiles&) = delete;
+  OwnFiles& operator=(const OwnFiles&) = delete;
+
+  bool is_own(const std::filesystem::path& file);
+
+  /// Records the file, which the program has just written.
+  void add(const std::filesystem::path& file);
+  /// Records a file that other lines will be appended to: it stays the program's own while it only grows.
+  void add_growing(const std::filesystem::path& file);
+
+  /// Moves a file that is the user's to a free name, NAME.previous or NAME.previous_2 and so on, and reports it. Does
+  /// nothing where there is no file, or one of the program's own. @throws IoError
+  void make_way(const std::filesystem::path& file);
+
+  /// Removes a file, or the files in a folder and then the folder, as far as they are the program's own. What remains
+  /// is added to `kept`.
+  void remove(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept = nullptr);
+
+  /// Renames a file or a folder in the folder. Own files stay own. @throws IoError
+  void move(const std::filesystem::path& from, const std::filesystem::path& to);
+
+  /// The object for the innermost folder that contains the file; null if there is none.
+  static OwnFiles* of(const std::filesystem::path& file);
+
+  /// What gets the lines of make_way(): standard error, unless this is called.
+  static void set_reporter(std::function<void(const std::string& line)> report);
+
+ private:
+  struct Entry {
+    std::uintmax_t bytes = 0;
+    std::int64_t changed = 0;  // ns
+    bool is_growing = false;
+  };
+
+  std::string name_of(const std::filesystem::path& file) const;  // empty: not in the folder
+  bool is_recorded(const std::string& name) const;
+  bool is_own(const std::string& name);
+  void read_record();
+  void record(const std::string& name, const Entry* entry);
+  void remove_known(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept);
+
+  std::filesystem::path root_;
+  std::map<std::string, Entry> entries_;
+  std::mutex mutex_;
+};
+
+/// Before a file is written at `file` other than by an AtomicFile: OwnFiles::make_way() of its folder, if there is one.
+void make_way(const std::filesystem::path& file);
+/// After it: OwnFiles::add().
+void add_own_file(const std::filesystem::path& file);
+/// Removes a file if a record says that it is the program's own. True if it has.
+bool remove_own_file(const std::filesystem::path& file);
+
+}  // namespace b3dgs

@@ -1,0 +1,152 @@
+// What the program may remove and replace.
+#include "core/files/own_files.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/files/atomic_file.h"
+#include "core/files/remove_tree.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+using test::read_bytes;
+using test::TempDir;
+using test::write_bytes;
+
+/// The lines that OwnFiles reports during a test.
+class OwnFilesTest : public ::testing::Test {
+ protected:
+  OwnFilesTest() {
+    OwnFiles::set_reporter([this](const std::string& line) { lines_.push_back(line); });
+  }
+  ~OwnFilesTest() override { OwnFiles::set_reporter({}); }
+
+  TempDir folder_;
+  std::vector<std::string> lines_;
+};
+
+TEST_F(OwnFilesTest, AFileOfTheUsersIsMovedAsideBeforeAnotherTakesItsPlace) {
+  write_bytes(folder_ / "config.json", "mine");
+  write_bytes(folder_ / "config.json.previous", "mine, too");
+  const OwnFiles own(folder_.path());
+  write_file(folder_ / "config.json", "first");
+  EXPECT_EQ(read_bytes(folder_ / "config.json"), "first");
+  EXPECT_EQ(read_bytes(folder_ / "config.json.previous"), "mine, too");
+  EXPECT_EQ(read_bytes(folder_ / "config.json.previous_2"), "mine");
+  ASSERT_EQ(lines_.size(), 1u);
+  EXPECT_NE(lines_[0].find("it is kept as config.json.previous_2"), std::string::npos) << lines_[0];
+  write_file(folder_ / "config.json", "second");
+  EXPECT_EQ(read_bytes(folder_ / "config.json"), "second");
+  EXPECT_EQ(lines_.size(), 1u) << "the program's own file is replaced";
+  EXPECT_FALSE(fs::exists(folder_ / "config.json.previous_3"));
+}
+
+TEST_F(OwnFilesTest, TheRecordOutlivesTheObjectAndNoticesChanges) {
+  {
+    const OwnFiles own(folder_.path());
+    write_file(folder_ / "a/b.txt", "own"), write_file(folder_ / "c", "own");
+  }
+  OwnFiles own(folder_.path());
+  EXPECT_TRUE(own.is_own(folder_ / "a/b.txt"));
+  EXPECT_TRUE(own.is_own(folder_ / "a/../c"));
+  write_bytes(folder_ / "a/b.txt", "longer");
+  EXPECT_FALSE(own.is_own(folder_ / "a/b.txt"));
+  // The same size at another time.
+  write_bytes(folder_ / "c", "new");
+  fs::last_write_time(folder_ / "c", fs::last_write_time(folder_ / "c") + std::chrono::seconds(1));
+  EXPECT_FALSE(own.is_own(folder_ / "c"));
+  EXPECT_FALSE(own.is_own(folder_ / "none"));
+  EXPECT_FALSE(own.is_own(folder_.path().parent_path() / "elsewhere"));
+}
+
+TEST_F(OwnFilesTest, OnlyOwnFilesAreRemoved) {
+  OwnFiles own(folder_.path());
+  write_file(folder_ / "model/a.ply", "own");
+  write_file(folder_ / "model/deep/b.ply", "own");
+  write_file(folder_ / "model/edited.ply", "own");
+  write_bytes(folder_ / "model/deep/web.spz", "mine");
+  write_bytes(folder_ / "model/edited.ply", "edited by the user");
+  write_bytes(folder_ / "target", "mine");
+  fs::create_symlink(folder_ / "target", folder_ / "model/link");
+  std::vector<fs::path> kept;
+  own.remove(folder_ / "model", &kept);
+  EXPECT_FALSE(fs::exists(folder_ / "model/a.ply"));
+  EXPECT_FALSE(fs::exists(folder_ / "model/deep/b.ply"));
+  EXPECT_EQ(read_bytes(folder_ / "model/deep/web.spz"), "mine");
+  EXPECT_EQ(read_bytes(folder_ / "model/edited.ply"), "edited by the user");
+  EXPECT_EQ(read_bytes(folder_ / "target"), "mine");
+  EXPECT_EQ(kept.size(), 3u);
+  remove_tree(folder_ / "model");
+  write_file(folder_ / "model/a/b/c", "own");
+  own.remove(folder_ / "model");
+  EXPECT_FALSE(fs::exists(folder_ / "model")) << "empty folders go, too";
+}
+
+TEST_F(OwnFilesTest, OwnFilesStayOwnWhenMoved) {
+  OwnFiles own(folder_.path());
+  write_file(folder_ / "a/b", "own");
+  write_bytes(folder_ / "a/c", "mine");
+  own.move(folder_ / "a", folder_ / "z");
+  EXPECT_TRUE(own.is_own(folder_ / "z/b"));
+  EXPECT_FALSE(own.is_own(folder_ / "z/c"));
+  own.remove(folder_ / "z");
+  EXPECT_FALSE(fs::exists(folder_ / "z/b"));
+  EXPECT_EQ(read_bytes(folder_ / "z/c"), "mine");
+}
+
+TEST_F(OwnFilesTest, AGrowingFileStaysOwnWhileItGrows) {
+  OwnFiles own(folder_.path());
+  write_file(folder_ / "log", "one\n");
+  own.add_growing(folder_ / "log");
+  write_bytes(folder_ / "log", "one\ntwo\n");
+  EXPECT_TRUE(own.is_own(folder_ / "log"));
+  write_bytes(folder_ / "log", "x");
+  EXPECT_FALSE(own.is_own(folder_ / "log"));
+}
+
+TEST_F(OwnFilesTest, WhatAnotherObjectRecordsIsSeen) {
+  OwnFiles one(folder_.path());
+  {
+    OwnFiles other(folder_.path());
+    write_bytes(folder_ / "results.json", "of an evaluation");
+    other.add(folder_ / "results.json");
+  }
+  EXPECT_TRUE(one.is_own(folder_ / "results.json"));
+}
+
+TEST_F(OwnFilesTest, TheInnermostFolderHasTheRecord) {
+  fs::create_directories(folder_ / "runs/a");
+  OwnFiles outer(folder_.path()), inner(folder_ / "runs/a");
+  EXPECT_EQ(OwnFiles::of(folder_ / "runs/a/train.jsonl"), &inner);
+  EXPECT_EQ(OwnFiles::of(folder_ / "report.html"), &outer);
+  EXPECT_EQ(OwnFiles::of("/nowhere"), nullptr);
+}
+
+TEST_F(OwnFilesTest, NamesMayHoldAnything) {
+  const std::string name = "a\\b\nc d \xC3\xBC";
+  {
+    const OwnFiles own(folder_.path());
+    write_file(folder_ / name, "own");
+  }
+  EXPECT_TRUE(OwnFiles(folder_.path()).is_own(folder_ / name));
+}
+
+TEST_F(OwnFilesTest, ADamagedRecordMakesFilesTheUsers) {
+  {
+    const OwnFiles own(folder_.path());
+    write_file(folder_ / "a", "own");
+  }
+  write_bytes(folder_ / ".b3dgs-files", std::string("\0\1garbage\n99 99 f\n-1 x f a\n3", 30));
+  EXPECT_FALSE(OwnFiles(folder_.path()).is_own(folder_ / "a"));
+}
+
+}  // namespace
+}  // namespace b3dgs
