@@ -20,6 +20,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kFramesPerSecond = 2;
 constexpr std::size_t kLeastFrames = 100, kMostFrames = 300;
+// The system limits a word of a command line to 128 KiB; a frame takes up to 20 bytes of it.
+constexpr std::size_t kFramesOfACall = 5000;
 
 /// A value that ffprobe writes as text, such as "10/1" or "5.000000"; 0 if it is missing or unknown ("N/A").
 double number_of(const Json& json, const char* key) {
@@ -57,6 +59,14 @@ std::vector<double> measure_sharpness(const fs::path& video, std::size_t expecte
   for (const char* word : {"-f", "image2pipe", "-c:v", "pgm", "-"}) command.emplace_back(word);
   log.run_for_bytes(command, [&](const char* data, std::size_t bytes) { images.add(data, bytes); });
   return values;
+}
+
+/// "(eq(n,1)+(eq(n,5)+eq(n,9)))", which selects the frames from `first` up to `last`. A tree: ffmpeg refuses
+/// expressions that are more than 100 levels deep, and a sum of n terms in a row has n levels.
+std::string selection(const std::size_t* first, const std::size_t* last) {
+  if (last - first == 1) return detail::concat("eq(n,", *first, ")");
+  const std::size_t* const middle = first + (last - first) / 2;
+  return "(" + selection(first, middle) + "+" + selection(middle, last) + ")";
 }
 
 /// A pattern for image2, in which % begins a number.
@@ -179,16 +189,26 @@ std::vector<std::string> extract_frames(
   const std::vector<std::size_t> chosen =
       sharpest_of_windows(values, wanted > 0 ? wanted : automatic_frame_count(seconds, values.size()));
 
-  create_folder(folder);
-  std::string filter = "select='";
-  for (const std::size_t frame : chosen) filter += detail::concat(frame == chosen[0] ? "" : "+", "eq(n,", frame, ")");
-  std::vector<std::string> command = ffmpeg_command(video, filter + "'," + kEachFrame);
-  for (const std::string& word : {std::string("-f"), std::string("image2"), std::string("-q:v"), std::string("1"),
-                                  std::string("-qmin"), std::string("1"), frame_pattern(fs::absolute(folder))}) {
-    command.push_back(word);
+  if (chosen.size() < 2) {
+    input_error(video.string(), ": only one frame (expected a video of which at least 2 frames can be used)");
   }
-  progress("writing frames", 0, chosen.size());
-  log.run(command);
+
+  create_folder(folder);
+  for (std::size_t begin = 0; begin < chosen.size(); begin += kFramesOfACall) {
+    const std::size_t count = std::min(chosen.size() - begin, kFramesOfACall);
+    const std::size_t* const first = chosen.data() + begin;
+    std::vector<std::string> command =
+        ffmpeg_command(video, "select='" + selection(first, first + count) + "'," + kEachFrame);
+    // After its last frame, ffmpeg need not decode the rest.
+    for (const std::string& word :
+         {std::string("-frames:v"), std::to_string(count), std::string("-f"), std::string("image2"),
+          std::string("-start_number"), std::to_string(begin + 1), std::string("-q:v"), std::string("1"),
+          std::string("-qmin"), std::string("1"), frame_pattern(fs::absolute(folder))}) {
+      command.push_back(word);
+    }
+    progress("writing frames", begin, chosen.size());
+    log.run(command);
+  }
   std::vector<std::string> names;
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     names.push_back(print_to_string("frame_%05zu.jpg", i + 1));

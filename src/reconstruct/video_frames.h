@@ -34,9 +34,9 @@ std::size_t automatic_frame_count(double seconds, std::size_t n_frames);
 /// highest value in each, ascending.
 std::vector<std::size_t> sharpest_of_windows(const std::vector<double>& sharpness, std::size_t count);
 
-/// Decodes the video twice: to measure all frames, and to write the chosen ones into `folder`, which must not exist, as
-/// frame_00001.jpg, frame_00002.jpg, ... `wanted` 0: automatic_frame_count(). @return their names
-/// @throws InputError, IoError, Stopped
+/// Decodes the video to measure all frames, and again for each 5000 that it writes into `folder`, which must not exist,
+/// as frame_00001.jpg, frame_00002.jpg, ... `wanted` 0: automatic_frame_count(). @return their names
+/// @throws InputError also if there are fewer than two; IoError, Stopped
 std::vector<std::string> extract_frames(
     const std::filesystem::path& video, std::size_t wanted, const std::filesystem::path& folder, ProgramLog& log,
     const std::function<void(const char* stage, std::size_t done, std::size_t total)>& progress);

@@ -90,7 +90,15 @@ if [ "$last" = - ]; then
 fi
 folder=$(dirname "${last#file:}" | sed "s/%%/%/g")
 n=$(echo "$@" | grep -o "eq(n" | wc -l)
-for i in $(seq "$n"); do cp "$here/frame" "$folder/frame_$(printf %05d "$i").jpg"; done
+first=1
+while [ $# -gt 1 ]; do
+  [ "$1" != -start_number ] || first=$2
+  shift
+done
+here=$(realpath "$here")
+cd "$folder"
+seq -f frame_%05.0f.jpg "$first" $((first + n - 1)) |
+  xargs -d '\n' -n 500 sh -c 'frame=$1; shift; tee "$@" < "$frame" > /dev/null' sh "$here/frame"
 )sh";
 
 constexpr const char* kOptions[] = {
@@ -155,6 +163,10 @@ void FakePrograms::set_colmap_prelude(const std::string& commands) const {
 void FakePrograms::set_colmap_version(const std::string& version) const {
   write_bytes(folder_ / "version", version);
   write_bytes(folder_ / "options", std::string("  -h [ --help ]\n") + kOptions[0] + kOptions[version == "3.8" ? 1 : 2]);
+}
+
+void FakePrograms::add_colmap_help(const std::string& line) const {
+  write_bytes(folder_ / "options", read_bytes(folder_ / "options") + line + "\n");
 }
 
 void FakePrograms::slow_down() const {

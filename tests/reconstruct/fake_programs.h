@@ -23,6 +23,8 @@ class FakePrograms {
   void set_colmap_prelude(const std::string& commands) const;
   /// The options of this version: "3.8" or "3.13".
   void set_colmap_version(const std::string& version) const;
+  /// A line that the help of COLMAP's commands has from now on.
+  void add_colmap_help(const std::string& line) const;
   /// feature_extractor waits after each photograph from now on, so that it can be interrupted.
   void slow_down() const;
   /// Grey images that ffmpeg decodes from any video, as binary PGM, and their number.

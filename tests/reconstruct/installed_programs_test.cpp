@@ -80,5 +80,20 @@ TEST(InstalledFfmpeg, WritesTheSharpestFrames) {
   }
 }
 
+TEST(InstalledFfmpeg, WritesHundredsOfFrames) {
+  if (find_program("ffmpeg").empty()) GTEST_SKIP() << "ffmpeg is not installed";
+  const TempDir folder;
+  const std::string video = (folder / "film.mp4").string();
+  const ChildResult made =
+      run_program_lines({"ffmpeg", "-nostdin", "-v", "error", "-f", "lavfi", "-i",
+                         "testsrc=size=32x24:rate=25:duration=12", "-c:v", "mpeg4", "file:" + video},
+                        {});
+  if (!made.succeeded()) GTEST_SKIP() << "this ffmpeg cannot make the test's video";
+  ProgramLog log(folder / "log", nullptr);
+  const std::vector<std::string> names = extract_frames(video, 280, folder / "frames", log, [](auto, auto, auto) {});
+  EXPECT_EQ(names.size(), 280u);
+  EXPECT_TRUE(fs::exists(folder / "frames/frame_00280.jpg"));
+}
+
 }  // namespace
 }  // namespace b3dgs

@@ -92,9 +92,34 @@ TEST(VideoFrames, AreWrittenFromTheNumbersOfTheSharpest) {
                      [&](const char* stage, std::size_t, std::size_t) { stages.emplace_back(stage); });
   EXPECT_EQ(names, (std::vector<std::string>{"frame_00001.jpg", "frame_00002.jpg"}));
   ASSERT_EQ(programs.calls().size(), 2u);
-  EXPECT_NE(programs.calls()[1].find("select='eq(n,1)+eq(n,5)'"), std::string::npos) << programs.calls()[1];
+  EXPECT_NE(programs.calls()[1].find("select='(eq(n,1)+eq(n,5))'"), std::string::npos) << programs.calls()[1];
   EXPECT_NE(programs.calls()[1].find("frames 100%%/frame_%05d.jpg"), std::string::npos) << programs.calls()[1];
   EXPECT_EQ(stages.size(), 7u);
+}
+
+TEST(VideoFrames, MoreThanACommandLineHolds) {
+  const TempDir folder;
+  const FakePrograms programs;
+  test::write_bytes(folder / "film.mp4", "x");
+  std::string frames;
+  for (int i = 0; i < 11000; ++i) frames += pgm(1, 1, 'a');
+  programs.set_video(frames, 11000);
+  ProgramLog log(folder / "log", nullptr);
+  const std::vector<std::string> names =
+      extract_frames(folder / "film.mp4", 11000, folder / "frames", log, [](auto, auto, auto) {});
+  EXPECT_EQ(names.size(), 11000u);
+  EXPECT_EQ(programs.calls().size(), 4u) << "one to measure, and one for each 5000";
+}
+
+TEST(VideoFrames, OneFrameIsTooFew) {
+  const TempDir folder;
+  const FakePrograms programs;
+  test::write_bytes(folder / "film.mp4", "x");
+  ProgramLog log(folder / "log", nullptr);
+  programs.set_video(pgm(4, 4, 'a'), 1);
+  EXPECT_TRUE(fails_with<InputError>({"film.mp4: only one frame"}, [&] {
+    extract_frames(folder / "film.mp4", 0, folder / "frames", log, [](auto, auto, auto) {});
+  }));
 }
 
 TEST(VideoFrames, FilesThatAreNoVideoAreRefused) {
