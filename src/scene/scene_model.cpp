@@ -64,12 +64,40 @@ std::array<double, 3> center_of(const ColmapImage& image) {
   return camera.center();
 }
 
+bool lies_in(const fs::path& folder, const fs::path& file) {
+  const fs::path inside = file.lexically_relative(folder);
+  return !inside.empty() && *inside.begin() != "..";
+}
+
+// The scene folder and, for paths as "../images/0.jpg", the folder that it is in, unless that is the root.
+fs::path reach_of(const fs::path& source) {
+  const fs::path folder = (source / "").lexically_normal().parent_path(), parent = folder.parent_path();
+  return parent == folder.root_path() ? folder : parent;
+}
+
+// A transforms.json from elsewhere must not copy other pictures of this machine into a model. Links that lead out of
+// the folder were made by the user and are followed.
+bool is_within_reach(const fs::path& file, const fs::path& source) {
+  if (lies_in(reach_of(fs::absolute(source)), fs::absolute(file).lexically_normal())) return true;
+  std::error_code error;
+  return lies_in(reach_of(fs::weakly_canonical(source, error)), fs::weakly_canonical(file, error));
+}
+
+void check_reach(const fs::path& file, const fs::path& source, const std::string& place) {
+  if (is_within_reach(file, source)) return;
+  input_error(place, ": expected a file in the scene folder or the folder that it is in, found ",
+              file.lexically_normal().string(), "; move or link it there, and change the path");
+}
+
 // Where frames of a transforms.json are to be found: "train/r_0.png" also below images_4/.
-std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& files, const ImageFolder& images) {
+std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& files, const fs::path& source,
+                                         const ImageFolder& images) {
   std::map<std::string, fs::path> found;
   std::error_code error;
   for (const auto& [name, file] : files) {
-    if (images.find(name).empty() && fs::is_regular_file(file, error)) found[name] = file;
+    if (!images.find(name).empty() || !fs::is_regular_file(file, error)) continue;
+    check_reach(file, source, detail::concat(source.string(), ": file_path of the photograph ", name));
+    found[name] = file;
   }
   return found;
 }
@@ -91,7 +119,7 @@ void add_initial_points(const TransformsModel& transforms, SceneModel& scene) {
   scene.points_description = "random, in the box of the cameras; give better ones with --init_ply";
 }
 
-void choose_held_out(const TransformsModel& transforms, const TransformsFiles& files, std::size_t n_train,
+void choose_held_out(const TransformsModel& transforms, const TransformsFiles& files, std::size_t n_train, bool eval,
                      SceneModel& scene) {
   if (!files.held_out.empty()) {
     scene.split_description = files.held_out.filename().string();
@@ -100,11 +128,25 @@ void choose_held_out(const TransformsModel& transforms, const TransformsFiles& f
     return;
   }
   const bool has_test = !transforms.listed_as_test.empty();
-  scene.held_out = has_test ? transforms.listed_as_test : transforms.listed_as_validation;
-  scene.has_split = !scene.held_out.empty();
-  if (scene.has_split) {
-    scene.split_description =
-        detail::concat(has_test ? "test_filenames" : "val_filenames", " of ", files.train.filename().string());
+  const std::set<std::string>& listed = has_test ? transforms.listed_as_test : transforms.listed_as_validation;
+  if (listed.empty()) return;
+  const char* key = has_test ? "test_filenames" : "val_filenames";
+  scene.has_split = true;
+  scene.split_description = detail::concat(key, " of ", files.train.filename().string());
+  std::vector<ColmapImage> others;  // that --eval does not leave out
+  for (ColmapImage& image : scene.model.images) {
+    if (listed.count(image.name) > 0) scene.held_out.insert(image.name);
+    if (listed.count(image.name) > 0 || transforms.listed_as_validation.count(image.name) == 0) others.push_back(image);
+  }
+  if (!eval) return;
+  if (scene.held_out.empty()) {
+    input_error(files.train.string(), ": ", key, ": expected names as in file_path of \"frames\", found none in its ",
+                listed.size(), " (first: ", listed.begin()->substr(0, 100), "); correct or remove the list");
+  }
+  if (others.size() < scene.model.images.size()) {
+    scene.notes.push_back(detail::concat("val_filenames: ", scene.model.images.size() - others.size(),
+                                         " views are neither trained on nor tested"));
+    scene.model.images = std::move(others);
   }
 }
 
@@ -115,7 +157,10 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
     if (!in_folder.empty()) return read_image_size(in_folder);
     const auto named = transforms.files.find(name);
     std::error_code error;
-    if (named == transforms.files.end() || !fs::is_regular_file(named->second, error)) return std::nullopt;
+    if (named == transforms.files.end() || !fs::is_regular_file(named->second, error) ||
+        !is_within_reach(named->second, options.source_path)) {
+      return std::nullopt;
+    }
     return read_image_size(named->second);
   };
   read_transforms(files.train, size_of, transforms);
@@ -127,9 +172,15 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   scene.description = files.train.filename().string();
   scene.notes = files.notes;
   scene.camera_places = std::move(transforms.camera_places);
-  scene.files = existing(transforms.files, images);
+  scene.files = existing(transforms.files, options.source_path, images);
+  for (const auto& [name, mask] : transforms.masks) {
+    check_reach(mask, options.source_path, detail::concat(options.source_path, ": mask_path of the photograph ", name));
+  }
   scene.masks = std::move(transforms.masks);
-  choose_held_out(transforms, files, n_train, scene);
+  if (!transforms.points.empty()) {
+    check_reach(transforms.points, options.source_path, files.train.string() + ": ply_file_path");
+  }
+  choose_held_out(transforms, files, n_train, options.eval, scene);
   add_initial_points(transforms, scene);
   return scene;
 }

@@ -241,7 +241,9 @@ TEST(Control, RefusesStrangers) {
 
 // It sends faster than it is read. Ranks would be silent for too long if it were read to its end.
 TEST(Control, AFloodFromAStrangerDisturbsNobody) {
-  const Job job(2);
+  RankLimits limits;
+  limits.silence = milliseconds(3000);
+  const Job job(2, limits);
   const Socket stranger = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
   std::string flood;
   for (int i = 0; i < 10000; ++i) flood += to_bytes({MessageKind::kCount, 0, ""});

@@ -181,6 +181,34 @@ TEST_F(Transforms, HoldsOutWhatTheFileListsOrElseEveryEighth) {
   EXPECT_TRUE(says(scene, "test_filenames of transforms.json"));
 }
 
+TEST_F(Transforms, TrainsOnNoViewThatTheFileListsForValidation) {
+  Json json = line(9);
+  json["test_filenames"] = {"images/05.png", "images/gone.png"};
+  json["val_filenames"] = {"images/02.png", "images/03.png", "images/05.png"};
+  write(json);
+  EXPECT_EQ(load().train.size(), 9u);
+  options_.eval = true;
+  const Scene scene = load();
+  ASSERT_EQ(scene.test.size(), 1u);
+  EXPECT_EQ(scene.test[0].name, "images/05.png");
+  ASSERT_EQ(scene.train.size(), 6u);
+  for (const View& view : scene.train) EXPECT_TRUE(view.name != "images/02.png" && view.name != "images/03.png");
+  EXPECT_TRUE(says(scene, "val_filenames: 2 views are neither trained on nor tested"));
+}
+
+TEST_F(Transforms, AListThatMatchesNoFrameIsAnError) {
+  for (const char* key : {"test_filenames", "val_filenames"}) {
+    Json json = line(9);
+    json[key] = {"photos/05.png", "photos/06.png"};
+    write(json);
+    options_.eval = false;
+    EXPECT_EQ(load().train.size(), 9u);
+    options_.eval = true;
+    EXPECT_TRUE(
+        fails_with<InputError>({"transforms.json: ", key, "found none in its 2", "photos/05.png"}, [&] { load(); }));
+  }
+}
+
 TEST_F(Transforms, WhereAllAreHeldOutAllAreTrainedOnWithoutEval) {
   Json json = line(2);
   json["test_filenames"] = {"images/00.png", "images/01.png"};
@@ -257,6 +285,47 @@ TEST_F(Transforms, FindsPhotographsOutsideTheSceneAndInReducedFolders) {
   scene = load();
   EXPECT_EQ(scene.train[1].image->read()->pixels[0], 78);
   EXPECT_EQ(scene.train[1].camera.fx, 25);
+}
+
+TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
+  Json json = line(2);
+  const fs::path scene = folder_ / "all/scene";
+  fs::create_directories(scene);
+  fs::copy(folder_ / "images", scene / "images");
+  write_photograph("private.png", 7);
+  write_point_ply(folder_ / "private.ply", {{0, 1, 2}, {10, 20, 30}});
+  options_.source_path = scene.string();
+  const auto refuses_path = [&](const Json& changed, std::initializer_list<std::string> parts) {
+    write_bytes(scene / "transforms.json", changed.dump());
+    return fails_with<InputError>(parts, [&] { load(); });
+  };
+  const auto with = [&](const char* key, const std::string& path) {
+    Json changed = json;
+    changed["frames"][1][key] = path;
+    return changed;
+  };
+  const std::string found = "expected a file in the scene folder or the folder that it is in, found ";
+  for (const std::string& path : {std::string("../../private.png"), (folder_ / "private.png").string(),
+                                  std::string("images/../../../private"), std::string("../../all/../private.png")}) {
+    EXPECT_TRUE(refuses_path(with("file_path", path), {"file_path", "private.png", found, "link it there"})) << path;
+  }
+  EXPECT_TRUE(refuses_path(with("mask_path", "../../private.png"), {"mask_path", "01.png", found}));
+  json["ply_file_path"] = "../../private.ply";
+  EXPECT_TRUE(refuses_path(json, {"transforms.json: ply_file_path", found}));
+  json.erase("ply_file_path");
+
+  // A link of the user's is followed; and the name alone may be found in the image folder.
+  fs::create_symlink(folder_ / "private.png", scene / "linked.png");
+  write_bytes(scene / "transforms.json", with("file_path", "linked.png").dump());
+  EXPECT_EQ(load().train.size(), 2u);
+  write_bytes(scene / "transforms.json", with("file_path", "../../images/01.png").dump());
+  EXPECT_EQ(load().train.size(), 2u);
+  // The scene folder by another name.
+  fs::create_directory_symlink(scene, folder_ / "link");
+  options_.source_path = (folder_ / "link").string();
+  fs::rename(scene / "images/01.png", scene / "other.png");
+  write_bytes(scene / "transforms.json", with("file_path", (scene / "other.png").string()).dump());
+  EXPECT_EQ(load().train.size(), 2u);
 }
 
 TEST_F(Transforms, LeavesOutMissingPhotographs) {
