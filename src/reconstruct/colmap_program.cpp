@@ -1,6 +1,8 @@
 #include "reconstruct/colmap_program.h"
 
 #include <algorithm>
+#include <cctype>
+#include <cstdlib>
 #include <filesystem>
 #include <utility>
 
@@ -13,6 +15,19 @@ namespace fs = std::filesystem;
 
 constexpr const char* kInstall =
     "install it: apt install colmap (other systems: https://colmap.github.io/install.html)";
+
+// Models with larger IDs came with COLMAP 4.
+constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFisheye);
+
+/// Whether the name of a camera model stands in the text, not as a part of another one.
+bool has_word(const std::string& text, const std::string& word) {
+  const auto is_part = [](char c) { return c == '_' || std::isalnum(static_cast<unsigned char>(c)) != 0; };
+  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) {
+    const std::size_t end = at + word.size();
+    if ((at == 0 || !is_part(text[at - 1])) && (end == text.size() || !is_part(text[end]))) return true;
+  }
+  return false;
+}
 
 std::vector<std::string> lines_of(const std::vector<std::string>& command, ProgramLog& log) {
   std::vector<std::string> lines;
@@ -49,6 +64,34 @@ ColmapProgram::ColmapProgram(const ReconstructOptions& options, ColmapFolders fo
   if (version_.find("COLMAP") == std::string::npos) {
     input_error("the program colmap in PATH (", find_program("colmap"), ") does not say that it is COLMAP; ", kInstall);
   }
+  check_options();
+}
+
+void ColmapProgram::check_options() {
+  if (options_.use_gpu == "1" && version_.find("without CUDA") != std::string::npos) {
+    input_error("--use_gpu 1: the COLMAP in PATH (", find_program("colmap"), ", ", short_version(),
+                ") was built without CUDA; leave --use_gpu out, or install a COLMAP with CUDA");
+  }
+  const CameraModel model = camera_model_from_name(options_.camera_model, "--camera_model");
+  if (static_cast<int>(model) <= kNewestInAllVersions) return;
+  // Newer versions list the models in their help.
+  std::string help;
+  for (const std::string& line : lines_of({"colmap", "feature_extractor", "-h"}, log_)) help += line + "\n";
+  const bool has_list = has_word(help, camera_model_name(CameraModel::kThinPrismFisheye));
+  const bool is_known = has_list ? has_word(help, options_.camera_model) : major_version() >= 4;
+  if (!is_known) {
+    input_error("--camera_model ", options_.camera_model, ": ", short_version(), " in PATH does not know it; ",
+                "choose another model, such as OPENCV or OPENCV_FISHEYE, or install a newer COLMAP");
+  }
+}
+
+std::string ColmapProgram::short_version() const {
+  const std::size_t begin = version_.find("COLMAP");
+  return version_.substr(begin, version_.find(' ', begin + 7) - begin);
+}
+
+int ColmapProgram::major_version() const {
+  return std::atoi(short_version().substr(std::string("COLMAP").size()).c_str());
 }
 
 bool ColmapProgram::uses_gpu() const {

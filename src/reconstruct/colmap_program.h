@@ -25,7 +25,8 @@ void check_colmap_is_installed();
 
 class ColmapProgram {
  public:
-  /// Asks colmap for its version. @throws InputError if it is not installed or does not run, with the remedy
+  /// Asks colmap for its version. @throws InputError if it is not installed, does not run, does not know the camera
+  /// model, or cannot use a GPU as asked, with the remedy
   ColmapProgram(const ReconstructOptions& options, ColmapFolders folders, ProgramLog& log);
 
   /// The first lines of its help, such as "COLMAP 3.8 (... without CUDA)".
@@ -40,6 +41,9 @@ class ColmapProgram {
   std::vector<std::string> map_command();
 
  private:
+  void check_options();
+  std::string short_version() const;  // "COLMAP 3.8"
+  int major_version() const;
   /// Words for the first of `names` that the command knows; none if it knows none of them.
   void add(std::vector<std::string>& command, const std::vector<std::string>& names, const std::string& value);
   const std::set<std::string>& options_of(const std::string& command);

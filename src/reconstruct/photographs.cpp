@@ -1,19 +1,25 @@
 #include "reconstruct/photographs.h"
 
 #include <fcntl.h>
+#include <linux/fs.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
-#include <cstdio>
-#include <fstream>
+#include <chrono>
 #include <iterator>
 #include <map>
+#include <optional>
+#include <set>
+#include <system_error>
 #include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
+#include "core/files/own_files.h"
+#include "scene/images/exif.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_header.h"
 #include "scene/images/image_io.h"
@@ -40,49 +46,78 @@ std::int64_t time_of(const fs::path& path) {
   return static_cast<std::int64_t>(fs::last_write_time(path).time_since_epoch().count());
 }
 
+std::vector<std::uint8_t> read_file(const fs::path& path) {
+  FileReader file(path);
+  std::vector<std::uint8_t> bytes(file.remaining());
+  file.read_bytes(bytes.data(), bytes.size());
+  return bytes;
+}
+
 /// The whole file, to see whether it is complete. Larger ones than any camera's are not read.
 std::string damage_of(const fs::path& path) {
   constexpr std::uint64_t kMostBytes = 1 << 29;
-  FileReader file(path);
-  if (file.remaining() == 0) return "the file is empty";
-  if (file.remaining() > kMostBytes) return "";
-  std::vector<std::uint8_t> bytes(file.remaining());
-  file.read_bytes(bytes.data(), bytes.size());
-  return image_damage(bytes);
+  const std::uint64_t bytes = FileReader(path).remaining();
+  if (bytes == 0) return "the file is empty";
+  return bytes > kMostBytes ? "" : image_damage(read_file(path));
 }
 
-bool is_same_file(const fs::path& a, const fs::path& b) {
+/// Whether place_photographs() need not do anything.
+bool is_placed(const fs::path& from, const fs::path& to) {
   std::error_code error;
-  if (!fs::exists(b, error)) return false;
-  return fs::equivalent(a, b, error) || (fs::file_size(a) == fs::file_size(b) && time_of(a) == time_of(b));
+  if (!fs::exists(to, error)) return false;
+  if (fs::equivalent(from, to, error)) return true;
+  const bool has_size = fs::file_size(from, error) == fs::file_size(to, error);
+  if (has_size && time_of(from) == time_of(to)) return true;
+  // Some file systems round the time. Turned copies have another size.
+  constexpr std::chrono::seconds kMostRounding{2};
+  OwnFiles* own = OwnFiles::of(to);
+  if (own == nullptr || !own->is_own(to)) return false;
+  const auto difference = fs::last_write_time(from) - fs::last_write_time(to);
+  return difference <= kMostRounding && difference >= -kMostRounding && (has_size || read_exif_orientation(from) != 1);
 }
 
-/// A hard link, or a copy. Appears complete or not at all.
-void link_or_copy(const fs::path& from, const fs::path& to) {
-  const fs::path unfinished = to.string() + ".unfinished";
+/// Lets `to` share the blocks of `from` until one of them is changed. False where the file system cannot.
+bool clone_file(const fs::path& from, const fs::path& to) {
+  const int source = ::open(from.c_str(), O_RDONLY | O_CLOEXEC), target = ::open(to.c_str(), O_WRONLY | O_CLOEXEC);
+  const bool is_done = source >= 0 && target >= 0 && ::ioctl(target, FICLONE, source) == 0;
+  if (source >= 0) ::close(source);
+  if (target >= 0) ::close(target);
+  return is_done;
+}
+
+void copy_photograph(const fs::path& from, const fs::path& to, bool turns, bool* is_turned) {
+  AtomicFile file(to);
+  std::optional<std::vector<std::uint8_t>> upright;
+  if (turns) upright = turned_upright(read_file(from));
+  *is_turned = upright.has_value();
   std::error_code error;
-  fs::remove(unfinished, error);
-  fs::create_hard_link(from, unfinished, error);
+  if (upright) {
+    file.write(upright->data(), upright->size());
+  } else if (!clone_file(from, file.temporary())) {
+    fs::copy_file(from, file.temporary(), fs::copy_options::overwrite_existing, error);
+  }
+  if (!error) fs::last_write_time(file.temporary(), fs::last_write_time(from), error);
   if (error) {
-    fs::copy_file(from, unfinished, fs::copy_options::overwrite_existing, error);
-    if (!error) fs::last_write_time(unfinished, fs::last_write_time(from), error);
+    io_error("cannot copy ", from.string(), " to ", to.string(), " (", error.message(),
+             "); photographs that you move to ", "SCENE/images need not be copied: give this folder as PHOTOS");
   }
-  if (!error && !fs::equivalent(unfinished, to, error)) {
-    error.clear();  // of equivalent(), where there is no such file yet
-    fs::rename(unfinished, to, error);
-  }
-  if (error) {
-    std::error_code ignored;
-    fs::remove(unfinished, ignored);
-    io_error("cannot copy ", from.string(), " to ", to.string(), ": ", error.message());
-  }
+  file.commit();
+}
+
+/// COLMAP's list of photographs has one name per line, from which it removes blanks at both ends.
+void check_name(const fs::path& folder, const std::string& name) {
+  if (detail::one_line(name) == name && name[0] != ' ') return;
+  input_error((folder / name).string(), ": expected a name without ",
+              name[0] == ' ' ? "a blank at the beginning" : "control characters such as line breaks",
+              "; rename this file or folder");
 }
 
 }  // namespace
 
-std::vector<Photograph> list_photographs(const fs::path& folder, const std::vector<fs::path>& except) {
-  std::vector<Photograph> photographs;
-  std::size_t n_others = 0;
+PhotographList list_photographs(const fs::path& folder, const std::vector<fs::path>& except) {
+  PhotographList list;
+  std::vector<Photograph>& photographs = list.photographs;
+  std::set<std::string> stems;  // of photographs: many cameras write a raw file and a JPEG file of each
   std::error_code error;
   fs::recursive_directory_iterator entries(folder, fs::directory_options::follow_directory_symlink, error);
   if (error) input_error(folder.string(), ": the folder cannot be read (", error.message(), ")");
@@ -100,12 +135,23 @@ std::vector<Photograph> list_photographs(const fs::path& folder, const std::vect
     }
     if (is_folder || !entries->is_regular_file(ignored)) continue;
     if (has_image_extension(path)) {
-      photographs.push_back({path.lexically_relative(folder).generic_string(), fs::file_size(path), time_of(path)});
+      const fs::path name = path.lexically_relative(folder);
+      check_name(folder, name.generic_string());
+      photographs.push_back({name.generic_string(), fs::file_size(path), time_of(path)});
+      stems.insert(fs::path(name).replace_extension().generic_string());
     } else if (is_raw_or_heic(path)) {
-      ++n_others;
+      list.unreadable.push_back(path.lexically_relative(folder).generic_string());
     }
   }
   if (error) input_error(folder.string(), ": a folder in it cannot be read (", error.message(), ")");
+  std::vector<std::string>& others = list.unreadable;
+  others.erase(std::remove_if(others.begin(), others.end(),
+                              [&](const std::string& name) {
+                                return stems.count(fs::path(name).replace_extension().generic_string()) > 0;
+                              }),
+               others.end());
+  std::sort(others.begin(), others.end());
+  const std::size_t n_others = others.size();
   if (photographs.size() < 2) {
     input_error(folder.string(), ": ", photographs.empty() ? "no photographs" : "only one photograph",
                 " (expected at least 2 files such as .jpg or .png",
@@ -114,7 +160,7 @@ std::vector<Photograph> list_photographs(const fs::path& folder, const std::vect
   }
   std::sort(photographs.begin(), photographs.end(),
             [](const Photograph& a, const Photograph& b) { return a.name < b.name; });
-  return photographs;
+  return list;
 }
 
 CheckedPhotographs check_photographs(const fs::path& folder, const std::vector<std::string>& names,
@@ -136,22 +182,49 @@ CheckedPhotographs check_photographs(const fs::path& folder, const std::vector<s
   return result;
 }
 
-void place_photographs(const fs::path& from, const fs::path& to, const std::vector<Photograph>& photographs,
-                       bool may_replace, const std::function<void(std::size_t done)>& progress) {
-  std::size_t n_done = 0;
+std::string find_in_the_way(const fs::path& from, const fs::path& to, const std::vector<Photograph>& photographs) {
+  for (const Photograph& photograph : photographs) {
+    std::error_code error;
+    const fs::path target = to / photograph.name;
+    const bool is_taken = fs::exists(fs::symlink_status(target, error));
+    if (is_taken && !is_placed(from / photograph.name, target)) return photograph.name;
+    // A file where a folder is needed.
+    for (fs::path folder = target.parent_path(); folder.native().size() > to.native().size();
+         folder = folder.parent_path()) {
+      if (fs::exists(fs::symlink_status(folder, error)) && !fs::is_directory(folder, error)) return photograph.name;
+    }
+  }
+  return "";
+}
+
+std::size_t place_photographs(const fs::path& from, const fs::path& to, const std::vector<Photograph>& photographs,
+                              const std::function<void(std::size_t done)>& progress) {
+  std::vector<const Photograph*> missing;
+  bool turns = true;
   for (const Photograph& photograph : photographs) {
     const fs::path source = from / photograph.name, target = to / photograph.name;
-    if (!is_same_file(source, target)) {
-      std::error_code error;
-      if (!may_replace && fs::exists(target, error)) {
-        input_error(target.string(), ": another file is there than ", source.string(),
-                    "; move it, or choose another scene folder");
-      }
-      create_folder(target.parent_path());
-      link_or_copy(source, target);
+    if (!is_placed(source, target)) {
+      missing.push_back(&photograph);
+    } else if (turns && fs::file_size(source) == fs::file_size(target) && read_exif_orientation(source) != 1) {
+      turns = false;  // of an earlier version
     }
+  }
+  std::size_t n_done = photographs.size() - missing.size(), n_turned = 0;
+  progress(n_done);
+  for (const Photograph* photograph : missing) {
+    const fs::path source = from / photograph->name;
+    bool is_turned = false;
+    copy_photograph(source, to / photograph->name, turns && read_exif_orientation(source) != 1, &is_turned);
+    n_turned += is_turned ? 1 : 0;
     progress(++n_done);
   }
+  return n_turned;
+}
+
+std::size_t count_turned(const fs::path& folder, const std::vector<Photograph>& photographs) {
+  return static_cast<std::size_t>(std::count_if(
+      photographs.begin(), photographs.end(),
+      [&](const Photograph& photograph) { return read_exif_orientation(folder / photograph.name) != 1; }));
 }
 
 std::vector<CameraGroup> group_by_camera(const CheckedPhotographs& photographs, const std::string& camera_per) {

@@ -18,10 +18,15 @@ struct Photograph {
   std::int64_t changed = 0;  // time of the last change, in the file system's unit
 };
 
-/// The image files in a folder and its sub-folders, sorted by name. Hidden files and folders are passed over, and so
-/// are those in `except`. @throws InputError if there are fewer than two, saying what there is instead
-std::vector<Photograph> list_photographs(const std::filesystem::path& folder,
-                                         const std::vector<std::filesystem::path>& except);
+struct PhotographList {
+  std::vector<Photograph> photographs;  // sorted by name
+  std::vector<std::string> unreadable;  // raw and HEIC files without a photograph of the same name beside them, sorted
+};
+
+/// The image files in a folder and its sub-folders. Hidden files and folders are passed over, and so are those in
+/// `except`. @throws InputError if there are fewer than two, saying what there is instead, or if a name cannot stand in
+/// a list of names, one per line, as COLMAP reads it
+PhotographList list_photographs(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& except);
 
 struct CheckedPhotographs {
   std::vector<std::string> names;    // that can be used
@@ -34,13 +39,22 @@ struct CheckedPhotographs {
 CheckedPhotographs check_photographs(const std::filesystem::path& folder, const std::vector<std::string>& names,
                                      const std::function<void(std::size_t done)>& progress);
 
-/// Makes `to`/NAME the same file as `from`/NAME: a hard link, or a copy with the same time of change where links are
-/// not possible. Files that are there already with the same size and time are kept. `may_replace`: of other files, an
-/// earlier call put these there. @throws InputError if another file of that name is there; IoError; what `progress`
-/// throws
-void place_photographs(const std::filesystem::path& from, const std::filesystem::path& to,
-                       const std::vector<Photograph>& photographs, bool may_replace,
-                       const std::function<void(std::size_t done)>& progress);
+/// The first of the photographs in `from` for which there is another file at `to`/NAME; empty if there is none. The
+/// file is the photograph if it has the same size and time of change, or if place_photographs() wrote it.
+std::string find_in_the_way(const std::filesystem::path& from, const std::filesystem::path& to,
+                            const std::vector<Photograph>& photographs);
+
+/// Copies photographs from `from`/NAME to `to`/NAME, with their time of change, unless they are there already. JPEG
+/// files whose EXIF data says that they lie on their side are turned upright meanwhile, unless some were placed as they
+/// are by an earlier version. The copies share no bytes with the originals that a later change of either could reach;
+/// where the file system can, they take no additional space. @return how many were turned
+/// @throws IoError; what `progress` throws
+std::size_t place_photographs(const std::filesystem::path& from, const std::filesystem::path& to,
+                              const std::vector<Photograph>& photographs,
+                              const std::function<void(std::size_t done)>& progress);
+
+/// How many of the photographs lie on their side or upside down, as their EXIF data says.
+std::size_t count_turned(const std::filesystem::path& folder, const std::vector<Photograph>& photographs);
 
 /// Photographs that share a camera, as COLMAP is to treat them in one call.
 struct CameraGroup {

@@ -19,6 +19,11 @@ bool is_stage(const Json& json) {
          json.contains("done") && json["done"].is_boolean() && json.contains("notes") && json["notes"].is_object();
 }
 
+/// As it is written to the file. File names need not be valid UTF-8.
+std::string text_of(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
 }  // namespace
 
 StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
@@ -36,8 +41,8 @@ StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
 
 bool StageRecord::is_done(const std::string& stage, const Json& settings, bool still_there) {
   const std::size_t here = n_passed_++;
-  const bool is_same =
-      here < stages_.size() && stages_[here]["stage"] == stage && stages_[here]["settings"] == settings;
+  const bool is_same = here < stages_.size() && stages_[here]["stage"] == stage &&
+                       text_of(stages_[here]["settings"], -1) == text_of(settings, -1);
   if (is_same && stages_[here]["done"] == true && still_there) return true;
   was_begun_ = is_same && stages_[here]["done"] == false;
   Json notes = was_begun_ ? stages_[here]["notes"] : Json::object();
@@ -45,6 +50,27 @@ bool StageRecord::is_done(const std::string& stage, const Json& settings, bool s
   stages_.push_back({{"stage", stage}, {"settings", settings}, {"done", false}, {"notes", std::move(notes)}});
   write();
   return false;
+}
+
+void StageRecord::go_back_to(const std::string& stage) {
+  for (std::size_t i = 0; i < n_passed_; ++i) {
+    if (stages_.at(i)["stage"] != stage) continue;
+    while (stages_.size() > i) stages_.erase(stages_.size() - 1);
+    n_passed_ = i;
+    was_begun_ = false;
+    write();
+    return;
+  }
+  B3DGS_CHECK(false, "the stage ", stage, " was not passed");
+}
+
+std::string StageRecord::earlier_text(const std::string& stage, const char* key) const {
+  for (const Json& earlier : stages_) {
+    if (earlier["stage"] != stage || !earlier["settings"].is_object()) continue;
+    const auto value = earlier["settings"].find(key);
+    if (value != earlier["settings"].end() && value->is_string()) return value->get<std::string>();
+  }
+  return "";
 }
 
 const Json& StageRecord::notes() const {
@@ -63,9 +89,16 @@ void StageRecord::finish() {
 }
 
 void StageRecord::write() const {
-  // File names need not be valid UTF-8.
   const Json json{{"version", kVersion}, {"stages", stages_}};
-  write_file(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(file_, text_of(json, 1) + "\n");
+}
+
+bool is_stage_record(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) return false;
+  const Json json = parse_json(stream);
+  return json.is_object() && json.contains("version") && json["version"].is_number_integer() &&
+         json.contains("stages") && json["stages"].is_array();
 }
 
 }  // namespace b3dgs

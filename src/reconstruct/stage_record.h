@@ -16,12 +16,20 @@ class StageRecord {
 
   /// Goes on to the next stage. True if it was finished by an earlier call with the same settings, and so was each
   /// stage before it. Otherwise the record of it and of all later stages is replaced: they have to be done again.
-  /// `still_there`: whether its results exist; if not, it counts as not done.
+  /// `still_there`: whether its results exist; if not, it counts as not done. Bytes of names that are no UTF-8 are not
+  /// compared.
   /// @throws IoError
   bool is_done(const std::string& stage, const nlohmann::ordered_json& settings, bool still_there);
 
   /// Whether an earlier call began the stage with the same settings, but did not finish it.
   bool was_begun() const { return was_begun_; }
+
+  /// Goes back to the stage, which this call has passed, and forgets it and all later ones: they have to be done again.
+  /// @throws IoError
+  void go_back_to(const std::string& stage);
+
+  /// The text that the settings of a stage of an earlier call have for the key; "" if there is none.
+  std::string earlier_text(const std::string& stage, const char* key) const;
 
   /// What the stage has noted; an empty object at first.
   const nlohmann::ordered_json& notes() const;
@@ -40,5 +48,8 @@ class StageRecord {
   std::size_t n_passed_ = 0;
   bool was_begun_ = false;
 };
+
+/// Whether the file is such a record, of any version.
+bool is_stage_record(const std::filesystem::path& file);
 
 }  // namespace b3dgs

@@ -2,9 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include "reconstruct/colmap_models.h"
 #include "reconstruct/colmap_progress.h"
 #include "reconstruct/fake_programs.h"
+#include "reconstruct/scene_folder.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 
@@ -101,6 +101,27 @@ TEST(ColmapProgram, SharesCamerasAsAsked) {
   EXPECT_EQ(value_of(command, "ImageReader.single_camera_per_image"), "1");
   EXPECT_EQ(value_of(command, "ImageReader.single_camera"), "");
   EXPECT_EQ(value_of(command, "ImageReader.existing_camera_id"), "");
+}
+
+TEST(ColmapProgram, RefusesWhatThisVersionCannotDo) {
+  const TempDir folder;
+  const FakePrograms programs;
+  ProgramLog log(folder / "log", nullptr);
+  ReconstructOptions options;
+  const auto start = [&] { ColmapProgram(options, {}, log); };
+  options.camera_model = "EUCM";
+  EXPECT_TRUE(fails_with<InputError>({"--camera_model EUCM", "COLMAP 3.8 in PATH does not know it"}, start));
+  programs.set_colmap_version("4.1");
+  EXPECT_NO_THROW(start());
+  programs.add_colmap_help("  --ImageReader.camera_model arg {OPENCV, THIN_PRISM_FISHEYE, DIVISION}");
+  EXPECT_TRUE(fails_with<InputError>({"--camera_model EUCM", "COLMAP 4.1"}, start));
+  options.camera_model = "DIVISION";
+  EXPECT_NO_THROW(start());
+  options.camera_model = "SIMPLE_DIVISION";
+  EXPECT_TRUE(fails_with<InputError>({"--camera_model SIMPLE_DIVISION"}, start));
+  options.camera_model = "OPENCV";
+  options.use_gpu = "1";
+  EXPECT_TRUE(fails_with<InputError>({"--use_gpu 1", "built without CUDA"}, start));
 }
 
 TEST(ColmapProgram, SaysHowToInstallIt) {

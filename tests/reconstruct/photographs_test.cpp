@@ -1,12 +1,17 @@
 #include "reconstruct/photographs.h"
 
 #include <gtest/gtest.h>
-#include <sys/stat.h>
+
+#include <fstream>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "reconstruct/fake_programs.h"
+#include "scene/images/exif.h"
+#include "scene/images/image_io.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/photograph.h"
 
 namespace b3dgs {
 namespace {
@@ -19,9 +24,9 @@ using test::write_bytes;
 using test::write_photographs;
 using Names = std::vector<std::string>;
 
-Names names_of(const std::vector<Photograph>& photographs) {
+Names names_of(const PhotographList& list) {
   Names names;
-  for (const Photograph& photograph : photographs) names.push_back(photograph.name);
+  for (const Photograph& photograph : list.photographs) names.push_back(photograph.name);
   return names;
 }
 
@@ -33,9 +38,25 @@ TEST(Photographs, AreListedWithSubFoldersAndWithoutHiddenOnes) {
                            "notes.txt", "scene/images/z.jpg"}) {
     write_bytes(folder / name, "x");
   }
-  const std::vector<Photograph> photographs = list_photographs(folder.path(), {folder / "scene", folder / "none"});
-  EXPECT_EQ(names_of(photographs), (Names{"a.png", "b.JPG", "left/c.tiff"}));
-  EXPECT_EQ(photographs[0].bytes, 1u);
+  const PhotographList list = list_photographs(folder.path(), {folder / "scene", folder / "none"});
+  EXPECT_EQ(names_of(list), (Names{"a.png", "b.JPG", "left/c.tiff"}));
+  EXPECT_EQ(list.photographs[0].bytes, 1u);
+}
+
+TEST(Photographs, RawFilesWithoutAJpegBesideThemAreNamed) {
+  const TempDir folder;
+  for (const char* name : {"a.jpg", "a.CR2", "b.jpg", "c.HEIC", "left/b.dng"}) write_bytes(folder / name, "x");
+  EXPECT_EQ(list_photographs(folder.path(), {}).unreadable, (Names{"c.HEIC", "left/b.dng"}));
+}
+
+TEST(Photographs, NamesThatColmapCannotReadAreRefused) {
+  for (const char* name : {"a\nb.png", "left\x1b/a.png", " a.png"}) {
+    const TempDir folder;
+    write_photographs(folder.path(), 3);
+    write_bytes(folder / name, "x");
+    EXPECT_TRUE(fails_with<InputError>({"rename this file or folder"}, [&] { list_photographs(folder.path(), {}); }))
+        << name;
+  }
 }
 
 TEST(Photographs, NoneOneAndRawOnesAreToldApart) {
@@ -66,22 +87,78 @@ TEST(Photographs, DamagedOnesAreNamed) {
   EXPECT_NE(checked.damaged[3].find("f.jpg"), std::string::npos);
 }
 
-TEST(Photographs, AreLinkedAndKeptTheNextTime) {
-  const TempDir folder;
-  const fs::path from = folder / "photos", to = folder / "scene/images";
-  write_photographs(from, 2);
-  write_photographs(from / "left", 1);
-  const std::vector<Photograph> photographs = list_photographs(from, {});
-  place_photographs(from, to, photographs, false, ignore);
-  EXPECT_TRUE(fs::equivalent(from / "left/a.png", to / "left/a.png"));
-  place_photographs(from, to, photographs, false, ignore);
-  fs::remove(from / "a.png");
-  write_bytes(from / "a.png", "another one");
-  EXPECT_NE(read_bytes(to / "a.png"), "another one");
-  EXPECT_TRUE(fails_with<InputError>({"a.png", "another file is there"},
-                                     [&] { place_photographs(from, to, list_photographs(from, {}), false, ignore); }));
-  place_photographs(from, to, list_photographs(from, {}), true, ignore);
-  EXPECT_EQ(read_bytes(to / "a.png"), "another one");
+class PlacedPhotographs : public testing::Test {
+ protected:
+  std::size_t place() const { return place_photographs(from_, to_, list_photographs(from_, {}).photographs, ignore); }
+  std::string in_the_way() const { return find_in_the_way(from_, to_, list_photographs(from_, {}).photographs); }
+  TempDir folder_;
+  fs::path from_ = folder_ / "photos", to_ = folder_ / "scene/images";
+};
+
+TEST_F(PlacedPhotographs, AreCopiesThatShareNothingWithTheOriginals) {
+  write_photographs(from_, 2);
+  write_photographs(from_ / "left", 1);
+  const std::string before = read_bytes(from_ / "left/a.png");
+  EXPECT_EQ(place(), 0u);
+  EXPECT_FALSE(fs::equivalent(from_ / "left/a.png", to_ / "left/a.png"));
+  EXPECT_EQ(fs::last_write_time(to_ / "a.png"), fs::last_write_time(from_ / "a.png"));
+  std::fstream(to_ / "left/a.png", std::ios::in | std::ios::out | std::ios::binary) << "edited in place";
+  EXPECT_EQ(read_bytes(from_ / "left/a.png"), before);
+}
+
+TEST_F(PlacedPhotographs, AreKeptTheNextTimeAndOthersAreInTheWay) {
+  write_photographs(from_, 3);
+  place();
+  EXPECT_EQ(in_the_way(), "");
+  const fs::file_time_type placed = fs::last_write_time(to_ / "b.png");
+  fs::remove(to_ / "a.png");
+  place();
+  EXPECT_EQ(fs::last_write_time(to_ / "b.png"), placed);
+  write_bytes(from_ / "b.png", "another one");
+  EXPECT_EQ(in_the_way(), "b.png");
+  fs::remove(to_ / "b.png");
+  write_bytes(from_ / "left/x.png", "x");
+  write_bytes(to_ / "left", "a file where a folder is needed");
+  EXPECT_EQ(in_the_way(), "left/x.png");
+}
+
+TEST_F(PlacedPhotographs, FollowRelativeLinks) {
+  write_photographs(folder_ / "raw", 2);
+  fs::create_directories(from_);
+  for (const char* name : {"a.png", "b.png"}) fs::create_symlink(fs::path("../raw") / name, from_ / name);
+  place();
+  EXPECT_FALSE(fs::is_symlink(to_ / "a.png"));
+  EXPECT_EQ(read_bytes(to_ / "a.png"), read_bytes(folder_ / "raw/a.png"));
+}
+
+TEST_F(PlacedPhotographs, AreTurnedUpright) {
+  write_photographs(from_, 1);
+  const OwnFiles own(folder_ / "scene");
+  fs::create_directories(folder_ / "scene");
+  const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(48, 32, 6, true);
+  const std::string original(jpeg.begin(), jpeg.end());
+  write_bytes(from_ / "lying.jpg", original);
+  EXPECT_EQ(count_turned(from_, list_photographs(from_, {}).photographs), 1u);
+  EXPECT_EQ(place(), 1u);
+  EXPECT_EQ(read_image_size(to_ / "lying.jpg"), (ImageSize{32, 48}));
+  EXPECT_EQ(read_exif_orientation(to_ / "lying.jpg"), 1);
+  EXPECT_EQ(read_bytes(from_ / "lying.jpg"), original);
+  EXPECT_EQ(in_the_way(), "") << "the turned copy is the photograph";
+  EXPECT_EQ(place(), 0u);
+  // A damaged one is copied, and found by the check thereafter.
+  write_bytes(from_ / "cut.jpg", original.substr(0, 150));
+  EXPECT_EQ(place(), 0u);
+  EXPECT_EQ(read_bytes(to_ / "cut.jpg"), original.substr(0, 150));
+}
+
+TEST_F(PlacedPhotographs, AreNotTurnedBesideThoseOfAnEarlierVersion) {
+  write_photographs(from_, 1);
+  const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(48, 32, 6, true);
+  for (const char* name : {"x.jpg", "y.jpg"}) write_bytes(from_ / name, std::string(jpeg.begin(), jpeg.end()));
+  fs::create_directories(to_);
+  fs::create_hard_link(from_ / "x.jpg", to_ / "x.jpg");
+  EXPECT_EQ(place(), 0u);
+  EXPECT_EQ(read_bytes(to_ / "y.jpg"), read_bytes(from_ / "y.jpg"));
 }
 
 TEST(Photographs, OfOneSizeShareACamera) {

@@ -7,6 +7,7 @@
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/photograph.h"
 
 namespace b3dgs {
 namespace {
@@ -110,6 +111,131 @@ TEST_F(Reconstruct, AnInterruptedExtractionKeepsItsFeaturesAndItsCamera) {
   EXPECT_EQ(commands_of_call(), kAll);
   EXPECT_NE(programs_.calls()[0].find("--ImageReader.existing_camera_id 7"), std::string::npos) << programs_.calls()[0];
   EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db").rfind(database, 0), 0u);
+}
+
+TEST_F(Reconstruct, AnExtractionThatEndedBeforeItsCameraWasKnownBeginsAgain) {
+  write_photographs(folder_ / "photos/upright", 2, 6, 8);
+  // The second group: two photographs are in the database, and the line with their camera did not come.
+  programs_.set_colmap_prelude("if [ -e '" + (scene() / "reconstruct/database.db").string() +
+                               "' ] && [ $1 = feature_extractor ]; then echo x >> '" +
+                               (scene() / "reconstruct/database.db").string() + "'; kill -TERM $$; fi");
+  EXPECT_TRUE(fails({"feature_extractor failed"}));
+  programs_.set_colmap_prelude("");
+  EXPECT_EQ(commands_of_call(), (Words{"feature_extractor", "feature_extractor", "exhaustive_matcher", "mapper"}));
+  for (const std::size_t call : {0u, 1u}) {
+    EXPECT_EQ(programs_.calls()[call].find("existing_camera_id"), std::string::npos);
+  }
+  EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db").find('x'), std::string::npos);
+}
+
+TEST_F(Reconstruct, TheSameFoldersGoOnHoweverTheyAreWritten) {
+  const std::string photos = options_.input, place = options_.output;
+  make_scene();
+  fs::create_directory_symlink(photos, folder_ / "link");
+  fs::create_directory_symlink(place, folder_ / "scene link");
+  for (const std::string& input : {photos + "/", photos + "/.", photos + "/../photos//", (folder_ / "link").string()}) {
+    for (const std::string& output : {place + "/", (folder_ / "scene link/").string()}) {
+      options_.input = input;
+      options_.output = output;
+      EXPECT_EQ(commands_of_call(), Words{}) << input << " " << output;
+    }
+  }
+  // As earlier versions noted it.
+  std::string record = read_bytes(scene() / "reconstruct/stages.json");
+  const std::string noted = "\"folder\": \"" + fs::canonical(photos).string();
+  ASSERT_NE(record.find(noted), std::string::npos);
+  record.insert(record.find(noted) + noted.size(), "/");
+  write_bytes(scene() / "reconstruct/stages.json", record);
+  EXPECT_EQ(commands_of_call(), Words{});
+}
+
+TEST_F(Reconstruct, TheSameVideoGoesOnHoweverItIsWritten) {
+  std::string video;
+  for (int i = 0; i < 6; ++i) video += "P5\n4 4\n255\n" + std::string(16, static_cast<char>('a' + i));
+  programs_.set_video(video, 6);
+  programs_.set_models({6});
+  write_bytes(folder_ / "film.mp4", "x");
+  fs::create_symlink("film.mp4", folder_ / "link.mp4");
+  options_.input = (folder_ / "film.mp4").string();
+  make_scene();
+  options_.input = (folder_ / "link.mp4").string();
+  EXPECT_EQ(commands_of_call(), Words{});
+}
+
+TEST_F(Reconstruct, TheFolderOfThePhotographsIsNoSceneFolder) {
+  options_.output = options_.input;
+  for (const char* end : {"", "/"}) {
+    options_.input += end;
+    EXPECT_TRUE(fails({"is the folder of the photographs, too", "choose another scene folder"}));
+  }
+  EXPECT_FALSE(fs::exists(scene() / "reconstruct"));
+}
+
+TEST_F(Reconstruct, ASceneInsideTheFolderOfPhotographsIsNotTakenForPhotographs) {
+  options_.output = options_.input + "/scene";
+  make_scene();
+  write_photographs(folder_ / "photos", 10, 10, 10);
+  make_scene();
+  EXPECT_TRUE(fs::exists(scene() / "images.previous/a.png"));
+  EXPECT_EQ(result_.n_photographs, 10u);
+  EXPECT_EQ(commands_of_call(), Words{});
+}
+
+TEST_F(Reconstruct, SaysWhatIsLeftOutBesidePhotographs) {
+  write_bytes(folder_ / "photos/x.HEIC", "x");
+  make_scene();
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_NE(warnings_[0].find("1 raw or HEIC files are left out (the first: x.HEIC)"), std::string::npos);
+}
+
+TEST_F(Reconstruct, NamesWithLineBreaksAreRefusedBeforeAnythingIsDone) {
+  write_bytes(folder_ / "photos/x\ny.png", read_bytes(folder_ / "photos/a.png"));
+  EXPECT_TRUE(fails({"x?y.png", "control characters", "rename"}));
+  EXPECT_FALSE(fs::exists(scene()));
+}
+
+TEST_F(Reconstruct, NamesThatAreNoUtf8AreNotDoneAgain) {
+  write_bytes(folder_ / "photos/gr\xfcn.png", read_bytes(folder_ / "photos/a.png"));
+  make_scene();
+  EXPECT_EQ(commands_of_call(), Words{});
+}
+
+TEST_F(Reconstruct, WhatThisColmapCannotDoIsRefusedBeforeAnythingIsDone) {
+  options_.camera_model = "EUCM";
+  EXPECT_TRUE(fails({"--camera_model EUCM"}));
+  options_.camera_model = "OPENCV";
+  options_.use_gpu = "1";
+  EXPECT_TRUE(fails({"--use_gpu 1"}));
+  EXPECT_FALSE(fs::exists(scene() / "images"));
+}
+
+TEST_F(Reconstruct, PhotographsThatLieOnTheirSideAreTurnedOrNamed) {
+  const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(48, 32, 6, true);
+  write_bytes(folder_ / "photos/lying.jpg", std::string(jpeg.begin(), jpeg.end()));
+  make_scene();
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_NE(warnings_[0].find("1 of 11 photographs were turned upright"), std::string::npos) << warnings_[0];
+  EXPECT_EQ(read_image_size(scene() / "images/lying.jpg"), (ImageSize{32, 48}));
+  warnings_.clear();
+  EXPECT_EQ(commands_of_call(), Words{});
+  EXPECT_TRUE(warnings_.empty());
+
+  options_.output = (folder_ / "place").string();
+  write_bytes(scene() / "images/lying.jpg", std::string(jpeg.begin(), jpeg.end()));
+  write_photographs(scene() / "images", 9);
+  options_.input = options_.output;
+  make_scene();
+  EXPECT_NE(warnings_[0].find("1 of 10 photographs lie on their side"), std::string::npos) << warnings_[0];
+  EXPECT_EQ(read_bytes(scene() / "images/lying.jpg").size(), jpeg.size());
+}
+
+TEST_F(Reconstruct, AVideoNeedsTwoFrames) {
+  programs_.set_video("P5\n4 4\n255\n" + std::string(16, 'a'), 1);
+  write_bytes(folder_ / "film.mp4", "x");
+  options_.input = (folder_ / "film.mp4").string();
+  for (int call = 0; call < 2; ++call) EXPECT_TRUE(fails({"film.mp4: only one frame"}));
+  options_.frames = 1;
+  EXPECT_TRUE(fails({"--frames 1: expected at least 2 frames"}));
 }
 
 TEST_F(Reconstruct, AnExtractionWithOtherOptionsBeginsANewDatabase) {

@@ -75,9 +75,46 @@ TEST_F(StageRecordTest, ADamagedFileIsAnEmptyRecord) {
   }
 }
 
-TEST_F(StageRecordTest, NamesThatAreNoUtf8AreKeptApart) {
-  StageRecord(folder_ / "stages.json").is_done("a", {{"name", "gr\xfcn.jpg"}}, true);
-  EXPECT_FALSE(open().is_done("b", 1, true));
+TEST_F(StageRecordTest, NamesThatAreNoUtf8AreFoundAgain) {
+  const Json settings{{"name", "gr\xfcn.jpg"}};
+  {
+    StageRecord record = open();
+    record.is_done("a", settings, true);
+    record.finish();
+  }
+  EXPECT_TRUE(open().is_done("a", settings, true));
+  EXPECT_FALSE(open().is_done("a", {{"name", "gruen.jpg"}}, true));
+}
+
+TEST_F(StageRecordTest, GoingBackForgetsWhatFollows) {
+  record_two_and_a_half();
+  {
+    StageRecord record = open();
+    for (const char* stage : {"a", "b", "c"}) record.is_done(stage, 1, true);
+    record.go_back_to("b");
+    EXPECT_FALSE(record.is_done("b", 1, true));
+    EXPECT_FALSE(record.was_begun());
+  }
+  StageRecord record = open();
+  EXPECT_TRUE(record.is_done("a", 1, true));
+  EXPECT_FALSE(record.is_done("b", 1, true));
+}
+
+TEST_F(StageRecordTest, TellsItsFilesFromOthers) {
+  record_two_and_a_half();
+  EXPECT_TRUE(is_stage_record(folder_ / "stages.json"));
+  EXPECT_FALSE(is_stage_record(folder_ / "none.json"));
+  for (const char* text : {"mine", "[]", "{}", "{\"version\": 1}"}) {
+    test::write_bytes(folder_ / "other.json", text);
+    EXPECT_FALSE(is_stage_record(folder_ / "other.json")) << text;
+  }
+}
+
+TEST_F(StageRecordTest, TextsOfEarlierSettingsAreFound) {
+  open().is_done("a", {{"folder", "/photos/"}, {"n", 3}}, true);
+  EXPECT_EQ(open().earlier_text("a", "folder"), "/photos/");
+  for (const char* key : {"n", "none"}) EXPECT_EQ(open().earlier_text("a", key), "") << key;
+  EXPECT_EQ(open().earlier_text("b", "folder"), "");
 }
 
 }  // namespace

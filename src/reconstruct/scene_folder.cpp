@@ -1,0 +1,218 @@
+#include "reconstruct/scene_folder.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "reconstruct/stage_record.h"
+#include "scene/colmap/colmap.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// SQLite's files: the database, and what it has not yet written into it.
+constexpr const char* kDatabaseEnds[] = {"", "-wal", "-shm", "-journal"};
+
+/// Files of this program that are there only while it writes.
+bool is_lock_or_temporary(const fs::path& path) {
+  return path.filename().string().rfind(".b3dgs-", 0) == 0;
+}
+
+/// All files and links at the path and below it.
+std::vector<fs::path> files_at(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_directory(fs::symlink_status(path, error))) {
+    return is_taken(path) ? std::vector<fs::path>{path} : std::vector<fs::path>{};
+  }
+  std::vector<fs::path> files;
+  for (fs::recursive_directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
+    std::error_code ignored;
+    if (!fs::is_directory(it->symlink_status(ignored))) files.push_back(it->path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+fs::path previous_name(const fs::path& path) {
+  return free_name(path.string() + ".previous");
+}
+
+}  // namespace
+
+bool is_taken(const fs::path& path) {
+  std::error_code error;
+  return fs::exists(fs::symlink_status(path, error));
+}
+
+bool holds_files(const fs::path& folder) {
+  std::error_code error;
+  return fs::is_directory(folder, error) && fs::directory_iterator(folder, error) != fs::directory_iterator();
+}
+
+fs::path plain_path(const fs::path& path) {
+  std::error_code error;
+  fs::path plain = fs::weakly_canonical(fs::absolute(path), error);
+  if (error) plain = fs::absolute(path).lexically_normal();
+  return plain.has_filename() ? plain : plain.parent_path();
+}
+
+ScenePlaces::ScenePlaces(const fs::path& scene)
+    : root(scene),
+      images(scene / "images"),
+      sparse(scene / "sparse"),
+      log(scene / "reconstruct.log"),
+      work(scene / "reconstruct"),
+      record(work / "stages.json"),
+      database(work / "database.db"),
+      frames(work / "frames"),
+      models(work / "models"),
+      ordered(work / "sparse") {}
+
+void check_work_folder(const ScenePlaces& places) {
+  if (is_stage_record(places.record)) return;
+  std::vector<fs::path> files = files_at(places.work);
+  std::error_code error;
+  if (fs::is_directory(places.work, error)) {  // also through a link
+    files.clear();
+    for (const fs::directory_entry& entry : fs::directory_iterator(places.work, error)) {
+      const std::vector<fs::path> inside = files_at(entry.path());
+      files.insert(files.end(), inside.begin(), inside.end());
+    }
+  }
+  OwnFiles own(places.root);
+  for (const fs::path& file : files) {
+    if (own.is_own(file) || is_lock_or_temporary(file)) continue;
+    input_error(places.work.string(), ": expected no other files here than those of an earlier call, found ",
+                file.filename().string(), "; move or rename what is there, or choose another scene folder");
+  }
+}
+
+SceneFolder::SceneFolder(const ScenePlaces& places, const WarnFn& warn)
+    : places_(places), warn_(warn), lock_(places.root, "scene folder") {
+  OwnFiles::set_reporter([this](const std::string& line) {
+    if (warn_) warn_(line);
+  });
+  // Scenes of earlier versions have no list of own files. Without these two, the scene could not be continued.
+  if (!own().is_own(places_.record) && is_stage_record(places_.record)) {
+    own().add(places_.record);
+    if (!own().is_own(places_.log)) own().add_growing(places_.log);
+  }
+}
+
+SceneFolder::~SceneFolder() {
+  own().add_growing(places_.log);  // with its size now: a shorter one is another file
+  OwnFiles::set_reporter({});
+}
+
+OwnFiles& SceneFolder::own() const {
+  OwnFiles* own = OwnFiles::of(places_.root / "file");
+  B3DGS_CHECK(own != nullptr, "no list of own files for ", places_.root.string());
+  return *own;
+}
+
+void SceneFolder::add(const fs::path& path) {
+  for (const fs::path& file : files_at(path)) {
+    if (!own().is_own(file)) own().add(file);
+  }
+}
+
+bool SceneFolder::has_others(const fs::path& path) const {
+  const std::vector<fs::path> files = files_at(path);
+  return std::any_of(files.begin(), files.end(), [&](const fs::path& file) { return !own().is_own(file); });
+}
+
+void SceneFolder::clear(const fs::path& path) {
+  own().remove(path);
+  move_aside(path);
+}
+
+void SceneFolder::clear_database() {
+  const std::string base = places_.database.string();
+  const bool is_own = std::all_of(std::begin(kDatabaseEnds), std::end(kDatabaseEnds), [&](const char* end) {
+    return !is_taken(base + end) || own().is_own(fs::path(base + end));
+  });
+  std::string free = previous_name(base).string();
+  const auto is_free = [&] {
+    return std::none_of(std::begin(kDatabaseEnds), std::end(kDatabaseEnds),
+                        [&](const char* end) { return is_taken(free + end); });
+  };
+  for (int i = 3; !is_free(); ++i) free = base + ".previous." + std::to_string(i);
+  for (const char* end : kDatabaseEnds) {
+    if (!is_taken(base + end)) continue;
+    if (is_own) {
+      own().remove(base + end);
+    } else {
+      own().move(base + end, free + end);  // its parts belong together
+    }
+  }
+  if (!is_own && warn_) {
+    warn_(base + " was changed since by another program or an interruption; it is kept as " +
+          fs::path(free).filename().string());
+  }
+  if (is_taken(base)) io_error("cannot remove ", base);
+}
+
+void SceneFolder::remove(const fs::path& path) {
+  own().remove(path);
+}
+
+void SceneFolder::move(const fs::path& from, const fs::path& to) {
+  own().move(from, to);
+}
+
+void SceneFolder::move_aside(const fs::path& path, const std::string& reason) {
+  if (!is_taken(path)) return;
+  std::vector<fs::path> others;
+  for (const fs::path& file : files_at(path)) {
+    if (!own().is_own(file)) others.push_back(file);
+  }
+  const fs::path free = previous_name(path);
+  own().move(path, free);
+  if (!warn_ || (others.empty() && reason.empty())) return;
+  std::string line = reason.empty() ? "" : reason + ": ";
+  line += path.string() + " is now " + free.filename().string();
+  if (!others.empty()) {
+    line += detail::concat(", with ", others.size(), others.size() == 1 ? " file" : " files",
+                           " that this program did not write, or that changed since: ");
+    const fs::path name = others[0].lexically_relative(path);
+    line += (name == "." ? path.filename() : name).string() + (others.size() > 1 ? ", ..." : "");
+  }
+  warn_(detail::one_line(line));
+}
+
+std::size_t order_models(const fs::path& from, const fs::path& to) {
+  std::vector<std::pair<std::uint64_t, fs::path>> models;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) {
+    if (!entry.is_directory(error) || !colmap_format(entry.path())) continue;
+    try {
+      models.emplace_back(count_colmap_images(entry.path()), entry.path());
+    } catch (const InputError&) {
+      continue;  // cut off, for example by a full disk; the log has COLMAP's own message
+    }
+  }
+  std::sort(models.begin(), models.end(),
+            [](const auto& a, const auto& b) { return a.first != b.first ? a.first > b.first : a.second < b.second; });
+  if (models.empty()) return 0;
+  create_folder(to);
+  for (std::size_t i = 0; i < models.size(); ++i) {
+    fs::rename(models[i].second, to / std::to_string(i), error);
+    if (error) io_error("cannot move ", models[i].second.string(), " to ", to.string(), ": ", error.message());
+  }
+  return models.size();
+}
+
+fs::path free_name(const fs::path& path) {
+  fs::path name = path;
+  for (int i = 2; fs::exists(fs::symlink_status(name)); ++i) name = path.string() + "." + std::to_string(i);
+  return name;
+}
+
+}  // namespace b3dgs
