@@ -175,6 +175,35 @@ TEST(CommandLine, AnUnknownOptionIsAnErrorThatSuggestsTheNearest) {
   EXPECT_EQ(complaint({"-x"}), "unknown option -x; see b3dgs train --help-all");
 }
 
+TEST(CommandLine, AnOptionIsNotTakenAsTheValueOfAnother) {
+  EXPECT_EQ(complaint({"-m", "--eval"}),
+            "missing value: --model_path is followed by --eval (a shell variable that is not set?); for a name that "
+            "begins with \"-\", write --model_path=--eval or ./--eval");
+  EXPECT_EQ(complaint({"scene", "-m", "--iterations", "20"}).rfind("missing value: --model_path", 0), 0u);
+  EXPECT_EQ(complaint({"--model-path", "-r", "8"}).rfind("missing value: --model_path is followed by -r", 0), 0u);
+  EXPECT_EQ(complaint({"--data_dir", "--unknown"}).rfind("missing value: --source_path", 0), 0u) << "also by an alias";
+  EXPECT_EQ(complaint({"--iterations", "--eval"}),
+            "missing value: --iterations is followed by --eval (expected a number)");
+  EXPECT_EQ(complaint({"-r", "-m", "model"}).rfind("missing value: --resolution", 0), 0u);
+  EXPECT_EQ(parse({"--model_path=--eval"}).model_path, "--eval");
+  EXPECT_FALSE(parse({"--model_path=--eval"}).eval);
+  EXPECT_EQ(parse({"-m", "./--eval"}).model_path, "./--eval");
+  EXPECT_EQ(parse({"-m", "-1"}).model_path, "-1");
+  EXPECT_EQ(parse({"--resolution", "-1"}).resolution, -1);
+  EXPECT_EQ(parse({"--eval", "-m", "model"}).model_path, "model") << "a flag has no value";
+}
+
+TEST(CommandLine, NamesOfOtherTrainersGetTheRightHint) {
+  for (const auto& [other, own] : {std::pair<std::string, std::string>{"--max-num-iterations", "--iterations"},
+                                   {"--total-steps", "--iterations"},
+                                   {"--output", "--model_path"},
+                                   {"--output_dir", "--model_path"},
+                                   {"-o", "--model_path"}}) {
+    EXPECT_NE(complaint({other, "x"}).find("; did you mean " + own + "?"), std::string::npos)
+        << complaint({other, "x"});
+  }
+}
+
 TEST(CommandLine, AnUnexpectedArgumentIsAnError) {
   EXPECT_EQ(complaint({"scene"}),
             "unexpected argument \"scene\"; usage: b3dgs train [OPTIONS]; see b3dgs train --help");
