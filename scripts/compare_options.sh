@@ -43,7 +43,7 @@ is_left=0
 
 # A fixed kernel, so that no choice by time makes two trainings differ; and as many iterations for every scene.
 common='--device cpu --threads 1 --kernel shared-memory --max_epochs 0'
-short="$common --strategy balanced --steps_scaler 0.05"
+short="$common --preset original --strategy balanced --steps_scaler 0.05"
 # The size of the photographs of a scene; disturbed copies are named SCENE_FAULT.
 size_of() {
   case $1 in
@@ -204,7 +204,7 @@ run_block() {
     dim)
       base='--exposure --exposure_lr_init 0.01 --exposure_lr_final 0.0001'
       compare dim "$short --train_test_exp" "none=;--exposure=$base" orbit_dim orbit_dimgains
-      compare dim "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" \
+      compare dim "$common --preset original --strategy balanced --steps_scaler 0.25 --train_test_exp" \
         "none, 7500=;--exposure, 7500=$base" orbit_dim orbit_dimgains orbit orbit_gains
       ;;
     # Other learning rates of --exposure than 0.01 to 0.0001; 0.003 to 0.00003 is the default.
@@ -212,7 +212,7 @@ run_block() {
       base='0.003 to 0.00003=--exposure --exposure_lr_init 0.003 --exposure_lr_final 0.00003'
       compare rates "$short --train_test_exp" "$base" orbit orbit_gains fox fox_gains bonsai bonsai_gains \
         orbit_dim orbit_dimgains
-      compare rates "$common --strategy balanced --steps_scaler 0.25 --train_test_exp" "${base/=/, 7500=}" \
+      compare rates "$common --preset original --strategy balanced --steps_scaler 0.25 --train_test_exp" "${base/=/, 7500=}" \
         orbit_dim orbit_dimgains
       base='0.001 to 0.0001=--exposure --exposure_lr_init 0.001 --exposure_lr_final 0.0001'
       base+=';0.01 to 0.00001=--exposure --exposure_lr_init 0.01 --exposure_lr_final 0.00001'
@@ -248,7 +248,7 @@ run_block() {
       base='black=;--background learned=--background learned;--background sky=--background sky'
       compare background "$short" "$base" kitti_street orbit
       base='black, 7500=;--background learned, 7500=--background learned;--background sky, 7500=--background sky'
-      compare background "$common --strategy balanced --steps_scaler 0.25" "$base" orbit
+      compare background "$common --preset original --strategy balanced --steps_scaler 0.25" "$base" orbit
       ;;
     mcmc)
       base='none=;--growth 0.01=--growth 0.01;--growth 0.1=--growth 0.1'

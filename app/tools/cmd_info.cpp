@@ -98,19 +98,23 @@ void describe_points(const std::string& path) {
 
 /// Without paths and device, which are shown elsewhere or differ from machine to machine.
 void print_options(const TrainConfig& config) {
-  const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), effective = config_to_json(config);
+  const nlohmann::ordered_json defaults = config_to_json(preset_options(config)), effective = config_to_json(config);
   std::vector<std::string> lines;
   for (const auto& [name, value] : effective.items()) {
     if (value == defaults.at(name) || name == "source_path" || name == "model_path" || name == "device") continue;
     lines.push_back(print_to_string("  %-24s", name.c_str()) + option_value_text(value));
   }
-  std::printf(lines.empty() ? "options: those of --preset original\n"
-                            : "options that differ from --preset original:\n");
+  const TrainConfig own = resolve_options({{"preset", config.preset}}).config;
+  const std::string strategy = own.strategy == config.strategy ? "" : " --strategy " + config.strategy;
+  std::printf("options %s --preset %s%s%s\n", lines.empty() ? "are those of" : "that differ from",
+              config.preset.c_str(), strategy.c_str(), lines.empty() ? "" : ":");
   for (const std::string& line : lines) std::printf("%s\n", line.c_str());
 }
 
 void describe_model(const std::string& path) {
   const ModelFolder folder(path);
+  const std::vector<int> saved = folder.ply_iterations();
+  if (!folder.has_config() && !saved.empty()) return describe_splats(folder.ply(saved.back()).string());
   const TrainConfig config = folder.read_config();
   std::printf("%s: model of %s\n", path.c_str(), config.source_path.c_str());
   const auto list = [](const std::vector<int>& iterations) {
@@ -118,7 +122,6 @@ void describe_model(const std::string& path) {
     for (const int iteration : iterations) text += (text.empty() ? "" : ", ") + std::to_string(iteration);
     return text.empty() ? std::string("none") : text;
   };
-  const std::vector<int> saved = folder.ply_iterations();
   print_line("iterations", "%d", config.iterations);
   print_line("saved", "%s", list(saved).c_str());
   print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());

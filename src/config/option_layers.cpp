@@ -69,7 +69,9 @@ OptionLayers resolve_options(const GivenOptions& given) {
   OptionLayers layers;
   layers.given = given;
   TrainConfig named;  // its preset, its strategy
-  named.preset = given.contains("strategy") ? kPresetNames[0] : kDefaultPreset;
+  const GivenOptions usual = values_of(presets(), kDefaultPreset);
+  const bool is_other = given.contains("strategy") && given.at("strategy") != usual.at("strategy");
+  named.preset = is_other ? kPresetNames[0] : kDefaultPreset;
   config_from_json(named, given, /*place=*/"");
   layers.preset = values_of(presets(), named.preset);
   const GivenOptions& names_strategy = given.contains("strategy") ? given : layers.preset;
@@ -104,6 +106,21 @@ void apply_at_resume(TrainConfig& config, const GivenOptions& given) {
               [&](const Option& option) { return given.contains(std::string(option.name)); });
 }
 
+TrainConfig preset_options(const TrainConfig& config) {
+  GivenOptions named{{"preset", config.preset}, {"strategy", config.strategy}};
+  TrainConfig options = resolve_options(named).config;
+  if (config.iterations != options.iterations) {
+    named["iterations"] = config.iterations;
+    TrainConfig scaled = resolve_options(named).config;
+    scaled.iterations = options.iterations;
+    if (config.max_epochs != 0) scaled.max_epochs = options.max_epochs;
+    options = scaled;
+  }
+  // The limit by --lr_decay_from_epoch depends on the number of photographs.
+  options.lr_decay_from_iter = std::min(options.lr_decay_from_iter, config.lr_decay_from_iter);
+  return options;
+}
+
 std::string option_value_text(const nlohmann::ordered_json& value) {
   if (value.is_boolean()) return value.get<bool>() ? "on" : "off";
   if (value.is_string()) return value.get<std::string>().empty() ? "none" : value.get<std::string>();
@@ -115,8 +132,7 @@ std::string option_value_text(const nlohmann::ordered_json& value) {
 }
 
 std::vector<std::string> describe_options(const OptionLayers& layers) {
-  const nlohmann::ordered_json defaults = config_to_json(TrainConfig{}), config = config_to_json(layers.config);
-  std::vector<std::string> named{"preset " + layers.config.preset}, strategy, preset, given, others;
+  std::vector<std::string> named{"preset " + layers.config.preset}, given;
   named.push_back("strategy " + layers.config.strategy);
   if (layers.schedule_scale != 1) {
     named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
@@ -127,23 +143,14 @@ std::vector<std::string> describe_options(const OptionLayers& layers) {
   if (layers.steps_scaler != 1) {
     named.push_back(print_to_string("all numbers of iterations x %.4g", layers.steps_scaler));
   }
+  const nlohmann::ordered_json config = config_to_json(layers.config);
   for (const auto& [name, value] : config.items()) {
     // Paths are printed elsewhere, and preset and strategy above.
     if (name == "source_path" || name == "model_path" || name == "preset" || name == "strategy") continue;
-    if (value == defaults.at(name)) continue;
-    const bool is_limited = name == "iterations" && layers.epoch_scale != 1;
-    std::vector<std::string>& parts = is_limited                       ? others
-                                      : layers.given.contains(name)    ? given
-                                      : layers.preset.contains(name)   ? preset
-                                      : layers.strategy.contains(name) ? strategy
-                                                                       : others;
-    parts.push_back(name + " " + option_value_text(value));
+    if (layers.given.contains(name)) given.push_back(name + " " + option_value_text(value));
   }
   std::vector<std::string> lines;
   add_lines(lines, "options", named);
-  add_lines(lines, "  strategy", strategy);
-  add_lines(lines, "  preset", preset);
-  add_lines(lines, "  scaled", others);
   add_lines(lines, "  given", given);
   return lines;
 }

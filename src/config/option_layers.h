@@ -3,7 +3,7 @@
 //   1. the defaults of TrainConfig
 //   2. the defaults of the density strategy in use (strategy_defaults())
 //   3. the values of --preset (presets()), which may also choose the strategy. Without --preset: kDefaultPreset, or, if
-//      a strategy is given, `original`, since the values of another preset fit its own strategy
+//      another strategy than its own is given, `original`, since the values of a preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
 // Schedules: a given --iterations scales every option of the schedule (Steps::kSchedule) that was not given, by
@@ -49,11 +49,14 @@ OptionLayers resolve_options(const GivenOptions& given = GivenOptions::object())
 /// and for a value that is out of range
 void apply_at_resume(TrainConfig& config, const GivenOptions& given);
 
+/// The options of the config's preset and strategy, with the schedule of its number of iterations: what differs from
+/// them is what the user, or the scene, has changed.
+TrainConfig preset_options(const TrainConfig& config);
+
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
 std::string option_value_text(const nlohmann::ordered_json& value);
 
-/// A few lines, each with a label of 12 columns: preset, strategy, and the options that differ from TrainConfig's
-/// defaults, grouped by the layer that set them.
+/// A few lines, each with a label of 12 columns: preset, strategy, and the options that were given.
 std::vector<std::string> describe_options(const OptionLayers& layers);
 
 }  // namespace b3dgs

@@ -65,7 +65,7 @@ std::string table(const std::string& others, const std::vector<OptionRow>& colum
 
 std::string presets_help() {
   std::string text = "Values of --preset (default: ";
-  text += std::string(kDefaultPreset) + "; if --strategy is given: " + kPresetNames[0] + "):\n";
+  text += std::string(kDefaultPreset) + "; if another --strategy than its own is given: " + kPresetNames[0] + "):\n";
   for (const OptionRow& row : presets()) text += help_entry(row);
   std::string strategies;
   for (const OptionRow& row : strategy_defaults()) {
@@ -78,11 +78,11 @@ std::string presets_markdown() {
   std::string text =
       "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset original`, the "
       "strategy in use,\n`--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
-  text += std::string("The default is `--preset ") + kDefaultPreset + "`, or, where `--strategy` is given, `--preset " +
-          kPresetNames[0] +
-          "`. The tables\nabove show defaults without `--preset` and `--strategy`. Where a cell below is empty, the "
-          "value of\nthe strategy applies or, if it has none, that of `original`. `--iterations` scales the schedule,\n"
-          "except that of `--preset original` with `--strategy default`.\n\n"
+  text += std::string("The default is `--preset ") + kDefaultPreset +
+          "`, or, where another `--strategy` than its own is given,\n`--preset " + kPresetNames[0] +
+          "`. The tables above show defaults without `--preset` and `--strategy`. Where a\ncell below is empty, the "
+          "value of the strategy applies or, if it has none, that of `original`.\n`--iterations` scales the "
+          "schedule, except that of `--preset original` with `--strategy default`.\n\n"
           "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
   return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +

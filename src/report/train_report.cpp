@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/print.h"
@@ -119,9 +120,9 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
   if (const std::string photographs = photographs_text(folder); !photographs.empty()) {
     rows.push_back({"resolution", photographs});
   }
-  const std::string changed = changed_options(TrainConfig{}, config);
-  rows.push_back(
-      {"options", changed.empty() ? "those of --preset original" : changed + "; otherwise as in --preset original"});
+  const std::string changed = changed_options(preset_options(config), config);
+  const std::string preset = "--preset " + config.preset + ", --strategy " + config.strategy;
+  rows.push_back({"options", changed.empty() ? "those of " + preset : changed + "; otherwise those of " + preset});
   return rows;
 }
 

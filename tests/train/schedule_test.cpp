@@ -151,7 +151,7 @@ TrainConfig limited(const GivenOptions& given, const Scene& scene) {
 }
 
 TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
-  const GivenOptions quality{{"preset", "quality"}}, balanced{{"strategy", "balanced"}};
+  const GivenOptions quality{{"preset", "quality"}}, balanced{{"preset", "original"}, {"strategy", "balanced"}};
   const TrainConfig full = resolve_options(quality).config, config = limited(quality, scene_of(21));
   EXPECT_EQ(config.iterations, 21 * 400);
   EXPECT_EQ(config.max_epochs, 400);
@@ -169,7 +169,7 @@ TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
 
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
   for (const auto& [given, n] : {std::pair{GivenOptions{{"preset", "quality"}}, 60},
-                                 {GivenOptions{{"strategy", "balanced"}}, 75},
+                                 {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
                                  {GivenOptions{{"preset", "fast"}}, 1},
                                  {GivenOptions{{"preset", "original"}}, 1},
                                  {GivenOptions{{"strategy", "default"}}, 1},
@@ -177,14 +177,14 @@ TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
                                  {GivenOptions{{"max_epochs", 0}}, 1},
                                  {GivenOptions{{"max_epochs", std::numeric_limits<int>::max()}}, 3},
                                  {GivenOptions{{"iterations", 24000}}, 1},
-                                 {GivenOptions{{"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
+                                 {GivenOptions{{"preset", "original"}, {"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
     const TrainConfig full = resolve_options(given).config;
     TrainConfig config = full;
     EXPECT_EQ(limit_epochs(config, static_cast<std::size_t>(n), given), 1);
     EXPECT_TRUE(config_differences(full, config).empty()) << given;
   }
   EXPECT_EQ(limited({{"preset", "quality"}}, scene_of(59)).iterations, 23600);
-  EXPECT_EQ(limited({{"strategy", "balanced"}}, scene_of(74)).iterations, 29600);
+  EXPECT_EQ(limited({{"preset", "original"}, {"strategy", "balanced"}}, scene_of(74)).iterations, 29600);
   TrainConfig config;
   config.max_epochs = std::numeric_limits<int>::max();
   EXPECT_EQ(limit_epochs(config, std::numeric_limits<std::size_t>::max(), GivenOptions::object()), 1);
@@ -231,7 +231,7 @@ TEST(EpochLimit, IsScaledByStepsScaler) {
 }
 
 TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
-  for (const GivenOptions& given : {GivenOptions{{"preset", "quality"}}, GivenOptions{{"strategy", "balanced"}}}) {
+  for (const GivenOptions& given : {GivenOptions{{"preset", "quality"}}, GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}}) {
     for (const std::size_t n : {1, 5, 21, 37}) {
       const TrainConfig config = limited(given, scene_of(n));
       GivenOptions scaled = given;
