@@ -1,6 +1,6 @@
 // b3dgs export: writes a model in the formats of viewers and editors, and says what that has cost.
+#include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <optional>
@@ -163,16 +163,28 @@ void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits,
   write_spz(output, splats, sh_bits);
 }
 
+/// The file is written: where it cannot be read back, only the measurement is missing.
 std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not, StatusLine& status) {
-  if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not, status);
-  return read_splats(output);
+  try {
+    if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not, status);
+    return read_splats(output);
+  } catch (const InputError& error) {
+    status.clear();
+    status.warn(detail::concat(output.string(), " is complete, but could not be read back to measure it"));
+    why_not = error.what();
+    return std::nullopt;
+  }
 }
 
-void print_quality(const ExportQuality& quality, const char* views) {
-  const double lost = quality.psnr_before - quality.psnr_after;
-  print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %zu %s)", quality.psnr_after, quality.psnr_before,
-             std::abs(lost), lost < 0 ? "gained" : "lost", quality.n_views, views);
-  print_line("renders", "%.2f dB, those after against those before", quality.psnr_between);
+void print_quality(const ExportQuality& quality, const char* views, bool is_cropped) {
+  if (is_cropped) {
+    print_line("PSNR", "not measured: the photographs show more than --crop leaves");
+  } else {
+    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %zu %s)", quality.psnr_after,
+               quality.psnr_before, std::max(0.0, quality.psnr_before - quality.psnr_after), quality.n_views, views);
+  }
+  print_line("renders", "%.2f dB, those of the file against those before%s", quality.psnr_between,
+             is_cropped ? ", both cropped" : "");
 }
 
 }  // namespace
@@ -204,7 +216,11 @@ int run_export(const std::vector<std::string>& words) {
   LoadedModel model = load_without_scene(model_options, status);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
   std::string why_not = add_views(model, model_options, status);
-  const LoadedModel original = model;
+  LoadedModel original = model;
+  if (!options.crop.empty()) {
+    const CropRegion region = parse_crop(options.crop);
+    keep_if([&](std::size_t row) { return region.contains(&original.splats.means[3 * row]); }, original.splats);
+  }
   const bool is_file = fs::is_regular_file(model_options.model_path);
   const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
   refuse_to_replace(input, options.output);
@@ -245,7 +261,7 @@ int run_export(const std::vector<std::string>& words) {
   rotate_splats(inverse(rotation), *written);
   const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
   if (stop_signal() != 0) return 128 + stop_signal();
-  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views");
+  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views", !options.crop.empty());
   return 0;
 }
 

@@ -249,6 +249,16 @@ TEST_F(SplatPly, RejectsCountsThatTheFileCannotHold) {
   EXPECT_TRUE(refuses(header("ascii", 1, kDegree0) + "1 1 1 1 one 1 1 1 1 1 1 1 1 1\n", {":19:", "f_dc_1", "\"one\""}));
 }
 
+TEST_F(SplatPly, OpaqueAndTransparentGaussiansOfOtherProgramsAreRead) {
+  SplatCloud cloud = numbered_cloud(2, 0);
+  cloud.logit_opacities = {INFINITY, -INFINITY};
+  write_splat_ply(folder_ / "b.ply", cloud);
+  EXPECT_EQ(read_splat_ply(folder_ / "b.ply").logit_opacities, (std::vector<float>{15, -15}));
+  cloud.logit_opacities[1] = NAN;
+  write_splat_ply(folder_ / "b.ply", cloud);
+  EXPECT_TRUE(fails_with<InputError>({"b.ply", "row 1", "opacity", "nan"}, [&] { read_splat_ply(folder_ / "b.ply"); }));
+}
+
 TEST_F(SplatPly, NamesTheRowThatIsNotFiniteOrHasNoRotation) {
   SplatCloud cloud = numbered_cloud(3, 0);
   cloud.log_scales[3 * 1 + 2] = NAN;

@@ -23,6 +23,10 @@ constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
 #endif
 
+constexpr const char* kOpacity = "opacity";
+// Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. At this one, opacity is 1 - 3e-7.
+constexpr double kLargestLogit = 15;
+
 std::vector<std::string> numbered(const char* prefix, int count) {
   std::vector<std::string> names;
   names.reserve(static_cast<std::size_t>(count));
@@ -42,7 +46,7 @@ void visit_fields(Cloud& cloud, Visit&& visit) {
   visit(std::vector<std::string>{"x", "y", "z"}, cloud.means);
   visit(numbered("f_dc_", 3), cloud.sh0);
   visit(numbered("f_rest_", rest_count(cloud.sh_degree)), cloud.shN);
-  visit(std::vector<std::string>{"opacity"}, cloud.logit_opacities);
+  visit(std::vector<std::string>{kOpacity}, cloud.logit_opacities);
   visit(numbered("scale_", 3), cloud.log_scales);
   visit(numbered("rot_", 4), cloud.quats);
 }
@@ -78,6 +82,7 @@ void check_splat_row(const PlyReader& reader, const std::vector<std::string>& co
                      const double* values) {
   const std::string remedy = "; remove this Gaussian or export the file again";
   for (std::size_t i = 0; i < columns.size(); ++i) {
+    if (columns[i] == kOpacity && !std::isnan(values[i])) continue;  // limited when it is read
     if (!std::isfinite(static_cast<float>(values[i]))) {
       input_error(reader.name(), ": row ", row, " (counted from 0): expected a finite ", columns[i], ", found ",
                   values[i], remedy);
@@ -186,7 +191,10 @@ SplatCloud read_splat_ply(FileReader& file) {
       for (int k = 0; k < width; ++k, ++column) {
         const int target = &values == &cloud.shN ? memory_index(k, cloud.sh_degree) : k;
         for (std::uint64_t i = 0; i < n_rows; ++i) {
-          values[(first + i) * width + target] = static_cast<float>(rows[i * columns.size() + column]);
+          const double value = rows[i * columns.size() + column];
+          const bool is_infinite = std::isinf(static_cast<float>(value));  // only of an opacity
+          values[(first + i) * width + target] =
+              static_cast<float>(is_infinite ? std::copysign(kLargestLogit, value) : value);
         }
       }
     });

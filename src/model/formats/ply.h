@@ -35,7 +35,8 @@ class SplatPlyWriter {
 };
 
 /// Reads properties by name, in any order and of any scalar type, from binary (both byte orders) or ASCII files. The SH
-/// degree follows from the number of f_rest properties; normals are ignored. @throws InputError, also for values that
+/// degree follows from the number of f_rest properties; normals are ignored. Infinite opacities, of Gaussians that
+/// are exactly opaque or transparent, become the largest finite ones. @throws InputError, also for other values that
 /// are not finite and quaternions of length 0
 SplatCloud read_splat_ply(const std::filesystem::path& path);
 SplatCloud read_splat_ply(FileReader& file);

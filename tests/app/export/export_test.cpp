@@ -135,6 +135,8 @@ TEST_F(Export, LeavesOutWhatTheOptionsSay) {
       {path("model"), path("small.ply"), "--crop=-1,-1,-1,1,1,1", "--max_sh_degree", "1", "--max_gaussians", "20"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(contains(outcome.out, "least contribution to 7 training views")) << outcome.out;
+  EXPECT_FALSE(contains(outcome.out, "dB lost")) << "--crop leaves out what the photographs show: " << outcome.out;
+  EXPECT_TRUE(contains(outcome.out, "both cropped")) << outcome.out;
   const SplatCloud after = read_splat_ply(path("small.ply"));
   EXPECT_EQ(after.size(), 20);
   EXPECT_EQ(after.sh_degree, 1);
@@ -249,6 +251,13 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
                     measures = loud.err.find("measuring PSNR on 2 views\n");
   ASSERT_NE(measures, std::string::npos) << loud.err;
   EXPECT_TRUE(writes < reads && reads < measures) << loud.err;
+
+  install("case $to in *back.ply) echo nonsense >\"$to\" ;; *) cp \"$from\" \"$to\" ;; esac\n");
+  const Outcome unmeasured = run_export({path("model"), path("e.sog")});
+  EXPECT_EQ(unmeasured.exit_code, 0) << unmeasured.err;
+  EXPECT_TRUE(contains(unmeasured.err, "e.sog is complete")) << unmeasured.err;
+  EXPECT_TRUE(contains(unmeasured.out, "not measured: ")) << unmeasured.out;
+  EXPECT_EQ(test::read_bytes(path("e.sog")), test::read_bytes(ply()));
 
   install("echo 'x Error: no such thing' >&2; exit 3\n");
   const Outcome bad = run_export({path("model"), path("c.sog")});
