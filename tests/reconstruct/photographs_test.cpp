@@ -9,9 +9,9 @@
 #include "reconstruct/fake_programs.h"
 #include "scene/images/exif.h"
 #include "scene/images/image_io.h"
+#include "scene/photograph.h"
 #include "support/expect_error.h"
 #include "support/files.h"
-#include "support/photograph.h"
 
 namespace b3dgs {
 namespace {

@@ -5,9 +5,9 @@
 #include "core/check.h"
 #include "reconstruct/fake_programs.h"
 #include "scene/images/image_io.h"
+#include "scene/photograph.h"
 #include "support/expect_error.h"
 #include "support/files.h"
-#include "support/photograph.h"
 
 namespace b3dgs {
 namespace {

@@ -4,8 +4,8 @@
 
 #include <opencv2/imgcodecs.hpp>
 
+#include "scene/photograph.h"
 #include "support/files.h"
-#include "support/photograph.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
