@@ -113,7 +113,8 @@ class Attack:
         """What is hardly HTTP."""
         parts = [b"GET ", b"POST ", b"/", b"/frame", b" HTTP/1.1", b"\r\n", b"\n", b"\r", b"Host: 127.0.0.1", b"\0",
                  b"Content-Length: -1", b"Content-Length: 99999999999999999999", b"Transfer-Encoding: chunked", b"%",
-                 b"Range: bytes=0-" + b",0-" * 2600, b"X-Token: " + b"0" * 32, b"?token=", b"\xff" * 9, b": ", b"a" * 999]
+                 b"Range: bytes=0-" + b",0-" * 2600, b"X-Token: " + b"0" * 32, b"?token=", b"\xff" * 9, b": ",
+                 b"a" * 999]
         rng = random.Random(1)
         while self.is_on():
             client = self.connect("babble")
