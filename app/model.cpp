@@ -260,21 +260,6 @@ std::string results_variant(const LoadedModel& model, const ModelOptions& option
   return variant;
 }
 
-SceneOptions scene_options(const TrainConfig& config) {
-  SceneOptions options;
-  options.source_path = config.source_path;
-  options.images = config.images;
-  options.resolution = config.resolution;
-  options.eval = config.eval;
-  options.white_background = has_white_background(config);
-  options.tracks = !config.depths.empty();
-  options.masks = config.masks;
-  options.invert_masks = config.invert_masks;
-  options.empty_background = config.mask_mode == "segment";
-  options.host_memory_gb = config.host_memory_gb;
-  return options;
-}
-
 fs::path image_folder(const LoadedModel& model, const std::string& set) {
   return model.folder.root() / set / ("ours_" + std::to_string(model.iteration));
 }

@@ -14,6 +14,7 @@
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
+#include "train/scene_limits.h"
 
 namespace b3dgs {
 
@@ -80,8 +81,6 @@ void add_scene(LoadedModel& model, StatusLine& status);
 
 /// Adds the cameras of the model folder's cameras.json. Returns whether there is one.
 bool add_saved_cameras(LoadedModel& model);
-
-SceneOptions scene_options(const TrainConfig& config);
 
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);

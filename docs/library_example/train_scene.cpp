@@ -2,6 +2,7 @@
 #include <iostream>
 
 #include "scene/scene.h"
+#include "train/scene_limits.h"
 #include "train/trainer.h"
 
 int main(int argc, char** argv) try {
@@ -9,14 +10,11 @@ int main(int argc, char** argv) try {
   b3dgs::TrainConfig config;
   config.source_path = argv[1];
   config.model_path = argv[2];
+  config.resolution = 4;  // a quarter of the photographs' width and height
   config.iterations = 100;
   config.device = "cpu";  // or "cuda"
 
-  b3dgs::SceneOptions options;
-  options.source_path = config.source_path;
-  options.resolution = 4;  // a quarter of the photographs' width and height
-  const b3dgs::Scene scene = b3dgs::load_scene(options);
-
+  const b3dgs::Scene scene = b3dgs::load_scene(b3dgs::scene_options(config));
   const b3dgs::ModelFolder folder(config.model_path);
   b3dgs::Trainer trainer(config, scene, folder, {});
   trainer.run();

@@ -134,6 +134,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
 
   Scene scene;
   scene.source_path = options.source_path;
+  scene.options = options;
   scene.points = std::move(model.points);
   std::vector<std::string> masked_out;
   for (std::size_t i = 0; i < sources.size(); ++i) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,9 +52,10 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
-  double extent = 0;                  // world units; scene_extent() of the training views
-  std::vector<std::string> summary;   // about a dozen lines that describe the scene
-  std::vector<std::string> warnings;  // one line for each thing that is missing
+  std::optional<SceneOptions> options;  // that load_scene() has read it with
+  double extent = 0;                    // world units; scene_extent() of the training views
+  std::vector<std::string> summary;     // about a dozen lines that describe the scene
+  std::vector<std::string> warnings;    // one line for each thing that is missing
 };
 
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.

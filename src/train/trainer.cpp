@@ -125,6 +125,7 @@ Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder fold
   check_options(resolved);
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }
+  check_scene_options(config, scene);
 Trainer::~Trainer() = default;
 
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {

@@ -70,7 +70,7 @@ void check_options(const TrainConfig& config);
 class Trainer {
  public:
   /// Limits of the scene apply (scene_limits.h). `scene` must outlive the trainer. @throws InputError if config.device
-  /// cannot be used
+  /// cannot be used, or load_scene() has read the scene otherwise than with scene_options(config) (scene_limits.h)
   Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
   ~Trainer();
 

@@ -1,0 +1,135 @@
+#include "train/scene_limits.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "core/check.h"
+#include "core/print.h"
+#include "core/text.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string quoted(const std::string& text) {
+  return '"' + text + '"';
+}
+
+std::string quoted(bool value) {
+  return value ? "true" : "false";
+}
+
+std::string quoted(int value) {
+  return std::to_string(value);
+}
+
+template <class Value>
+void check_same(const char* name, const Value& of_scene, const Value& of_config) {
+  if (of_scene == of_config) return;
+  input_error("the scene was not read with the options of the training: ", name, " (expected ", quoted(of_config),
+              " as in TrainConfig, found ", quoted(of_scene), " in SceneOptions); load it with scene_options(config)");
+}
+
+/// Distance along the viewing direction, or nothing if the point is not in the image.
+double depth_in(const View& view, const float* point) {
+  const Pose& pose = view.camera.cam_from_world;
+  double at[3];
+  for (int row = 0; row < 3; ++row) {
+    at[row] = pose.translation[row];
+    for (int axis = 0; axis < 3; ++axis) at[row] += pose.rotation[3 * row + axis] * point[axis];
+  }
+  if (!(at[2] > 0)) return -1;
+  const double x = view.camera.fx * at[0] / at[2] + view.camera.cx, y = view.camera.fy * at[1] / at[2] + view.camera.cy;
+  const bool is_inside = x >= 0 && y >= 0 && x < view.camera.width && y < view.camera.height;
+  return is_inside ? at[2] : -1;
+}
+
+}  // namespace
+
+SceneOptions scene_options(const TrainConfig& config) {
+  SceneOptions options;
+  options.source_path = config.source_path;
+  options.images = config.images;
+  options.resolution = config.resolution;
+  options.eval = config.eval;
+  options.white_background = has_white_background(config);
+  options.tracks = !config.depths.empty();
+  options.masks = config.masks;
+  options.invert_masks = config.invert_masks;
+  options.empty_background = config.mask_mode == "segment";
+  options.host_memory_gb = config.host_memory_gb;
+  return options;
+}
+
+void check_scene_options(const TrainConfig& config, const Scene& scene) {
+  if (!scene.options || config.source_path.empty()) return;
+  const SceneOptions expected = scene_options(config);
+  const SceneOptions& found = *scene.options;
+  const auto plain = [](const std::string& path) { return (fs::absolute(path) / "").lexically_normal().string(); };
+  check_same("source_path", plain(found.source_path), plain(expected.source_path));
+  check_same("images", found.images, expected.images);
+  check_same("resolution", found.resolution, expected.resolution);
+  check_same("eval", found.eval, expected.eval);
+  check_same("white_background", found.white_background, expected.white_background);
+  check_same("masks", found.masks, expected.masks);
+  check_same("invert_masks", found.invert_masks, expected.invert_masks);
+  check_same("empty_background", found.empty_background, expected.empty_background);
+}
+
+std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
+  if (config.max_gaussians > 0 || config.pixels_per_gaussian == 0) return config.max_gaussians;
+  double pixels = 0;
+  for (const View& view : scene.train) pixels += static_cast<double>(view.camera.width) * view.camera.height;
+  return std::max(static_cast<std::int64_t>(pixels / config.pixels_per_gaussian),
+                  static_cast<std::int64_t>(scene.points.size()));
+}
+
+int decay_start(const TrainConfig& config, const Scene& scene) {
+  if (config.lr_final_scale == 1 || config.lr_decay_from_epoch == 0) return config.lr_decay_from_iter;
+  const std::int64_t latest = static_cast<std::int64_t>(scene.train.size()) * config.lr_decay_from_epoch;
+  return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, latest));
+}
+
+TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
+  config.max_gaussians = count_limit(config, scene);
+  config.lr_decay_from_iter = decay_start(config, scene);
+  return config;
+}
+
+std::string near_plane_warning(const std::vector<float>& points, const std::vector<View>& views, double near_plane) {
+  constexpr std::size_t kPoints = 20000, kViews = 50;  // looked at, at equal distances
+  constexpr double kFewPoints = 0.05;
+  const std::size_t n_points = points.size() / 3;
+  const std::size_t point_step = std::max<std::size_t>(1, n_points / kPoints);
+  const std::size_t view_step = std::max<std::size_t>(1, views.size() / kViews);
+  std::int64_t n_seen = 0, n_near = 0;
+  std::vector<double> depths;
+  for (std::size_t i = 0; i < n_points; i += point_step) {
+    std::int64_t n_views = 0, n_nearer = 0;
+    for (std::size_t v = 0; v < views.size(); v += view_step) {
+      const double depth = depth_in(views[v], &points[3 * i]);
+      if (depth <= 0) continue;
+      ++n_views;
+      n_nearer += depth < near_plane ? 1 : 0;
+      depths.push_back(depth);
+    }
+    n_seen += n_views > 0 ? 1 : 0;
+    n_near += 2 * n_nearer > n_views ? 1 : 0;
+  }
+  if (n_seen == 0) {
+    if (n_points == 0 || views.empty()) return "";
+    return "none of the " + format_count(static_cast<std::int64_t>(n_points)) +
+           " points is in front of a camera and in its image: nothing can be learned; check the poses (COLMAP: the "
+           "camera looks along +z), and that the points are of the same scene";
+  }
+  if (static_cast<double>(n_near) <= kFewPoints * static_cast<double>(n_seen)) return "";
+  const auto nearest = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 100);
+  std::nth_element(depths.begin(), nearest, depths.end());
+  return print_to_string(
+      "%s of %s points are nearer than --near_plane %g (world units) in the views that see them, and "
+      "are not rendered there; give a smaller one, such as --near_plane %.1g",
+      format_count(n_near).c_str(), format_count(n_seen).c_str(), near_plane, 0.1 * *nearest);
+}
+
+}  // namespace b3dgs
