@@ -218,6 +218,7 @@ TrainResult Trainer::run_until(int iteration) {
 void Trainer::Impl::iterate() {
   try {
     time.train([&] { step(); });
+  if (impl.state.iteration == impl.config.iterations && impl.state.iteration > 0) impl.warn_of_empty_views();
     time.train([&] { recorder.report_progress("training"); });
     const OutputPlan plan = output_plan(config, first_of_step(), state.iteration, !scene.test.empty());
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;

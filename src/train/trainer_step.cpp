@@ -7,6 +7,7 @@
 // at most one step in a hundred. As in the original, an iteration's evaluation and PLY show the model before that
 // iteration's density control; otherwise an opacity reset would show in the figures.
 
+#include <algorithm>
 #include <cmath>
 
 #include "config/coarse_schedule.h"
@@ -16,6 +17,7 @@
 #include "train/gaussians/initial_splats.h"
 #include "train/loss/loss_weights.h"
 #include "train/optimizer/lr_schedule.h"
+#include "train/scene_limits.h"
 #include "train/trainer_impl.h"
 
 namespace b3dgs {
@@ -34,6 +36,8 @@ void Trainer::Impl::initialize_model() {
     recorder.warn(detail::concat("training starts with ", state.n_gaussians(), " Gaussians, more than --max_gaussians ",
                                  config.max_gaussians, "; none will be added"));
   }
+  const std::string warning = near_plane_warning(cloud.means, scene.train, config.near_plane);
+  if (!warning.empty()) recorder.warn(warning);
 }
 
 RenderSettings Trainer::Impl::step_settings() {
@@ -115,6 +119,7 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   compare_with_photograph(view, compared);
   unread_loss = {state.iteration, view.name, view.index};
+  note_visibility(view);
   if (device.is_cpu()) read_loss();
   return compared;
 }
@@ -132,6 +137,24 @@ void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView&
   const RenderedView& rendered = compared.rendered;
   timer.begin(Stage::kLoss);
   add_background(state.background.coefficients, view.camera, rendered);
+void Trainer::Impl::note_visibility(const TrainView& view) {
+  empty_views.resize(static_cast<std::size_t>(images.size()));
+  empty_views[static_cast<std::size_t>(view.index)] = rasterizer.view_size().n_pairs == 0;
+  if (++n_views_drawn == empty_views.size()) warn_of_empty_views();
+}
+
+void Trainer::Impl::warn_of_empty_views() {
+  const auto n = static_cast<std::size_t>(std::count(empty_views.begin(), empty_views.end(), true));
+  if (n == 0 || (n <= n_warned_empty && 2 * n < empty_views.size())) return;
+  n_warned_empty = n;
+  const auto first = std::find(empty_views.begin(), empty_views.end(), true) - empty_views.begin();
+  recorder.warn(detail::concat("after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ",
+                               images.size(), " training views (first: ",
+                               scene.train[static_cast<std::size_t>(first)].name,
+                               "); check their poses, --near_plane (", config.near_plane,
+                               " world units) and the learning rates"));
+}
+
   if (appearance) {
     appearance->begin_step(view.index, state.iteration, state.appearance);
     appearance->set_photograph(view.truth);
