@@ -28,6 +28,7 @@
 #include "dist/launch/start_ranks.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
+#include "core/shell_quote.h"
 #include "train/device.h"
 #include "train/scene_limits.h"
 #include "train/threads.h"
@@ -237,16 +238,21 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   if (watched) watched->close();
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
-  record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
-  if (is_first) {
-    report_overfitting(folder);
-    std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+  try {
+    record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
+    if (is_first) {
+      report_overfitting(folder);
+      std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+    }
+  } catch (const IoError& error) {
+    status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",
+                               shell_quote(folder.root().string())));
   }
   // A launcher may end ranks that still run after another one has returned something else than 0.
   ranks.barrier("end");
   if (!result.interrupted) return 0;
   if (is_first) {
-    std::cout << "stopped by a signal; resume with: b3dgs train --resume " << result.checkpoint.string()
+    std::cout << "stopped by a signal; resume with: b3dgs train --resume " << shell_quote(result.checkpoint.string())
               << options.rank.as_words() << (ranks.shares_gpus() ? " --device cuda" : "") << "\n";
   }
   return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));

@@ -10,6 +10,7 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/shell_quote.h"
 #include "model/cameras/cameras_json.h"
 #include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"

@@ -6,6 +6,7 @@
 #include "app/record_run.h"
 #include "app/train_setup.h"
 #include "core/files/remove_tree.h"
+#include "core/shell_quote.h"
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
@@ -146,7 +147,7 @@ void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
 }
 
 std::string resume_command(const ComparisonPlan& plan) {
-  return "b3dgs compare --resume -m " + plan.root().string();
+  return "b3dgs compare --resume -m " + shell_quote(plan.root().string());
 }
 
 std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations) {

@@ -7,6 +7,7 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/shell_quote.h"
 #include "core/print.h"
 #include "core/text.h"
 #include "reconstruct/reconstruct.h"
@@ -37,7 +38,7 @@ void report(const ReconstructResult& result, const std::string& scene) {
   if (result.n_models > 1) {
     std::cout << "COLMAP made " << result.n_models << " models that it could not join; sparse/0 is the largest\n";
   }
-  std::cout << "next: b3dgs train " << scene << " -m MODEL --eval\n";
+  std::cout << "next: b3dgs train " << shell_quote(scene) << " -m MODEL --eval\n";
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <new>
 
+#include "core/shell_quote.h"
 #include "train/density/invalid_gaussians.h"
 #include "train/trainer_impl.h"
 
@@ -88,7 +89,8 @@ void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) 
 }
 
 std::string Trainer::Impl::resume_words(const std::filesystem::path& checkpoint) const {
-  return "continue with " + (hooks.resume_command.empty() ? "--resume " + checkpoint.string() : hooks.resume_command);
+  return "continue with " +
+         (hooks.resume_command.empty() ? "--resume " + shell_quote(checkpoint.string()) : hooks.resume_command);
 }
 
 std::string Trainer::Impl::last_checkpoint_of_ranks() const {
