@@ -152,16 +152,24 @@ class SplitEvaluator {
   StatusLine& status_;
 };
 
-/// Refuses, before anything is rendered, a folder to which the results cannot be written. The scene is not read yet:
-/// whether there are test views follows from the training's --eval.
-void require_writable_results(const LoadedModel& model, const EvalOptions& options) {
+/// Whether the results can be written to the model folder; otherwise warns, before anything is rendered. The scene is
+/// not read yet: whether there are test views follows from the training's --eval. @throws IoError if --save_images
+/// cannot write
+bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
   const std::string with_results = model.config.eval ? "test" : "train";
   const bool is_any = options.split == "auto" || options.split == "all";
   if (is_any || options.split == with_results) {
-    for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
+    try {
+      for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
+    } catch (const IoError& error) {
+      if (options.save_images) throw;
+      status.warn(std::string("results are printed only: ") + error.what());
+      can_write = false;
+    }
   }
-  if (!options.save_images) return;
+  if (!options.save_images) return can_write;
+  bool can_write = true;
   for (const std::string split : {"test", "train"}) {
     const bool is_evaluated =
         options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
@@ -173,6 +181,7 @@ void require_writable_results(const LoadedModel& model, const EvalOptions& optio
 void evaluate_file(const ModelOptions& model_options, const EvalOptions& options, const torch::Device& device,
                    const LpipsNetwork* lpips, StatusLine& status) {
   const std::filesystem::path file = model_options.model_path;
+  return can_write;
   const std::string split = options.split == "auto" ? "all" : options.split;
   const std::filesystem::path images = file.parent_path() / (file.stem().string() + "_" + split);
   if (options.save_images) {
@@ -220,7 +229,8 @@ int run_eval(const std::vector<std::string>& words) {
     return 0;
   }
   LoadedModel model = load_without_scene(model_options, status);
-  require_writable_results(model, options);
+  const OwnFiles own_files(model.folder.root());
+  const bool writes_results = can_write_results(model, options, status);
   add_scene(model, status);
   const std::string default_split = model.scene.test.empty() ? "train" : "test";
   const std::string split = options.split == "auto" ? default_split : options.split;
@@ -255,3 +265,8 @@ int run_eval(const std::vector<std::string>& words) {
 }
 
 }  // namespace b3dgs
+    if (evaluation.views.empty()) {
+      status.warn("nothing was measured: the masks leave no valid pixel in any " + name + " view");
+      continue;
+    }
+    if (!writes_results) continue;

@@ -62,6 +62,11 @@ void warn_of_missing_background(const LoadedModel& model, StatusLine& status) {
                              " not found, although the model was trained with --background ", model.config.background,
                              "; rendering on black"));
 }
+  if (!model.folder.has_config()) {
+    const std::string file = model.folder.ply(model.iteration).string();
+    input_error(model.folder.root().string(), ": has no config.json: not a model of b3dgs train; to use its Gaussians, ",
+                "name the file and the scene: ", shell_quote(file), " -s SCENE");
+  }
 
 /// Applies the options that may differ from those of the training.
 void apply_options(LoadedModel& model, const ModelOptions& options) {
@@ -84,6 +89,14 @@ void require_scene(const fs::path& file, const ModelOptions& options) {
               "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
               "--cameras or --path turntable)");
 }
+/// @throws InputError if the folder of the scene that the model was trained with is not there any more
+void require_scene_folder(const LoadedModel& model) {
+  const std::string& scene = model.config.source_path;
+  if (model.folder.root().empty() || fs::exists(scene)) return;
+  input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
+              " has moved, name its folder with -s");
+}
+
 
 /// The views used for training, from cameras.json.
 Scene scene_of_cameras(const LoadedModel& model) {
@@ -174,6 +187,7 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   add_scene(model, status);
   return model;
 }
+  require_scene_folder(model);
 
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
@@ -197,6 +211,7 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
+  if (!is_as_trained || !has_cameras) require_scene_folder(model);
   model.scene = open_scene(scene_options(model.config), status);
   return model;
 }

@@ -55,7 +55,7 @@ class TrainedModel : public ::testing::Test {
   StatusLine status_{messages_, 0, /*quiet=*/true};
 };
 
-TEST_F(TrainedModel, AFolderThatCannotBeWrittenIsRefusedBeforeAnythingIsRendered) {
+TEST_F(TrainedModel, OfAFolderThatCannotBeWrittenTheResultsArePrinted) {
   test::RunOptions as_user;
   as_user.obeys_permissions = true;
   const auto evaluate = [&](std::vector<std::string> more) {
@@ -70,32 +70,59 @@ TEST_F(TrainedModel, AFolderThatCannotBeWrittenIsRefusedBeforeAnythingIsRendered
   };
   fs::remove(path("model/results.json"));
   const std::set<std::string> before = listed();
-  const auto expect_refused = [&](const Outcome& outcome, const std::string& file) {
-    EXPECT_EQ(outcome.exit_code, 2);
-    EXPECT_EQ(outcome.out, "");
-    EXPECT_EQ(outcome.err.rfind("error: cannot write " + path("model/" + file) + " (expected a ", 0), 0u)
+  const auto expect_printed_only = [&](const Outcome& outcome, const std::string& file) {
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_NE(outcome.out.find("mean of"), std::string::npos) << outcome.out;
+    EXPECT_EQ(outcome.out.find("written:"), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.err.find("results are printed only: cannot write " + path("model/" + file)), std::string::npos)
         << outcome.err;
-    EXPECT_NE(outcome.err.find("; allow writing there, or evaluate a copy of the model folder\n"), std::string::npos)
-        << outcome.err;
-    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
   fs::permissions(path("model"), fs::perms::owner_read | fs::perms::owner_exec);
-  expect_refused(evaluate({}), "results.json");
-  expect_refused(evaluate({"--split", "all"}), "results.json");
-  expect_refused(evaluate({"--split", "train", "--save_images"}), "train/views.json");
+  expect_printed_only(evaluate({}), "results.json");
+  expect_printed_only(evaluate({"--split", "all"}), "results.json");
+  const Outcome images = evaluate({"--split", "train", "--save_images"});
+  EXPECT_EQ(images.exit_code, 2);
+  EXPECT_EQ(images.out, "") << "refused before anything is rendered";
+  EXPECT_EQ(images.err.rfind("error: cannot write " + path("model/train/views.json") + " (expected a ", 0), 0u)
+      << images.err;
+  EXPECT_NE(images.err.find("; allow writing there, or evaluate a copy of the model folder\n"), std::string::npos)
+      << images.err;
   const Outcome prints_only = evaluate({"--split", "train", "--quiet"});
   EXPECT_EQ(prints_only.exit_code, 0) << prints_only.err;
-  EXPECT_NE(prints_only.out.find("mean of"), std::string::npos) << "writes nothing, so needs no permission";
+  EXPECT_EQ(prints_only.err, "") << "writes nothing, so needs no permission";
   fs::permissions(path("model"), fs::perms::owner_all);
   EXPECT_EQ(listed(), before);
 
   fs::remove(path("model/per_view.json"));
   fs::create_directory(path("model/per_view.json"));
-  expect_refused(evaluate({}), "per_view.json");
+  expect_printed_only(evaluate({}), "per_view.json");
   remove_tree(path("model/per_view.json"));
   const Outcome writable = evaluate({"--save_images", "--quiet"});
   EXPECT_EQ(writable.exit_code, 0) << writable.err;
   EXPECT_TRUE(results().contains("ours_3"));
+}
+
+TEST_F(TrainedModel, OfASceneThatHasMovedNamesTheOption) {
+  fs::rename(path("scene"), path("moved"));
+  const Outcome outcome = run_b3dgs({"eval", path("model"), "--device", "cpu"});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_NE(outcome.err.find("scene folder not found: " + path("scene") + "; if the scene of " + path("model") +
+                             " has moved, name its folder with -s\n"),
+            std::string::npos)
+      << outcome.err;
+  EXPECT_EQ(run_b3dgs({"eval", path("model"), "-s", path("moved"), "--device", "cpu", "--quiet"}).exit_code, 0);
+}
+
+TEST_F(TrainedModel, AFolderOfAnotherProgramSaysHowItsGaussiansAreUsed) {
+  fs::remove(path("model/config.json"));
+  const Outcome outcome = run_b3dgs({"eval", path("model"), "--device", "cpu"});
+  EXPECT_EQ(outcome.exit_code, 2);
+  const std::string ply = path("model/point_cloud/iteration_3/point_cloud.ply");
+  EXPECT_NE(outcome.err.find(ply + " -s SCENE"), std::string::npos) << outcome.err;
+  EXPECT_EQ(run_b3dgs({"eval", ply, "-s", path("scene"), "--device", "cpu", "--quiet"}).exit_code, 0);
+  const Outcome info = run_b3dgs({"info", path("model")});
+  EXPECT_EQ(info.exit_code, 0) << info.err;
+  EXPECT_NE(info.out.find("Gaussians"), std::string::npos) << info.out;
 }
 
 TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
