@@ -106,7 +106,7 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
                                 : "";
-  std::printf("%-12s%d iterations%s in %s (%s in total), %s Gaussians\n", "trained",
+  std::printf("%-12s%d iterations%s in %s (%s with reading and saving), %s Gaussians\n", "trained",
               result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
               format_duration(total_s).c_str(),
               format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
@@ -159,7 +159,10 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   if (is_first) {
     plan.config.device = device_name(device);
     check_options(plan.config);
-    set_compute_threads(plan.config.threads);
+    if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
+      status.warn(detail::concat("--threads ", plan.config.threads, " are far more than this machine has cores: using ",
+                                 threads));
+    }
     const ModelFolder folder(plan.config.model_path);
     held.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
     plan.is_replaced = guard_model(folder, plan);

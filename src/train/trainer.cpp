@@ -175,6 +175,10 @@ void Trainer::step() {
 }
 
 void Trainer::wait() {
+  std::error_code error;  // ignored: then the folders differ
+  if (std::filesystem::equivalent(read.config.model_path, impl.config.model_path, error)) {
+    read.config.model_path = impl.config.model_path;  // the same folder, named in another way
+  }
   impl_->read_loss();
   impl_->recorder.wait_for_stage_times();
 }
