@@ -1,5 +1,8 @@
 #include "view/listen.h"
 
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -33,6 +36,21 @@ int port_of(int listener) {
   if (getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size) != 0) return 0;
   return ntohs(address.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
                                              : reinterpret_cast<const sockaddr_in&>(address).sin_port);
+}
+
+std::string address_of_this_machine() {
+  ifaddrs* all = nullptr;
+  if (::getifaddrs(&all) != 0) return "";
+  std::string address;
+  for (const ifaddrs* own = all; own != nullptr && address.empty(); own = own->ifa_next) {
+    const bool is_outside = (own->ifa_flags & IFF_UP) != 0 && (own->ifa_flags & IFF_LOOPBACK) == 0;
+    if (!is_outside || own->ifa_addr == nullptr || own->ifa_addr->sa_family != AF_INET) continue;
+    char text[INET_ADDRSTRLEN] = "";
+    const auto* const in = reinterpret_cast<const sockaddr_in*>(own->ifa_addr);
+    if (::inet_ntop(AF_INET, &in->sin_addr, text, sizeof text) != nullptr) address = text;
+  }
+  ::freeifaddrs(all);
+  return address;
 }
 
 }  // namespace b3dgs

@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "view/access.h"
+#include "view/listen.h"
 #include "view/page.h"
 #include "view/view_json.h"
 
@@ -51,6 +52,10 @@ std::string replace_all(std::string text, const std::string& from, const std::st
     text.replace(at, from.size(), to);
   }
   return text;
+}
+
+bool is_any_address(const std::string& address) {
+  return address == "0.0.0.0" || address == "::";
 }
 
 /// "[::1]" for "::1", as URLs need it.
@@ -209,8 +214,7 @@ const std::string& ViewServer::token() const {
 }
 
 std::string ViewServer::url() const {
-  const bool is_any = impl_->address == "0.0.0.0" || impl_->address == "::";
-  const std::string host = is_any ? "127.0.0.1" : in_url(impl_->address);
+  const std::string host = is_any_address(impl_->address) ? "127.0.0.1" : in_url(impl_->address);
   return detail::concat("http://", host, ":", impl_->port, "/?token=", impl_->token);
 }
 
@@ -220,7 +224,10 @@ std::string ViewServer::instructions() const {
     return detail::concat(first, "\n            from another machine, first: ssh -N -L ", impl_->port, ":",
                           in_url(impl_->address), ":", impl_->port, " ", host_name());
   }
-  return first;
+  if (!is_any_address(impl_->address)) return first;
+  const std::string own = address_of_this_machine();
+  return detail::concat(first, "\n            from another machine: http://", own.empty() ? "ADDRESS" : own, ":",
+                        impl_->port, "/?token=", impl_->token);
 }
 
 }  // namespace b3dgs

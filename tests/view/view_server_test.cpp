@@ -313,6 +313,20 @@ TEST_F(Server, SaysWhereThePageIs) {
   EXPECT_NE(text.find("ssh -N -L " + port + ":127.0.0.1:" + port + " "), std::string::npos) << text;
 }
 
+TEST_F(Server, OnAllAddressesNamesOneThatOtherMachinesReach) {
+  ViewServerOptions all;
+  all.address = "0.0.0.0";
+  all.port = 0;
+  OneColor source;
+  const ViewServer server(source, all);
+  const std::string text = server.instructions(), other = "from another machine: http://";
+  ASSERT_NE(text.find(other), std::string::npos) << text;
+  const std::string rest = text.substr(text.find(other) + other.size());
+  EXPECT_NE(rest.rfind("127.", 0), 0u) << text;
+  EXPECT_NE(rest.rfind("0.0.0.0", 0), 0u) << text;
+  EXPECT_NE(rest.find(":" + std::to_string(server.port()) + "/?token=" + server.token()), std::string::npos) << text;
+}
+
 TEST_F(Server, ATakenPortIsOneLine) {
   ViewServerOptions taken;
   taken.port = server_.port();
