@@ -9,6 +9,7 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/own_files.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/photographs.h"
@@ -157,6 +158,7 @@ class SplitEvaluator {
 /// cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
+  bool can_write = true;
   const std::string with_results = model.config.eval ? "test" : "train";
   const bool is_any = options.split == "auto" || options.split == "all";
   if (is_any || options.split == with_results) {
@@ -169,25 +171,25 @@ bool can_write_results(const LoadedModel& model, const EvalOptions& options, Sta
     }
   }
   if (!options.save_images) return can_write;
-  bool can_write = true;
   for (const std::string split : {"test", "train"}) {
     const bool is_evaluated =
         options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
     if (is_evaluated) require_writable(model.folder.root() / split / "views.json", remedy);
   }
+  return can_write;
 }
 
 /// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
 void evaluate_file(const ModelOptions& model_options, const EvalOptions& options, const torch::Device& device,
                    const LpipsNetwork* lpips, StatusLine& status) {
   const std::filesystem::path file = model_options.model_path;
-  return can_write;
   const std::string split = options.split == "auto" ? "all" : options.split;
   const std::filesystem::path images = file.parent_path() / (file.stem().string() + "_" + split);
   if (options.save_images) {
     require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
   }
   const LoadedModel model = load_file_to_evaluate(file, model_options, status);
+  const OwnFiles own_files(images);
   std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
   if (split == "all") {
     views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
@@ -258,6 +260,11 @@ int run_eval(const std::vector<std::string>& words) {
         views, name, split_colors(model, name == "test", is_other_scene, status), model.folder.root() / name / key);
     // The results files have one entry per iteration and scene, that of the default split.
     if (name != default_split) continue;
+    if (evaluation.views.empty()) {
+      status.warn("nothing was measured: the masks leave no valid pixel in any " + name + " view");
+      continue;
+    }
+    if (!writes_results) continue;
     model.folder.write_results(key, evaluation, source);
     std::cout << "written: results.json, per_view.json (" << key << ")\n";
   }
@@ -265,8 +272,3 @@ int run_eval(const std::vector<std::string>& words) {
 }
 
 }  // namespace b3dgs
-    if (evaluation.views.empty()) {
-      status.warn("nothing was measured: the masks leave no valid pixel in any " + name + " view");
-      continue;
-    }
-    if (!writes_results) continue;

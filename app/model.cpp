@@ -50,6 +50,11 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   LoadedModel model;
   model.folder = ModelFolder(options.model_path);
   model.iteration = choose_iteration(model.folder, options.iteration);
+  if (!model.folder.has_config()) {
+    const std::string file = model.folder.ply(model.iteration).string();
+    input_error(model.folder.root().string(), ": has no config.json: not a model of b3dgs train; to use its Gaussians, ",
+                "name the file and the scene: ", shell_quote(file), " -s SCENE");
+  }
   model.config = model.folder.read_config();
   model.splats = read_splat_ply(model.folder.ply(model.iteration));
   model.background = read_background_json(background_path(model.folder.ply(model.iteration)));
@@ -62,11 +67,6 @@ void warn_of_missing_background(const LoadedModel& model, StatusLine& status) {
                              " not found, although the model was trained with --background ", model.config.background,
                              "; rendering on black"));
 }
-  if (!model.folder.has_config()) {
-    const std::string file = model.folder.ply(model.iteration).string();
-    input_error(model.folder.root().string(), ": has no config.json: not a model of b3dgs train; to use its Gaussians, ",
-                "name the file and the scene: ", shell_quote(file), " -s SCENE");
-  }
 
 /// Applies the options that may differ from those of the training.
 void apply_options(LoadedModel& model, const ModelOptions& options) {
@@ -75,6 +75,14 @@ void apply_options(LoadedModel& model, const ModelOptions& options) {
   if (options.resolution != 0) model.config.resolution = options.resolution;
   model.config.device = device_name(choose_device(options.device));
   set_compute_threads(options.threads);
+}
+
+/// @throws InputError if the folder of the scene that the model was trained with is not there any more
+void require_scene_folder(const LoadedModel& model) {
+  const std::string& scene = model.config.source_path;
+  if (model.folder.root().empty() || fs::exists(scene)) return;
+  input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
+              " has moved, name its folder with -s");
 }
 
 Scene open_cameras(const TrainConfig& config, StatusLine& status) {
@@ -89,14 +97,6 @@ void require_scene(const fs::path& file, const ModelOptions& options) {
               "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
               "--cameras or --path turntable)");
 }
-/// @throws InputError if the folder of the scene that the model was trained with is not there any more
-void require_scene_folder(const LoadedModel& model) {
-  const std::string& scene = model.config.source_path;
-  if (model.folder.root().empty() || fs::exists(scene)) return;
-  input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
-              " has moved, name its folder with -s");
-}
-
 
 /// The views used for training, from cameras.json.
 Scene scene_of_cameras(const LoadedModel& model) {
@@ -171,6 +171,7 @@ LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) 
 }
 
 void add_scene(LoadedModel& model, StatusLine& status) {
+  require_scene_folder(model);
   model.scene = open_scene(scene_options(model.config), status);
   refine_poses(model);
 }
@@ -187,7 +188,6 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   add_scene(model, status);
   return model;
 }
-  require_scene_folder(model);
 
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
@@ -195,6 +195,7 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   warn_of_missing_background(model, status);
   apply_options(model, options);
   const bool has_cameras = fs::exists(model.folder.cameras());
+  if (!is_as_trained || !has_cameras) require_scene_folder(model);
   model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
   refine_poses(model);
   return model;
@@ -211,7 +212,6 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
-  if (!is_as_trained || !has_cameras) require_scene_folder(model);
   model.scene = open_scene(scene_options(model.config), status);
   return model;
 }

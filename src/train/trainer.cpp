@@ -119,13 +119,13 @@ void check_options(const TrainConfig& config) {
 }
 
 Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks) {
+  check_scene_options(config, scene);
   set_compute_threads(config.threads);
   TrainConfig resolved = with_scene_limits(config, scene);
   resolved.device = device_name(choose_device(config.device));
   check_options(resolved);
   impl_ = std::make_unique<Impl>(resolved, scene, std::move(folder), std::move(hooks));
 }
-  check_scene_options(config, scene);
 Trainer::~Trainer() = default;
 
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {
@@ -162,6 +162,10 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
   impl.result.first_iteration = impl.state.iteration;
   impl.kernels.restore(impl.state.kernel_selection, checkpoint.string());
+  std::error_code error;  // ignored: then the folders differ
+  if (std::filesystem::equivalent(read.config.model_path, impl.config.model_path, error)) {
+    read.config.model_path = impl.config.model_path;  // the same folder, named in another way
+  }
   impl.changed_options = config_differences(read.config, impl.config);
   return impl.changed_options;
 }
@@ -175,10 +179,6 @@ void Trainer::step() {
 }
 
 void Trainer::wait() {
-  std::error_code error;  // ignored: then the folders differ
-  if (std::filesystem::equivalent(read.config.model_path, impl.config.model_path, error)) {
-    read.config.model_path = impl.config.model_path;  // the same folder, named in another way
-  }
   impl_->read_loss();
   impl_->recorder.wait_for_stage_times();
 }
@@ -205,6 +205,7 @@ TrainResult Trainer::run_until(int iteration) {
   B3DGS_CHECK(iteration <= impl.config.iterations, "iteration ", iteration, " of ", impl.config.iterations);
   impl.begin();
   while (impl.state.iteration < iteration && !result.interrupted) impl.iterate();
+  if (impl.state.iteration == impl.config.iterations && impl.state.iteration > 0) impl.warn_of_empty_views();
   impl.time.finish_training();
   wait();
   impl.time.output([&] { impl.recorder.finish_files(); });
@@ -222,7 +223,6 @@ TrainResult Trainer::run_until(int iteration) {
 void Trainer::Impl::iterate() {
   try {
     time.train([&] { step(); });
-  if (impl.state.iteration == impl.config.iterations && impl.state.iteration > 0) impl.warn_of_empty_views();
     time.train([&] { recorder.report_progress("training"); });
     const OutputPlan plan = output_plan(config, first_of_step(), state.iteration, !scene.test.empty());
     const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;

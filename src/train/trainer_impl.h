@@ -97,11 +97,11 @@ struct Trainer::Impl {
   void compare_with_photograph(const TrainView& view, ComparedView& compared);
   /// Memory is planned with the sizes of the views that were rendered.
   void note_view_size();
-  /// Adds the view to the density statistics.
   /// Warns after each view has been drawn once if no Gaussian is visible in some of them.
   void note_visibility(const TrainView& view);
   /// The same at the end, if these are half of the views, or more than before.
   void warn_of_empty_views();
+  /// Adds the view to the density statistics.
   void add_to_statistics(const TrainView& view, const ComparedView& compared, const ViewStatistics& statistics);
   RenderSettings step_settings();
   /// Waits for the loss of the last step and adds it to the average; before that, finishes the step of its pose.
@@ -330,6 +330,7 @@ struct Trainer::Impl {
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   PoseRefiner poses;
   TrainRecorder recorder;
+  ViewRatios view_ratios;
   std::vector<bool> empty_views;  // in which no Gaussian was visible when they were drawn last
   std::size_t n_views_drawn = 0, n_warned_empty = 0;
   bool growth_has_failed = false;  // in this session, although memory had seemed sufficient

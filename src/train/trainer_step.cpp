@@ -32,12 +32,12 @@ void Trainer::Impl::initialize_model() {
   state.statistics = density->make_statistics(state.gaussians.size(), device);
   prepare_appearance();
   state.background = make_background(learned_background_degree(config), device);
+  const std::string warning = near_plane_warning(cloud.means, scene.train, config.near_plane);
+  if (!warning.empty()) recorder.warn(warning);
   if (config.max_gaussians > 0 && state.n_gaussians() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.n_gaussians(), " Gaussians, more than --max_gaussians ",
                                  config.max_gaussians, "; none will be added"));
   }
-  const std::string warning = near_plane_warning(cloud.means, scene.train, config.near_plane);
-  if (!warning.empty()) recorder.warn(warning);
 }
 
 RenderSettings Trainer::Impl::step_settings() {
@@ -115,11 +115,11 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
   note_view_size();
+  note_visibility(view);
   read_loss();  // of the view before: the device has finished it by now
   if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   compare_with_photograph(view, compared);
   unread_loss = {state.iteration, view.name, view.index};
-  note_visibility(view);
   if (device.is_cpu()) read_loss();
   return compared;
 }
@@ -133,10 +133,6 @@ void Trainer::Impl::note_view_size() {
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
 }
 
-void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {
-  const RenderedView& rendered = compared.rendered;
-  timer.begin(Stage::kLoss);
-  add_background(state.background.coefficients, view.camera, rendered);
 void Trainer::Impl::note_visibility(const TrainView& view) {
   empty_views.resize(static_cast<std::size_t>(images.size()));
   empty_views[static_cast<std::size_t>(view.index)] = rasterizer.view_size().n_pairs == 0;
@@ -155,6 +151,10 @@ void Trainer::Impl::warn_of_empty_views() {
                                " world units) and the learning rates"));
 }
 
+void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {
+  const RenderedView& rendered = compared.rendered;
+  timer.begin(Stage::kLoss);
+  add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) {
     appearance->begin_step(view.index, state.iteration, state.appearance);
     appearance->set_photograph(view.truth);
