@@ -20,6 +20,12 @@ inline bool has_too_many_pairs(std::int64_t n_pairs) {
   return n_pairs > kIndexMax;
 }
 
+/// The limit of a view, and what its splats have the index of.
+struct PairLimit {
+  std::int64_t n_pairs = kIndexMax;
+  const char* indexed = "Gaussian";
+};
+
 /// Error message for a view with too many pairs. `what` is what `widest` has the index of.
 inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles,
                                   const char* what = "Gaussian") {

@@ -8,6 +8,9 @@
 #include <limits>
 
 #include "core/check.h"
+#include "raster/cpu/passes.h"
+#include "raster/math/tiling.h"
+#include "support/expect_error.h"
 #include "support/raster/cpu_harness.h"
 #include "support/raster/reference_check.h"
 
@@ -136,6 +139,66 @@ TEST(RasterizeCpu, ResultsDoNotDependOnTheNumberOfThreads) {
       }
     }
   }
+}
+
+// Training chooses among these by timing, and must not depend on what it chose.
+TEST_P(RasterizeCpuTest, KernelsWithTheSameLanesAgreeBitForBit) {
+  const std::vector<ForwardKernel> groups[]{
+      {ForwardKernel::kSharedMemory, ForwardKernel::kSegmented, ForwardKernel::kNaive, ForwardKernel::kDynamic},
+      {ForwardKernel::kGaussianWise, ForwardKernel::kCombined}};
+  const TestScene scene = GetParam().build();
+  const ScopedThreadCount threads(3);
+  for (const Binning& binning : kBinnings) {
+    RenderSettings settings = settings_of(scene);
+    settings.culling = binning.culling;
+    settings.tile = binning.tile;
+    for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+      const ScopedSimdTarget simd(target);
+      for (const std::vector<ForwardKernel>& kernels : groups) {
+        settings.kernel = kernels.front();
+        const std::vector<torch::Tensor> first = all_results(scene, settings);
+        for (const ForwardKernel kernel : kernels) {
+          SCOPED_TRACE(testing::Message()
+                       << forward_kernel_name(kernel) << ", " << binning.name << ", " << hwy::TargetName(target));
+          settings.kernel = kernel;
+          expect_same_bytes(all_results(scene, settings), first);
+          if (HasFailure()) return;
+        }
+      }
+    }
+  }
+}
+
+TEST(RasterizeCpu, TooManyPairsAreRefusedBeforeTheyAreListed) {
+  // Two splats on 6 x 4 tiles; the second covers all of them.
+  const TileGrid grid = make_tile_grid(96, 64, {16, 16});
+  Splat splats[2]{};
+  Vec2f extents[2]{{4, 4}, {200, 200}};
+  std::int32_t radii[8]{};
+  for (int m = 0; m < 2; ++m) {
+    splats[m] = {};
+    splats[m].mean_x = 40;
+    splats[m].mean_y = 24;
+    splats[m].log2_opacity = -0.1f;
+    splats[m].conic_xx = splats[m].conic_yy = m == 0 ? 0.5f : 1e-5f;
+    splats[m].depth = 1;
+    splats[m].gaussian = 3 + 4 * m;
+    radii[3 + 4 * m] = m == 0 ? 4 : 200;
+  }
+  cpu::BinBuffers buffers;
+  const BinArgs args{splats, extents, radii, 2, grid, Culling::kSquare};
+  const std::int64_t n_pairs = cpu::bin(args, buffers).n_pairs;
+  EXPECT_EQ(n_pairs, 24 + 1);
+  PairLimit limit;
+  EXPECT_EQ(limit.n_pairs, (std::int64_t{1} << 31) - 2) << "as on a GPU";
+  limit.n_pairs = n_pairs;
+  EXPECT_EQ(cpu::bin(args, buffers, limit).n_pairs, n_pairs);
+  limit.n_pairs = n_pairs - 1;
+  cpu::BinBuffers fresh;
+  EXPECT_TRUE(
+      fails_with<NumericError>({"the view needs 25 (tile, Gaussian) pairs", "Gaussian 7 alone touches 24 of 24"},
+                               [&] { cpu::bin(args, fresh, limit); }));
+  EXPECT_EQ(fresh.splat_ids.data(), nullptr);
 }
 
 TEST(RasterizeCpu, RunsAreReproducible) {

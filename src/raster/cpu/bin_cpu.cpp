@@ -1,6 +1,7 @@
 // Binning: a stable radix sort of the splats by depth, then a stable counting sort of the (tile, splat) pairs by tile.
 // Both are split into consecutive chunks, so the lists do not depend on the number of threads.
 
+#include <algorithm>
 #include <cstring>
 #include <vector>
 
@@ -51,7 +52,7 @@ std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int6
 
 }  // namespace
 
-BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit) {
   const std::int64_t n = args.n_splats, n_tiles = args.grid.n_tiles();
   std::uint64_t* keys = buffers.keys.resize(n);
   parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -105,6 +106,10 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
     }
   }
   tile_offsets[n_tiles] = n_pairs;
+  if (n_pairs > limit.n_pairs) {
+    const std::int64_t m = std::max_element(slot_offsets, slot_offsets + n) - slot_offsets;
+    throw NumericError(too_many_pairs(n_pairs, {args.splats[m].gaussian, slot_offsets[m]}, n_tiles, limit.indexed));
+  }
   std::int64_t slots = 0;
   for (std::int64_t m = 0; m < n; ++m) {
     const std::int64_t pairs = slot_offsets[m];

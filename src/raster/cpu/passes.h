@@ -5,6 +5,7 @@
 
 #include "raster/args.h"
 #include "raster/cpu/buffer.h"
+#include "raster/pair_limit.h"
 #include "raster/splat_records.h"
 #include "raster/splat_rows.h"
 
@@ -19,7 +20,8 @@ struct BinBuffers {
   Buffer<std::int32_t> splat_ids;
   Buffer<std::uint64_t> keys, keys_swap;
 };
-BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
+/// @throws NumericError naming the widest Gaussian if there are too many pairs, before memory is taken for them
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit = {});
 
 /// Runs one of the kernels of forward/forward_table.h.
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);

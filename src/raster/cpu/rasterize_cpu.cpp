@@ -66,7 +66,7 @@ struct Rasterizer::Impl : ViewState {
   // The parts of a forward pass:
   void project(const GaussianArrays& gaussians, const RenderSettings& settings);
   /// From the splats to the images.
-  void draw(const RenderSettings& settings, const ImageArrays& out);
+  void draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit = {});
 
   /// The gradients of the pairs.
   void blend_backward(const ImageGradArrays& grad);
@@ -101,10 +101,10 @@ void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSett
                            splats.data(), extents.data(), radii.data(), settings.antialiasing});
 }
 
-void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& out) {
+void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit) {
   begin_drawing(settings, out);
   begin_stage(stages, Stage::kBin);
-  bins = bin({splats.data(), extents.data(), radii.data(), n_splats, grid, settings.culling}, bin_buffers);
+  bins = bin({splats.data(), extents.data(), radii.data(), n_splats, grid, settings.culling}, bin_buffers, limit);
   if (inverse_depth) invert_depths(splats.data(), n_splats);
   begin_stage(stages, Stage::kBlendForward);
   const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
@@ -158,7 +158,9 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
     }
   });
   s.n_splats = n;
-  s.draw(settings, out);
+  PairLimit limit;
+  limit.indexed = "the Gaussian of splat";
+  s.draw(settings, out, limit);
   s.n_rows = n;
 }
 

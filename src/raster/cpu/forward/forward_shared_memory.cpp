@@ -21,7 +21,7 @@ namespace HWY_NAMESPACE {
 void run_forward_shared_memory(const BlendForwardArgs& args, std::int64_t index) {
   TilePixels tile;
   tile.begin(args.grid, static_cast<std::int32_t>(index));
-  blend_staged(args, index, 0, args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index], tile);
+  blend_staged(args, index, tile);
   tile.finish(args);
 }
 

@@ -15,9 +15,8 @@ HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
 namespace HWY_NAMESPACE {
 
-/// Blends entries [begin, end) of the list of tile `index` onto its unfinished pixels.
-HWY_INLINE void blend_staged(const BlendForwardArgs& args, std::int64_t index, std::int64_t begin, std::int64_t end,
-                             TilePixels& tile) {
+/// Blends the list of tile `index` onto the unfinished pixels of its band.
+HWY_INLINE void blend_staged(const BlendForwardArgs& args, std::int64_t index, TilePixels& tile) {
   constexpr int kBatch = 32;  // about 2 KiB; unfinished rows are determined once per batch
   struct Staged {
     Splat splat;
@@ -27,7 +26,8 @@ HWY_INLINE void blend_staged(const BlendForwardArgs& args, std::int64_t index, s
   Staged staged[kBatch];
   const float top = static_cast<float>(tile.rect.y_begin);
   const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
-  for (std::int64_t batch = begin; batch < end; batch += kBatch) {
+  const std::int64_t end = args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index];
+  for (std::int64_t batch = 0; batch < end; batch += kBatch) {
     int live_begin, live_end;
     tile.live_rows(&live_begin, &live_end);
     if (live_begin >= live_end) break;

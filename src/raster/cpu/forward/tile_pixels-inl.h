@@ -29,12 +29,14 @@ struct TilePixels {
 
   Rect rect;        // pixels of the tile that are in the image
   int rows;         // number of them
+  RowSpan band;     // rows to blend and to write: all, unless begin() is followed by another choice
   int row_vectors;  // SIMD vectors per row
   int stride;       // pixels per row, with padding
 
   HWY_INLINE void begin(const TileGrid& grid, std::int32_t tile) {
     rect = tile_pixels(grid, tile);
     rows = rect.y_end - rect.y_begin;
+    band = {0, rows};
     row_vectors = (grid.tile.width + lane_count() - 1) / lane_count();
     stride = row_vectors * lane_count();
     const int columns = rect.x_end - rect.x_begin;
@@ -48,11 +50,11 @@ struct TilePixels {
     std::fill(last, last + n, -1);
   }
 
-  /// Smallest range of rows that contains all unfinished pixels; empty if the tile is done.
+  /// Smallest range of rows that contains all unfinished pixels of the band; empty if it is done.
   HWY_INLINE void live_rows(int* first, int* end) const {
     *first = rows;
     *end = 0;
-    for (int row = 0; row < rows; ++row) {
+    for (int row = band.begin; row < band.end; ++row) {
       bool live = false;
       for (int v = 0; v < row_vectors; ++v) {
         const Lanes t = Lanes::load(transmittance + row * stride + v * lane_count());
@@ -64,9 +66,9 @@ struct TilePixels {
     }
   }
 
-  /// Writes the tile's pixels to the image.
+  /// Writes the band's pixels to the image.
   HWY_INLINE void finish(const BlendForwardArgs& args) const {
-    for (int row = 0; row < rows; ++row) {
+    for (int row = band.begin; row < band.end; ++row) {
       for (int column = 0; column < rect.x_end - rect.x_begin; ++column) {
         const int p = row * stride + column;
         store_blended(args, rect.x_begin + column, rect.y_begin + row,
