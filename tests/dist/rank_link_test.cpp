@@ -101,11 +101,21 @@ TEST(RankLink, ASignalCutsNoMessageShort) {
 }
 
 TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {
+  const std::string value(20000000, 'v');
   RankLimits limits;
   limits.silence = milliseconds(2000);
   OtherEnd hub(limits);
+  std::atomic<bool> is_over{false};
+  std::thread signs_of_life([&] {
+    const std::string beat = to_bytes({MessageKind::kBeat, 0, ""});
+    while (!is_over && send(hub.connection().fd(), beat.data(), beat.size(), MSG_NOSIGNAL) > 0) {
+      std::this_thread::sleep_for(milliseconds(20));
+    }
+  });
   EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: it took nothing of a message for 2 s"},
-                                    [&] { hub.link().set("key", std::string(20000000, 'v')); }));
+                                    [&] { hub.link().set("key", value); }));
+  is_over = true;
+  signs_of_life.join();
 }
 
 }  // namespace
