@@ -46,6 +46,12 @@ double gpu_memory_gb_of_rank(const TrainConfig& config, [[maybe_unused]] const t
   return config.gpu_memory_gb;
 }
 
+std::optional<DepthPriors> load_depths(const TrainConfig& config, const Scene& scene, const torch::Device& device,
+                                       const ProgressFn& progress) {
+  if (!uses_depths(config)) return std::nullopt;
+  return DepthPriors(config.depths, scene, device, progress);
+}
+
 }  // namespace
 
 Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
@@ -62,6 +68,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       stepper(rasterizer),
       loss(device),
       appearance(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)),
+      depth_priors(load_depths(config, scene, device, this->hooks.on_loading)),
       density(make_density_strategy(config, scene.extent)),
       kernels(config, device, kernel_check_tools(this->hooks)),
       images(scene.train, device,
@@ -80,8 +87,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
     for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
     smoothing_filter.emplace(views, static_cast<float>(config.near_plane), device);
   }
-  if (uses_depths(config)) {
-    depth_priors.emplace(config.depths, scene, device, this->hooks.on_loading);
+  if (depth_priors) {
     for (const std::string& warning : depth_priors->warnings()) recorder.warn(warning);
   }
   hold_images(scene.test, this->hooks.on_loading);  // in the host memory that the training views have left
@@ -251,6 +257,7 @@ void Trainer::Impl::iterate() {
     recorder.set_ending(result.interrupted);
     const bool is_due = is_distributed() ? agreed.write_checkpoint : recorder.is_checkpoint_due();
     if (plan.checkpoint || result.interrupted || is_due) time.output([&] { write_checkpoint(); });
+    if (result.interrupted && !plan.save) time.output([&] { write_ply(); });
     if (hooks.wait_for_files) recorder.wait_for_files();
     recorder.collect_files();
   } catch (const LossError&) {
@@ -304,13 +311,26 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
 std::filesystem::path Trainer::write_checkpoint() {
   Impl& impl = *impl_;
   B3DGS_CHECK(impl.has_begun, "write_checkpoint() before run_until()");
+  // Files that are still being written are those of a training that goes on.
+  impl.recorder.wait_for_files();
+  impl.recorder.collect_files();
   impl.recorder.set_ending(true);
   impl.write_checkpoint();
   impl.recorder.set_ending(false);
-  if (const std::vector<WrittenFile>& failed = impl.recorder.failed_files(); !failed.empty()) {
-    throw IoError(failed.front().error + impl.recorder.last_checkpoint());
-  }
+  const std::optional<WrittenFile> failed = impl.recorder.take_failed_checkpoint();
+  if (failed) throw IoError(failed->error + impl.recorder.last_checkpoint());
   return impl.recorder.outputs().checkpoint;
+}
+
+std::filesystem::path Trainer::save() {
+  Impl& impl = *impl_;
+  std::filesystem::path checkpoint = write_checkpoint();
+  if (!std::filesystem::exists(impl.folder.ply(impl.state.iteration))) {
+    impl.recorder.set_ending(true);
+    impl.write_ply();
+    impl.recorder.set_ending(false);
+  }
+  return checkpoint;
 }
 
 }  // namespace b3dgs

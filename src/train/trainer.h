@@ -47,7 +47,7 @@ struct TrainHooks : TrainListeners {
   // several ranks, on rank 0.
   std::function<void()> on_result;
   // For callers that show the model while it is trained: after each step with its density control, wants_model() is
-  // asked, and on_model() called if it returns true. It may read the model, call Trainer::write_checkpoint(), and take
+  // asked, and on_model() called if it returns true. It may read the model, call Trainer::save(), and take
   // its time, which counts as output; whatever it does, the training stays the same. Of one process only, not of
   // several ranks.
   std::function<bool()> wants_model;
@@ -80,6 +80,7 @@ class Trainer {
 
   /// Runs to config.iterations (or the stop signal), writing the folder's files on the way. Gaussians that cannot be
   /// rendered are removed; files that cannot be written on the way cause a warning; training continues in both cases.
+  /// After a stop signal, the model is left as a checkpoint and a PLY.
   /// An error that ends training leaves a checkpoint of the last complete iteration and names it. If the loss is not
   /// finite, the model may be damaged: no checkpoint is written, and the error names the last one before.
   /// @throws InputError if the folder holds the model of another training, or a photograph cannot be read; IoError if
@@ -101,6 +102,10 @@ class Trainer {
 
   /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError
   std::filesystem::path write_checkpoint();
+
+  /// The same, and writes the PLY of this iteration, for viewers, unless there is one. A PLY that cannot be written
+  /// causes a warning. Returns the checkpoint.
+  std::filesystem::path save();
 
   /// One iteration with its density control, without any output. For benchmarks.
   void step();

@@ -48,6 +48,30 @@ TEST(ImageMemory, HasAtLeastOneBufferPerReader) {
   EXPECT_EQ(ImageMemory({kUnknown, 900000, 100, 0, 1}).n_buffers(), ImageMemory::kMaxBuffers);
 }
 
+TEST(ImageMemory, ReservedBytesCountAsFixedOnes) {
+  ImageMemory memory({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/0, /*n_readers=*/2});
+  const ImageMemory planned({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/200, /*n_readers=*/2});
+  {
+    const auto reserved = ReservedMemory::make(memory, 200);
+    ASSERT_NE(reserved, nullptr);
+    EXPECT_EQ(memory.fixed(), 200);
+    EXPECT_EQ(memory.used(), 200);
+    EXPECT_EQ(memory.n_buffers(), planned.n_buffers());
+    int n_held = 0;
+    while (memory.try_hold(100)) ++n_held;
+    EXPECT_EQ(n_held, 6) << "the photographs no longer fit: a buffer for each of two readers";
+    for (int i = 0; i < n_held; ++i) memory.release_held(100);
+    EXPECT_EQ(ReservedMemory::make(memory, 601), nullptr) << "no buffers would be left";
+    EXPECT_NE(ReservedMemory::make(memory, 600), nullptr);
+  }
+  EXPECT_EQ(memory.used(), 0);
+  int n_held = 0;
+  while (memory.try_hold(100)) ++n_held;
+  EXPECT_EQ(n_held, 10) << "as before";
+  EXPECT_EQ(ImageMemory().fixed(), 0);
+  EXPECT_TRUE(ImageMemory().try_reserve(std::int64_t{1} << 50)) << "no limit";
+}
+
 TEST(ImageMemory, LimitIsInGigabytesOrFourFifthsOfAvailableMemory) {
   EXPECT_EQ(image_memory_limit(1.5, 1000), 1500000000);
   EXPECT_EQ(image_memory_limit(0, 1000), 0);

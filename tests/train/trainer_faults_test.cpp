@@ -1,13 +1,8 @@
 // What remains when a training fails: no completed iteration is lost.
 
 #include <gtest/gtest.h>
-#include <sys/mount.h>
-#include <sys/resource.h>
 
-#include <cerrno>
 #include <cmath>
-#include <csignal>
-#include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -15,6 +10,7 @@
 #include "core/files/folder_lock.h"
 #include "model/formats/ply.h"
 #include "support/expect_error.h"
+#include "support/full_disk.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -27,7 +23,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::eventful_config;
+using test::FileSizeLimit;
 using test::read_bytes;
+using test::SmallDisk;
 using test::train;
 using test::Trained;
 
@@ -214,24 +212,6 @@ TEST_F(TrainerFaults, CheckpointsWrittenByTimeDoNotChangeTheTraining) {
   EXPECT_EQ(ModelFolder(temp / "often").checkpoint_iterations().size(), 2u) << "two are kept";
 }
 
-/// Limits the size of files written by this process, to simulate a full disk.
-class FileSizeLimit {
- public:
-  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
-    ::getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit limited{bytes, before_.rlim_max};
-    ::setrlimit(RLIMIT_FSIZE, &limited);
-  }
-  ~FileSizeLimit() {
-    ::setrlimit(RLIMIT_FSIZE, &before_);
-    std::signal(SIGXFSZ, handler_);
-  }
-
- private:
-  rlimit before_{};
-  void (*handler_)(int);
-};
-
 TEST_F(TrainerFaults, FilesThatCannotBeWrittenBeforeTheEndDoNotEndTheTraining) {
   TrainConfig config = eventful_config();
   config.checkpoint_iterations = {5, 15};
@@ -277,23 +257,6 @@ TEST_F(TrainerFaults, ALastPlyThatCannotBeWrittenFailsAndIsWrittenOnResume) {
   EXPECT_TRUE(resumed.ply == dense.ply);
   EXPECT_TRUE(resumed.checkpoint == dense.checkpoint);
 }
-
-/// A file system in memory, if this user may mount one.
-class SmallDisk {
- public:
-  SmallDisk(const fs::path& folder, const char* options, unsigned long flags = 0) : folder_(folder) {
-    fs::create_directories(folder);
-    if (::mount("none", folder.c_str(), "tmpfs", flags, options) != 0) fault_ = std::strerror(errno);
-  }
-  ~SmallDisk() {
-    if (fault_.empty()) ::umount2(folder_.c_str(), MNT_DETACH);
-  }
-  const std::string& fault() const { return fault_; }
-
- private:
-  fs::path folder_;
-  std::string fault_;
-};
 
 TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
   const fs::path disk = temp / "disk";

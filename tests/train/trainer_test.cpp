@@ -119,7 +119,8 @@ TEST(Trainer, StopsOnASignalWithACheckpointToContinueFrom) {
   EXPECT_TRUE(stopped.interrupted);
   EXPECT_EQ(stopped.iteration, 13);
   EXPECT_EQ(stopped.checkpoint, ModelFolder(temp / "stopped").checkpoint(13));
-  EXPECT_TRUE(stopped.ply.empty());
+  EXPECT_EQ(stopped.ply, ModelFolder(temp / "stopped").ply(13)) << "for viewers";
+  EXPECT_TRUE(std::filesystem::exists(stopped.ply));
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_TRUE(train(config, scene, temp / "stopped", stopped.checkpoint).ply == whole.ply);
 }

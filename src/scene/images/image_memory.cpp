@@ -11,14 +11,36 @@ std::int64_t image_memory_limit(double host_memory_gb, std::int64_t available_by
   return static_cast<std::int64_t>(std::min(1e9 * host_memory_gb, 9e18));
 }
 
-ImageMemory::ImageMemory(const Plan& plan)
-    : plan_(plan), hold_limit_(plan.limit), held_(plan.fixed), peak_(plan.fixed) {
+ImageMemory::ImageMemory(const Plan& plan) : plan_(plan), held_(plan.fixed), peak_(plan.fixed) {
   B3DGS_CHECK(plan.limit >= 0 && plan.n_readers >= 1, "limit ", plan.limit, ", readers ", plan.n_readers);
-  if (plan.largest == 0) return;
-  const std::int64_t left = std::max<std::int64_t>(0, plan.limit - plan.fixed);
-  const std::int64_t wanted = left / 4 / plan.n_readers / plan.largest;
+  divide();
+}
+
+void ImageMemory::divide() {
+  hold_limit_ = plan_.limit;
+  if (plan_.largest == 0) return;
+  const std::int64_t left = std::max<std::int64_t>(0, plan_.limit - plan_.fixed);
+  const std::int64_t wanted = left / 4 / plan_.n_readers / plan_.largest;
   n_buffers_ = static_cast<int>(std::clamp<std::int64_t>(wanted, 1, kMaxBuffers));
-  if (plan.photographs > left) hold_limit_ -= plan.n_readers * n_buffers_ * plan.largest;
+  if (plan_.photographs > left) hold_limit_ -= plan_.n_readers * n_buffers_ * plan_.largest;
+}
+
+bool ImageMemory::try_reserve(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::int64_t buffers = std::max(buffers_, plan_.n_readers * plan_.largest);
+  if (bytes > plan_.limit - buffers - held_) return false;
+  held_ += bytes;
+  plan_.fixed += bytes;
+  divide();
+  note_peak();
+  return true;
+}
+
+void ImageMemory::release_reserved(std::int64_t bytes) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  held_ -= bytes;
+  plan_.fixed -= bytes;
+  divide();
 }
 
 bool ImageMemory::try_hold(std::int64_t bytes) {

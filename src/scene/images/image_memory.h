@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <mutex>
 
 namespace b3dgs {
@@ -34,6 +35,11 @@ class ImageMemory {
   /// Buffers for one reader, 1 to kMaxBuffers.
   int n_buffers() const { return n_buffers_; }
 
+  /// Reserves memory for something else that stays, before photographs are cached: it counts as Plan::fixed. False if
+  /// it would leave readers less than a buffer each.
+  bool try_reserve(std::int64_t bytes);
+  void release_reserved(std::int64_t bytes);
+
   /// Reserves memory for a photograph to cache; false if there is not enough.
   bool try_hold(std::int64_t bytes);
   /// Undoes try_hold().
@@ -46,6 +52,7 @@ class ImageMemory {
   std::int64_t peak() const;  // largest used() so far
 
  private:
+  void divide();
   void note_peak() { peak_ = std::max(peak_, held_ + buffers_); }
 
   Plan plan_;
@@ -53,6 +60,25 @@ class ImageMemory {
   int n_buffers_ = kMaxBuffers;
   mutable std::mutex mutex_;
   std::int64_t held_ = 0, buffers_ = 0, peak_ = 0;  // bytes; held_ includes Plan::fixed
+};
+
+/// Has bytes reserved while it exists.
+class ReservedMemory {
+ public:
+  /// Null if there is not enough. `memory` must outlive the result.
+  static std::unique_ptr<ReservedMemory> make(ImageMemory& memory, std::int64_t bytes) {
+    if (!memory.try_reserve(bytes)) return nullptr;
+    return std::unique_ptr<ReservedMemory>(new ReservedMemory(memory, bytes));
+  }
+  ~ReservedMemory() { memory_.release_reserved(bytes_); }
+  ReservedMemory(const ReservedMemory&) = delete;
+  ReservedMemory& operator=(const ReservedMemory&) = delete;
+
+ private:
+  ReservedMemory(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) {}
+
+  ImageMemory& memory_;
+  const std::int64_t bytes_;
 };
 
 /// Counts buffers while it exists.

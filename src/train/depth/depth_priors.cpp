@@ -7,9 +7,9 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "core/text.h"
 #include "raster/torch/tensor_check.h"
 #include "raster/torch/tensor_storage.h"
-#include "scene/view_image.h"
 #include "train/depth/depth_loss_args.h"
 
 #if B3DGS_TORCH_CUDA
@@ -77,29 +77,38 @@ std::string counted(std::size_t count, std::size_t total, const std::string& wha
 
 }  // namespace
 
+std::vector<fs::path> depth_map_files(const std::string& folder, const Scene& scene) {
+  const fs::path root = find_folder(folder, scene);
+  std::vector<fs::path> files;
+  for (const View& view : scene.train) files.push_back(root / fs::path(view.name).replace_extension(".png"));
+  return files;
+}
+
 DepthPriors::DepthPriors(const std::string& folder_name, const Scene& scene, torch::Device device,
                          const ProgressFn& progress)
     : device_(device), priors_(scene.train.size()) {
   const fs::path folder = find_folder(folder_name, scene);
+  const std::vector<fs::path> files = depth_map_files(folder_name, scene);
   const auto n_views = static_cast<std::int64_t>(scene.train.size());
   std::vector<std::optional<DepthAlignment>> alignments(scene.train.size());
   std::vector<char> is_missing(scene.train.size(), 0);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    priors_[i].file = files[i];
+    priors_[i].image = scene.train[i].image;
+    is_missing[i] = fs::exists(files[i]) ? 0 : 1;
+  }
+  reserve_memory(is_missing);
   std::mutex mutex;
   std::size_t done = 0;
   parallel_pool(n_views, [&](std::int64_t task, int) {
     const auto i = static_cast<std::size_t>(task);
     const View& view = scene.train[i];
-    const fs::path file = folder / fs::path(view.name).replace_extension(".png");
-    is_missing[i] = fs::exists(file) ? 0 : 1;
+    Prior& prior = priors_[i];
     if (is_missing[i] == 0) {
-      const Depth16 map = view.image->read_depth(file);
+      const Depth16 map = view.image->read_depth(prior.file);
       alignments[i] = align_view(view, map, scene.points);
-      if (alignments[i]) {
-        priors_[i].map = torch::empty({map.height, map.width}, torch::kInt16);
-        std::copy_n(map.values.data(), map.values.size(),
-                    reinterpret_cast<std::uint16_t*>(priors_[i].map.data_ptr<std::int16_t>()));
-        if (device.is_cuda()) priors_[i].map = priors_[i].map.pin_memory();
-      }
+      const bool stays = prior.memory != nullptr || view.image->memory() == nullptr;
+      if (alignments[i] && stays) prior.map = to_host_tensor(map);
     }
     const std::lock_guard lock(mutex);
     if (progress) progress("loading depth maps", ++done, scene.train.size());
@@ -118,7 +127,10 @@ DepthPriors::DepthPriors(const std::string& folder_name, const Scene& scene, tor
   for (std::size_t i = 0; i < scene.train.size(); ++i) {
     if (all[i] && !alignments[i]) unlikely.push_back(scene.train[i].name);
     priors_[i].alignment = alignments[i];
-    if (!alignments[i]) priors_[i].map = torch::Tensor();
+    if (!alignments[i]) {
+      priors_[i].map = torch::Tensor();
+      priors_[i].memory.reset();
+    }
     n_used += alignments[i].has_value() ? 1 : 0;
   }
   if (missing.size() == scene.train.size()) {
@@ -143,18 +155,46 @@ DepthPriors::DepthPriors(const std::string& folder_name, const Scene& scene, tor
   }
 }
 
+void DepthPriors::reserve_memory(const std::vector<char>& is_missing) {
+  std::size_t n_read = 0, n_maps = 0;
+  std::int64_t n_bytes = 0;
+  for (std::size_t i = 0; i < priors_.size(); ++i) {
+    ImageMemory* const memory = priors_[i].image->memory();
+    if (is_missing[i] != 0) continue;
+    ++n_maps;
+    if (memory == nullptr) continue;
+    const ImageSize size = priors_[i].image->size();
+    const std::int64_t bytes = std::int64_t{sizeof(std::uint16_t)} * size.width * size.height;
+    n_bytes += bytes;
+    priors_[i].memory = ReservedMemory::make(*memory, bytes);
+    n_read += priors_[i].memory ? 0 : 1;
+  }
+  if (n_read == 0) return;
+  warnings_.push_back(
+      detail::concat(n_read, " of ", n_maps, " depth maps do not fit in host memory (all take ", format_bytes(n_bytes),
+                     ") and are read from disk for each step, which is slower; raise --host_memory_gb, ",
+                     "or use smaller images (-r 2)"));
+}
+
+torch::Tensor DepthPriors::to_host_tensor(const Depth16& map) const {
+  const torch::TensorOptions options = torch::TensorOptions(torch::kInt16).pinned_memory(device_.is_cuda());
+  torch::Tensor tensor = torch::empty({map.height, map.width}, options);
+  std::copy_n(map.values.data(), map.values.size(), reinterpret_cast<std::uint16_t*>(tensor.data_ptr<std::int16_t>()));
+  return tensor;
+}
+
 torch::Tensor DepthPriors::gradient(std::int32_t view, const torch::Tensor& rendered, const torch::Tensor& valid,
                                     std::int64_t n_valid, const torch::Tensor& map_valid, double weight) {
   const Prior& prior = priors_[static_cast<std::size_t>(view)];
   B3DGS_CHECK(prior.alignment, "training view ", view, " has no depth map");
   TensorCheck(device_).dims("rendered", rendered, {"H", "W"});
   const std::int64_t height = rendered.size(0), width = rendered.size(1);
-  const std::int64_t map_height = prior.map.size(0), map_width = prior.map.size(1);
+  torch::Tensor map = prior.map.defined() ? prior.map : to_host_tensor(prior.image->read_depth(prior.file));
+  const std::int64_t map_height = map.size(0), map_width = map.size(1);
   const std::int64_t reduction = std::min(map_width / width, map_height / height);
   B3DGS_CHECK(reduction >= 1, "a depth map of ", map_width, " x ", map_height, " px for a render of ", width, " x ",
               height);
   place_tensor(grad_, grad_room_, rendered.sizes(), rendered.options());
-  torch::Tensor map = prior.map;
   if (device_.is_cuda()) {
     place_tensor(map_, map_room_, map.sizes(), rendered.options().dtype(torch::kInt16));
     map_.copy_(map, /*non_blocking=*/true);

@@ -4,22 +4,30 @@
 #include <torch/types.h>
 
 #include <cstdint>
+#include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "scene/scene.h"
+#include "scene/view_image.h"
 #include "train/depth/depth_alignment.h"
 
 namespace b3dgs {
 
-/// The maps of a scene, in host memory: 2 bytes per pixel.
+/// The file of each training view's map, whether it exists or not: FOLDER/NAME.png, where NAME is the photograph's name
+/// without its extension. A relative folder is one in the scene folder or, if there is none, in the current folder.
+/// @throws InputError if there is no such folder
+std::vector<std::filesystem::path> depth_map_files(const std::string& folder, const Scene& scene);
+
+/// The maps of a scene, in host memory, 2 bytes per pixel, as far as ImageMemory has room; the others are read from
+/// disk each time. Make this before photographs are cached: reading those ahead costs less.
 class DepthPriors {
  public:
-  /// Reads FOLDER/NAME.png for each training view, where NAME is the photograph's name without its extension, and
-  /// aligns it with the points that the view sees (View::points). A relative folder is one in the scene folder or, if
-  /// there is none, in the current folder. Views without a map, and maps that cannot be aligned, are left out and
-  /// counted in warnings(). @throws InputError if a map cannot be used, or none can
+  /// Reads the files of `folder` and aligns each map with the points that its view sees (View::points). Views without a
+  /// map, and maps that cannot be aligned, are left out and counted in warnings(). @throws InputError if a map cannot
+  /// be used, or none can
   DepthPriors(const std::string& folder, const Scene& scene, torch::Device device, const ProgressFn& progress = {});
 
   /// One line each.
@@ -41,8 +49,15 @@ class DepthPriors {
  private:
   struct Prior {
     std::optional<DepthAlignment> alignment;
-    torch::Tensor map;  // [H, W] int16 with the bits of uint16, on the host; undefined without alignment
+    torch::Tensor map;  // [H, W] int16 with the bits of uint16, on the host; undefined: read from `file`
+    std::filesystem::path file;
+    std::shared_ptr<const ViewImage> image;  // before `memory`, which is its scene's
+    std::unique_ptr<ReservedMemory> memory;  // of `map`
   };
+
+  /// Reserves memory for the maps that stay in it.
+  void reserve_memory(const std::vector<char>& is_missing);
+  torch::Tensor to_host_tensor(const Depth16& map) const;
 
   torch::Device device_;
   std::vector<Prior> priors_;  // by training view

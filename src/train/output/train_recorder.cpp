@@ -116,17 +116,23 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
 
 void TrainRecorder::write_ply(const GaussianTensors& gaussians, const BackgroundState& background) {
   const int iteration = source_.state.iteration;
-  const std::filesystem::path background_file = background_path(source_.folder.ply(iteration));
+  WrittenFile file{WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""};
+  const std::filesystem::path background_file = background_path(file.path);
   if (background.is_defined()) {  // first, so that no PLY is without it
     const torch::Tensor values = background.coefficients.cpu();
     const float* const begin = values.data_ptr<float>();
-    try_to_write([&] { write_background_json(background_file, {{begin, begin + values.numel()}}); });
+    try {
+      write_background_json(background_file, {{begin, begin + values.numel()}});
+    } catch (const IoError& error) {
+      file.error = error.what();
+      return handle(file);
+    }
   }
   // One from an earlier session at this iteration belongs to that session's PLY.
   const std::filesystem::path obsolete = background.is_defined() ? std::filesystem::path() : background_file;
   outputs_.n_saved = gaussians.size();
-  writer_.write_ply({WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""}, gaussians,
-                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)), obsolete);
+  writer_.write_ply(file, gaussians, has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)),
+                    obsolete);
   if (!is_end()) return;
   writer_.wait();
   collect_files();
@@ -168,38 +174,68 @@ bool TrainRecorder::is_checkpoint_due() const {
 }
 
 void TrainRecorder::collect_files() {
+  for (const WrittenFile& file : writer_.take()) handle(file);
+}
+
+void TrainRecorder::handle(const WrittenFile& file) {
   const TrainState& state = source_.state;
-  for (WrittenFile& file : writer_.take()) {
-    const bool is_checkpoint = file.kind == WrittenFile::Kind::kCheckpoint;
-    if (!file.error.empty()) {
-      outputs_.not_written.push_back(file.path);
-      if (is_end() && file.iteration == state.iteration) {
-        failed_.push_back(file);
-      } else {
-        warn(file.error + (is_checkpoint
-                               ? "; training continues, the next checkpoint is written as scheduled" + last_checkpoint()
-                               : "; training continues without this PLY"));
-      }
-    } else if (is_checkpoint) {
-      outputs_.checkpoint = file.path;
-      remove_superseded_checkpoints(source_.folder, state.training_id, file.iteration, source_.config.keep_checkpoints);
-    } else {
+  const bool is_checkpoint = file.kind == WrittenFile::Kind::kCheckpoint;
+  if (file.error.empty()) {  // perhaps at the second try
+    std::vector<std::filesystem::path>& missing = outputs_.not_written;
+    missing.erase(std::remove(missing.begin(), missing.end(), file.path), missing.end());
+    const auto is_this = [&](const WrittenFile& other) { return other.path == file.path; };
+    failed_.erase(std::remove_if(failed_.begin(), failed_.end(), is_this), failed_.end());
+    if (!is_checkpoint) {
       outputs_.ply = file.path;
+      return;
     }
+    outputs_.checkpoint = file.path;
+    remove_superseded_checkpoints(source_.folder, state.training_id, file.iteration, source_.config.keep_checkpoints);
+    return;
   }
+  outputs_.not_written.push_back(file.path);
+  // A training that is stopped is continued from its checkpoint; its PLY is only for viewers.
+  const bool is_needed = is_checkpoint ? is_end() : is_complete();
+  if (is_needed && file.iteration == state.iteration) {
+    failed_.push_back(file);
+  } else if (is_checkpoint) {
+    warn(file.error + "; training continues, the next checkpoint is written as scheduled" + last_checkpoint());
+  } else {
+    warn(file.error + (is_ending_ ? "" : "; training continues without this PLY"));
+  }
+}
+
+std::optional<WrittenFile> TrainRecorder::take_failed_checkpoint() {
+  const auto found = std::find_if(failed_.begin(), failed_.end(),
+                                  [](const WrittenFile& file) { return file.kind == WrittenFile::Kind::kCheckpoint; });
+  if (found == failed_.end()) return std::nullopt;
+  WrittenFile file = std::move(*found);
+  failed_.erase(found);
+  return file;
 }
 
 void TrainRecorder::finish_files() {
   writer_.wait();
   collect_files();
-  if (!failed_.empty()) {
-    const std::string& command = source_.listeners.resume_command;
-    const bool has_checkpoint = !outputs_.checkpoint.empty();
-    throw IoError(failed_.front().error + last_checkpoint() + "; " +
-                  (!command.empty() ? "continue with " + command
-                   : has_checkpoint ? "continue with --resume auto"
-                                    : "start the training again with --overwrite"));
+  if (!failed_.empty()) throw IoError(failed_.front().error + remedy());
+}
+
+std::string TrainRecorder::remedy() const {
+  const ModelFolder& folder = source_.folder;
+  const std::filesystem::path ply = folder.ply(source_.state.iteration);
+  const bool has_ply = outputs_.ply == ply, has_checkpoint = !outputs_.checkpoint.empty();
+  std::string text;
+  if (has_ply) {
+    text = detail::concat("; the PLY of iteration ", source_.state.iteration, " is complete: ", ply.string(),
+                          "; only the checkpoint is missing, without which this model cannot be trained longer");
+    if (!has_checkpoint) return text;
   }
+  text += last_checkpoint() + "; ";
+  const std::string& command = source_.listeners.resume_command;
+  if (!command.empty()) return text + "continue with " + command;
+  if (has_checkpoint) return text + "continue with --resume auto";
+  // A new training in this folder would need --overwrite, and replace what it holds.
+  return text + "start the training again" + (folder.holds_model() ? " in another folder (-m)" : "");
 }
 
 std::string TrainRecorder::last_checkpoint() const {

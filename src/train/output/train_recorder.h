@@ -78,7 +78,8 @@ class TrainRecorder {
   // PLYs and checkpoints. They are written in the background, unless this is the end: after the last iteration, or
   // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
   void set_ending(bool is_ending) { is_ending_ = is_ending; }
-  /// With background.json beside the PLY if there is a learned background.
+  /// With background.json beside the PLY if there is a learned background: if that cannot be written, neither is the
+  /// PLY.
   void write_ply(const GaussianTensors& gaussians, const BackgroundState& background = {});
   /// Beside the PLY of this iteration, and in the model folder. A file that cannot be written causes a warning.
   void write_exposures(const Exposures& exposures);
@@ -99,12 +100,18 @@ class TrainRecorder {
   void finish_files();
   /// Files of the last iteration that could not be written.
   const std::vector<WrittenFile>& failed_files() const { return failed_; }
+  /// The same if it is a checkpoint; whoever takes it deals with it.
+  std::optional<WrittenFile> take_failed_checkpoint();
   const TrainOutputs& outputs() const { return outputs_; }
   /// "; last checkpoint: PATH", to be appended to an error.
   std::string last_checkpoint() const;
 
  private:
-  bool is_end() const { return source_.state.iteration == source_.config.iterations || is_ending_; }
+  bool is_complete() const { return source_.state.iteration == source_.config.iterations; }
+  bool is_end() const { return is_complete() || is_ending_; }
+  void handle(const WrittenFile& file);
+  /// After files of the end could not be written: what there is, and how to go on.
+  std::string remedy() const;
   /// Whether tensors of this size should be copied on the device, to be written in the background.
   bool has_room_for_copy(std::int64_t bytes) const;
   void add_stage_times(const std::vector<StageTimes>& known);

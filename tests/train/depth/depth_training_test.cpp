@@ -4,6 +4,7 @@
 #include "model/formats/ply.h"
 #include "support/temp_dir.h"
 #include "support/train/depth_maps.h"
+#include "support/train/disk_scene.h"
 #include "support/train/training.h"
 
 namespace b3dgs {
@@ -61,6 +62,39 @@ TEST(DepthTraining, DepthsBecomeBetter) {
   with_depths.depth_l1_weight_init = with_depths.depth_l1_weight_final = 0;
   with_depths.depths = "nowhere";
   EXPECT_TRUE(train(with_depths, scene, temp / "no_weight").ply == two_without.ply);
+}
+
+TEST(DepthTraining, MapsBeyondTheHostMemoryAreReadFromDisk) {
+  const test::TempDir temp;
+  const test::DiskScene disk;
+  GaussianTensors truth;
+  test::make_tiny_scene({}, &truth);
+  TrainConfig config = test::eventful_config();
+  config.depths = (temp / "depths").string();
+  const auto run = [&](double photographs, std::vector<std::string>& warnings) {
+    Scene scene = disk.load(photographs);
+    test::add_depth_maps(scene, truth, temp / "depths", 1e-5, 0);
+    const ImageMemory& memory = *scene.train.front().image->memory();
+    const std::int64_t fixed = memory.fixed();
+    std::int64_t maps = 0;
+    TrainHooks hooks;
+    hooks.on_warning = [&](const std::string& warning) { warnings.push_back(warning); };
+    hooks.on_progress = [&](const TrainProgress&) { maps = memory.fixed() - fixed; };
+    Trained trained = train(config, scene, temp / std::to_string(photographs), {}, hooks);
+    EXPECT_LE(memory.peak(), memory.limit());
+    EXPECT_EQ(memory.fixed(), fixed) << "nothing stays reserved";
+    return std::pair{trained, maps};
+  };
+  std::vector<std::string> warnings;
+  const auto [whole, all_maps] = run(1e6, warnings);
+  EXPECT_EQ(all_maps, 7 * disk.image_bytes() / 3 * 2);
+  EXPECT_TRUE(warnings.empty()) << warnings.front();
+  const auto [limited, few_maps] = run(4, warnings);
+  EXPECT_GT(few_maps, 0);
+  EXPECT_LT(few_maps, all_maps);
+  EXPECT_TRUE(limited.ply == whole.ply);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_NE(warnings[0].find("of 7 depth maps do not fit"), std::string::npos) << warnings[0];
 }
 
 TEST(DepthTraining, ResumedEqualsUninterruptedBitForBit) {
