@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <map>
+#include <new>
 #include <utility>
 
 #include "core/check.h"
@@ -149,7 +150,12 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
     load_resident(stays, progress);
     hold_images(others, progress);
   }
-  if (n_resident_ < size()) start_streaming();
+  if (n_resident_ == size()) return;
+  Indices streamed;
+  for (std::int32_t i = 0; i < size(); ++i) {
+    if (!is_resident(i)) streamed.push_back(i);
+  }
+  streamed_ = make_streamed(streamed);
 }
 
 /// Copies photographs to a GPU. Those read from disk for this do not stay in host memory.
@@ -164,11 +170,9 @@ void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress)
   });
 }
 
-void ImageStore::start_streaming() {
+std::unique_ptr<ImageStore::Streamed> ImageStore::make_streamed(const Indices& views) const {
   std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed_images;
-  for (std::int32_t i = 0; i < size(); ++i) {
-    if (!is_resident(i)) streamed_images.push_back(images_[static_cast<std::size_t>(i)]);
-  }
+  for (const std::int32_t i : views) streamed_images.push_back(images_[static_cast<std::size_t>(i)]);
   auto streamed = std::make_unique<Streamed>();
   ImageReader::Setup setup;
   setup.images = all;
@@ -187,7 +191,7 @@ void ImageStore::start_streaming() {
   }
 #endif
   streamed->reader = std::make_unique<ImageReader>(std::move(setup));
-  streamed_ = std::move(streamed);
+  return streamed;
 }
 
 ImagePlaces ImageStore::places() const {
@@ -267,24 +271,42 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
 
 std::int64_t ImageStore::release_resident(std::int64_t bytes) {
   if (device_.is_cpu()) return 0;
+  Indices released, streamed;
   std::int64_t freed = 0;
-  for (std::int32_t i = size() - 1; i >= 0 && freed < bytes; --i) {
+  for (std::int32_t i = size() - 1; i >= 0; --i) {
+    const bool is_to_go = is_resident(i) && freed < bytes;
+    if (is_to_go) {
+      released.push_back(i);
+      freed += images_[static_cast<std::size_t>(i)]->n_bytes();
+    }
+    if (is_to_go || !is_resident(i)) streamed.push_back(i);
+  }
+  if (released.empty()) return 0;
+  std::reverse(streamed.begin(), streamed.end());
+  // Before photographs are given up, what will bring them back: its buffers take memory, too, which may be missing.
+  release_unused_torch_memory();  // the upload slots are not allocated by LibTorch
+  std::unique_ptr<Streamed> replacement;
+  try {
+    replacement = make_streamed(streamed);
+  } catch (const OutOfMemoryError&) {
+    return 0;  // the caller has other remedies, and says that memory is short if none helps
+  } catch (const std::bad_alloc&) {
+    return 0;
+  }
+  for (const std::int32_t i : released) {
     TrainView& view = views_[static_cast<std::size_t>(i)];
     ViewImage& image = *images_[static_cast<std::size_t>(i)];
-    if (!is_resident(i)) continue;
     if (!image.held() && image.memory() != nullptr && image.memory()->try_hold(image.n_bytes())) {
       auto copy = std::make_shared<Image8>(image.size().width, image.size().height, 3);
       truth_at(copy->pixels.data(), view, torch::kCPU).copy_(view.truth);
       image.hold(std::move(copy));
     }
     view.truth = torch::Tensor();
-    freed += image.n_bytes();
     --n_resident_;
   }
-  if (freed == 0) return 0;
-  release_unused_torch_memory();  // the upload slots are not allocated by LibTorch
+  release_unused_torch_memory();
   if (retired_ == nullptr) retired_ = std::move(streamed_);
-  start_streaming();
+  streamed_ = std::move(replacement);
   return freed;
 }
 

@@ -78,13 +78,14 @@ class ImageStore {
 
   /// Frees at least this many bytes of GPU memory, or as much as photographs use: views stop being resident, the last
   /// ones first, and move to host memory if there is room. The view from take() stays valid until the next take().
-  /// Returns the number of bytes freed; 0 on the CPU.
+  /// Returns the number of bytes freed: 0 on the CPU, or if there is not even memory for the upload slots.
   std::int64_t release_resident(std::int64_t bytes);
 
  private:
   struct Streamed;
   void load_resident(const std::vector<std::int32_t>& stays, const ProgressFn& progress);
-  void start_streaming();
+  /// What brings `views`, ascending.
+  std::unique_ptr<Streamed> make_streamed(const std::vector<std::int32_t>& views) const;
   TrainView take_on_cpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
   TrainView take_on_gpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
   bool is_resident(std::int32_t index) const { return stored_view(index).truth.defined(); }

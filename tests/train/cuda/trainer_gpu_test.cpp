@@ -1,4 +1,5 @@
 // Training on the GPU, compared with training on the CPU and with itself.
+#include <cuda_runtime_api.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -231,6 +232,40 @@ TEST(TrainerOnGpu, ReleasesPhotographsWhenMemoryIsNeeded) {
     for (const std::int32_t i : {3, 2, 6, 0, 0, 1}) expect_view(store.take(i, {2, 6, 0}), i);
     EXPECT_EQ(store.release_resident(1), 0);
   }
+}
+
+/// Leaves no byte of GPU memory to others.
+class FullGpu {
+ public:
+  FullGpu() {
+    for (std::size_t bytes = std::size_t{1} << 36; bytes >= 256; bytes /= 2) {
+      for (void* block = nullptr; cudaMalloc(&block, bytes) == cudaSuccess;) blocks_.push_back(block);
+    }
+    cudaGetLastError();
+  }
+  ~FullGpu() {
+    for (void* block : blocks_) cudaFree(block);
+  }
+
+ private:
+  std::vector<void*> blocks_;
+};
+
+TEST(TrainerOnGpu, KeepsPhotographsWithoutMemoryToUploadThemAgain) {
+  B3DGS_NEEDS_GPU();
+  const test::DiskScene disk;
+  const Scene scene = disk.load();
+  ImageStore store(scene.train, torch::Device(torch::kCUDA, 0), 1 << 30);
+  {
+    release_unused_torch_memory();
+    const FullGpu full;
+    EXPECT_EQ(store.release_resident(1), 0);
+    EXPECT_EQ(store.n_resident(), 7);
+    const auto expected = scene.train[6].image->read();
+    const torch::Tensor host = store.take(6, {}).truth.to(torch::kCPU);
+    EXPECT_TRUE(std::equal(expected->pixels.begin(), expected->pixels.end(), host.data_ptr<std::uint8_t>()));
+  }
+  EXPECT_EQ(store.release_resident(1), disk.image_bytes());
 }
 
 TEST(TrainerOnGpu, KeepsWithinTheBudgetOfItsPhotographs) {
