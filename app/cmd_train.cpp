@@ -1,5 +1,9 @@
 // b3dgs train: trains a COLMAP scene, from the start or from a checkpoint.
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -38,6 +42,16 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// Thrown where a signal stops the training before its first step.
+class StoppedEarly : public Error {
+ public:
+  StoppedEarly() : Error("stopped by a signal before the first iteration") {}
+};
+
+void throw_if_stopped() {
+  if (stop_signal() != 0) throw StoppedEarly();
+}
 
 /// The model folder during a training: only one process trains into it, and it vanishes if nothing is written to it.
 struct HeldFolder {
@@ -148,6 +162,7 @@ SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) 
 /// @param device_name_of_all  --device, the same on all ranks
 int train(const CommandLine& line, const TrainCommandOptions& options, const std::string& device_name_of_all,
           Communicator& ranks, const MachineShare& machine = {}) {
+  catch_stop_signals();
   const double start_s = steady_seconds();
   const bool is_first = ranks.is_first(), has_peers = ranks.size() > 1;
   const bool quiet = options.quiet || !is_first;
@@ -174,7 +189,11 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   const ModelFolder folder(config.model_path);
 
   const double reading_start_s = steady_seconds();
-  const Scene scene = open_scene(scene_options_of_rank(config, machine.n_ranks), status);
+  const ProgressFn on_loading = [show = show_loading(status)](auto&&... progress) {
+    throw_if_stopped();
+    show(progress...);
+  };
+  const Scene scene = open_scene(scene_options_of_rank(config, machine.n_ranks), status, on_loading);
   if (!quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
@@ -197,6 +216,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainProgressView progress(status, config);
   TrainHooks hooks;
   hooks.stop_signal = &stop_signal();
+  hooks.on_loading = on_loading;
   if (has_peers) hooks.ranks = &ranks;
   if (is_first) {
     hooks.on_progress = std::ref(progress);
@@ -204,7 +224,6 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
       if (!options.quiet) status.print(message);
     };
     hooks.on_warning = [&](const std::string& message) { status.warn(message); };
-    hooks.on_loading = show_loading(status);
   }
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder, hooks.ranks); };
@@ -213,7 +232,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   if (options.view) {
     watched.emplace(config, scene, request_stop);
     watched->attach(hooks);
-    watched->set_save([&] { return owned->write_checkpoint(); });
+    watched->set_save([&] { return owned->save(); });
     server = start_view_server(*watched, options.page, status);
   }
   owned = std::make_unique<Trainer>(config, scene, folder, hooks);
@@ -229,14 +248,19 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
       for (const std::string& change : changes) std::cout << "  " << change << std::endl;
     }
   }
-  if (plan.is_replaced) remove_model(folder);
+  throw_if_stopped();  // before anything is replaced
+  if (plan.is_replaced) {
+    if (const fs::path aside = put_model_aside(folder); !aside.empty()) {
+      status.warn("files of the model that is replaced were not written by b3dgs, or changed since; they are now in " +
+                  aside.string());
+    }
+  }
   ranks.barrier("model folder");
 
   if (const auto forecast = trainer.forecast_memory(); forecast && !quiet) {
     std::cout << describe_memory(*forecast) << std::endl;
   }
 
-  catch_stop_signals();
   const TrainResult result = trainer.run();
   if (watched) watched->close();
   status.clear();
@@ -251,6 +275,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",
                                shell_quote(folder.root().string())));
   }
+  if (is_first && !result.interrupted && !result.ply.empty()) drop_replaced_model(folder);
   // A launcher may end ranks that still run after another one has returned something else than 0.
   ranks.barrier("end");
   if (!result.interrupted) return 0;
@@ -259,6 +284,29 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
               << options.rank.as_words() << (ranks.shares_gpus() ? " --device cuda" : "") << "\n";
   }
   return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));
+}
+
+/// A training does not end, or fail, because nobody can read what it prints (`| head -1`, a full disk under `> log`).
+void drop_unshown_output() {
+  std::cout.flush();
+  if (std::cout && std::ferror(stdout) == 0) return;
+  std::cerr << "warning: standard output could not be written; what was printed from then on is lost" << std::endl;
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere >= 0) ::dup2(nowhere, STDOUT_FILENO);
+  if (nowhere > STDERR_FILENO) ::close(nowhere);
+  std::clearerr(stdout);
+  std::cout.clear();
+}
+
+int train_alone(const CommandLine& line, const TrainCommandOptions& options, const std::string& device) {
+  try {
+    const int code = train(line, options, device, *Communicator::alone());
+    drop_unshown_output();
+    return code;
+  } catch (const StoppedEarly& stopped) {
+    std::cout << stopped.what() << "; nothing was written\n";
+    return 128 + stop_signal();
+  }
 }
 
 void check_view_options(const CommandLine& line, const TrainCommandOptions& options, const RankPlan& plan) {
@@ -281,6 +329,7 @@ int run_train(const std::vector<std::string>& words) {
   line.set_notes(presets_help());
   if (!line.parse(split_view_port(words))) return 0;
   line.apply(options);
+  std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;
   const RankPlan plan = plan_ranks(options.rank, device);
@@ -290,12 +339,14 @@ int run_train(const std::vector<std::string>& words) {
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);
   }
-  if (plan.place.size == 1) return train(line, options, plan.device_name, *Communicator::alone());
+  if (plan.place.size == 1) return train_alone(line, options, plan.device_name);
   const JoinedRank joined = join_ranks(plan);
   return run_as_rank(*joined.ranks, [&] {
     const MachineShare machine = share_machine(*joined.ranks);
     set_default_threads(machine.n_cores);
-    return train(line, options, device_name(joined.device), *joined.ranks, machine);
+    const int code = train(line, options, device_name(joined.device), *joined.ranks, machine);
+    drop_unshown_output();
+    return code;
   });
 }
 

@@ -16,6 +16,7 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "train/background/background.h"
+#include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -26,8 +27,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// The command that writes the PLY of a checkpoint.
+std::string words_for_ply(const fs::path& checkpoint, std::int64_t iteration) {
+  return detail::concat("b3dgs train --resume ", shell_quote(checkpoint.string()), " --iterations ", iteration);
+}
+
 int choose_iteration(const ModelFolder& folder, int wanted) {
   const std::vector<int> saved = folder.ply_iterations();
+  if (const std::vector<int> stopped = folder.checkpoint_iterations(); saved.empty() && !stopped.empty()) {
+    const fs::path last = folder.checkpoint(stopped.back());
+    input_error("no PLY in ", folder.root().string(), ": the training was interrupted at iteration ", stopped.back(),
+                "; continue with b3dgs train --resume ", shell_quote(last.string()),
+                ", or write the PLY of this iteration with ", words_for_ply(last, stopped.back()));
+  }
   if (saved.empty()) {
     input_error("no trained model: ", folder.root().string(),
                 " (expected point_cloud/iteration_N/); train one with b3dgs train");
@@ -155,6 +167,10 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 }  // namespace
 
 LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
+  if (file.extension() == ".b3dgs") {
+    input_error(file.string(), ": a checkpoint, which only b3dgs train reads (expected a file of Gaussians); ",
+                "write its PLY with ", words_for_ply(file, read_checkpoint_header(file).value("iteration", 0)));
+  }
   LoadedModel model;
   model.splats = read_splats(file);
   model.background = read_background_json(background_path(file));

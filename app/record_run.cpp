@@ -1,8 +1,10 @@
 #include "app/record_run.h"
 
 #include <algorithm>
+#include <exception>
 
 #include "app/model.h"
+#include "core/check.h"
 #include "report/run_info.h"
 #include "scene/images/image_io.h"
 #include "scene/view_image.h"
@@ -31,15 +33,22 @@ std::vector<View> choose_views(const std::vector<View>& views) {
 
 std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& views, const ModelFolder& folder) {
   std::vector<Preview> previews;
+  std::exception_ptr fault;  // thrown only after evaluate(), which other ranks take part in
   const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                const ImageQuality& quality) {
-    const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
-    const fs::path render = report_folder(folder) / ("render_" + image_name(index));
-    write_image(truth, small(*view.image->read()));
-    write_image(render, small(to_image8(rendered.color)));
-    previews.push_back({view.name, quality.psnr, truth, render});
+    if (fault) return;
+    try {
+      const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
+      const fs::path render = report_folder(folder) / ("render_" + image_name(index));
+      write_image(truth, small(*view.image->read()));
+      write_image(render, small(to_image8(rendered.color)));
+      previews.push_back({view.name, quality.psnr, truth, render});
+    } catch (const IoError&) {
+      fault = std::current_exception();
+    }
   };
   trainer.evaluate(choose_views(views), on_rendered);
+  if (fault) std::rethrow_exception(fault);
   return previews;
 }
 

@@ -86,8 +86,8 @@ ProgressFn show_loading(StatusLine& status) {
   };
 }
 
-Scene open_scene(const SceneOptions& options, StatusLine& status) {
-  Scene scene = load_scene(options, show_loading(status));
+Scene open_scene(const SceneOptions& options, StatusLine& status, const ProgressFn& on_loading) {
+  Scene scene = load_scene(options, on_loading ? on_loading : show_loading(status));
   status.clear();
   for (const std::string& warning : scene.warnings) status.warn(warning);
   return scene;

@@ -54,7 +54,7 @@ std::string format_bar(double share, int columns);
 /// Shows the progress of load_scene().
 ProgressFn show_loading(StatusLine& status);
 
-/// Calls load_scene() and shows its progress and warnings.
-Scene open_scene(const SceneOptions& options, StatusLine& status);
+/// Calls load_scene() and shows its progress and warnings. `on_loading`: instead of show_loading().
+Scene open_scene(const SceneOptions& options, StatusLine& status, const ProgressFn& on_loading = {});
 
 }  // namespace b3dgs

@@ -35,7 +35,7 @@ class WatchedTraining final : public FrameSource {
 
   /// Adds the callbacks to those that `hooks` has. hooks.stop_signal, if set, also ends a pause.
   void attach(TrainHooks& hooks);
-  /// Writes a checkpoint: Trainer::write_checkpoint(). Called within TrainHooks::on_model.
+  /// Saves the model and returns the checkpoint: Trainer::save(). Called within TrainHooks::on_model.
   void set_save(std::function<std::filesystem::path()> save) { save_ = std::move(save); }
 
   const ViewedScene& scene() const override { return viewed_; }
