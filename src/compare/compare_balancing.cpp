@@ -24,10 +24,11 @@ std::vector<double> seconds_of(const ConfigurationHistory& configuration, const 
   return seconds;
 }
 
-Spread saved_by_seed(const std::vector<double>& before_s, const std::vector<double>& after_s) {
+Effect saved_by_seed(const std::vector<double>& before_s, const std::vector<double>& after_s,
+                     const EffectLimits& limits) {
   std::vector<double> saved;
   for (std::size_t i = 0; i < before_s.size(); ++i) saved.push_back(saved_share(before_s[i], after_s[i]));
-  return *spread_of(saved);
+  return *effect_of(saved, limits);
 }
 
 }  // namespace
@@ -47,7 +48,7 @@ std::vector<std::string> missing_unbalanced_kernels(const std::vector<Configurat
 }
 
 std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations, std::size_t index,
-                                            const std::vector<int>& done_by_seed) {
+                                            const std::vector<int>& done_by_seed, const std::optional<double>& noise) {
   const ConfigurationHistory& ours = configurations[index];
   if (!may_balance(ours.config) || !missing_unbalanced_kernels(configurations, ours.config).empty()) {
     return std::nullopt;
@@ -73,9 +74,10 @@ std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHisto
   gain.ours_s = *spread_of(ours_s);
   gain.naive_s = *spread_of(naive_s);
   gain.unbalanced_s = *spread_of(unbalanced_s);
-  gain.to_unbalanced = saved_by_seed(naive_s, unbalanced_s);
-  gain.balancing = saved_by_seed(unbalanced_s, ours_s);
-  gain.whole = saved_by_seed(naive_s, ours_s);
+  const EffectLimits limits = time_limits(noise);
+  gain.to_unbalanced = saved_by_seed(naive_s, unbalanced_s, limits);
+  gain.balancing = saved_by_seed(unbalanced_s, ours_s, limits);
+  gain.whole = saved_by_seed(naive_s, ours_s, limits);
   return gain;
 }
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "report/time_saved.h"
+#include "compare/compare_effect.h"
 
 namespace b3dgs {
 
@@ -16,15 +16,16 @@ namespace b3dgs {
 struct BalancingGain {
   std::string name, naive, unbalanced;   // configurations; `unbalanced` has the fastest kernel without balancing
   Spread ours_s, naive_s, unbalanced_s;  // seconds
-  Spread to_unbalanced;                  // saved by `unbalanced`, share of naive's time
-  Spread balancing;                      // saved by load balancing, share of `unbalanced`'s time
-  Spread whole;                          // saved in total, share of naive's time
+  Effect to_unbalanced;                  // saved by `unbalanced`, share of naive's time
+  Effect balancing;                      // saved by load balancing, share of `unbalanced`'s time
+  Effect whole;                          // saved in total, share of naive's time
 };
 
-/// For configurations[index], over the first done_by_seed[i] iterations of seed i. nullopt if the configuration has no
-/// balanced kernel, or if a kernel without load balancing was not trained with the same other options.
+/// For configurations[index], over the first done_by_seed[i] iterations of seed i. `noise`: see time_limits(). nullopt
+/// if the configuration has no balanced kernel, or if a kernel without load balancing was not trained with the same
+/// other options.
 std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHistory>& configurations, std::size_t index,
-                                            const std::vector<int>& done_by_seed);
+                                            const std::vector<int>& done_by_seed, const std::optional<double>& noise);
 
 /// Kernels without load balancing for which no configuration differs from `ours` only in the forward kernel.
 std::vector<std::string> missing_unbalanced_kernels(const std::vector<ConfigurationHistory>& configurations,

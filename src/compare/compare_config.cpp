@@ -13,9 +13,11 @@
 namespace b3dgs {
 namespace {
 
-/// Options that must be the same for all configurations, or their times and images would not be comparable.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",           "resolution",     "eval",  "seed",
-                                   "device",      "threads",    "white_background", "train_test_exp", "depths"};
+/// Options that must be the same for all configurations: their times and images would not be comparable otherwise, or
+/// the scene, which is read once, has them.
+constexpr const char* kShared[] = {"source_path", "model_path", "images",       "resolution",       "eval",
+                                   "seed",        "device",     "threads",      "white_background", "train_test_exp",
+                                   "depths",      "masks",      "invert_masks", "mask_mode",        "host_memory_gb"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kOriginal = "original";

@@ -100,6 +100,17 @@ std::string share_cell(const std::optional<Spread>& share, const std::optional<d
          in_seeds(share->n, n_seeds);
 }
 
+/// The same with the 95 % interval instead of the range: "18.3 % ± 0.4 % (95 %: 17.0 to 19.6 %)". Without `word` it
+/// says
+/// ", unclear" or ", equal" of what is no difference.
+std::string effect_cell(const std::optional<Effect>& share, const std::optional<double>& noise, int n_seeds,
+                        bool has_word) {
+  if (!share) return "-";
+  const std::string interval = share->margin ? " (95 %: " + interval_text(*share) + ")" : "";
+  return format_percent(share->mean) + (noise ? " ± " + format_percent(*noise) : "") + interval +
+         (has_word || share->differs() ? "" : ", " + finding_word(*share)) + in_seeds(share->n, n_seeds);
+}
+
 std::string switch_cell(const std::optional<Spread>& iteration, int n_seeds) {
   if (!iteration) return "none";
   std::string text = format_count(std::llround(iteration->min));
@@ -117,15 +128,16 @@ std::string seconds_cell(const ComparedConfiguration& compared, double TimeSaved
   return spread->n == 1 ? text : text + print_to_string(" (%.1f to %.1f)", spread->min, spread->max);
 }
 
-/// Time saved in total, before and after the switch, and the iteration of the switch.
+/// Time saved in total, what that says, time saved before and after the switch, and the iteration of the switch.
 html::Row saved_cells(const ComparedConfiguration& compared) {
   const int n_seeds = static_cast<int>(compared.by_seed.size());
-  return {share_cell(compared.overall, compared.noise.overall, n_seeds),
+  return {effect_cell(compared.overall, compared.noise.overall, n_seeds, true),
+          compared.overall ? time_word(*compared.overall) : "-",
           share_cell(compared.before, compared.noise.before, n_seeds),
           share_cell(compared.after, compared.noise.after, n_seeds), switch_cell(compared.switch_iteration, n_seeds)};
 }
 html::Row saved_head() {
-  return {"time saved: total", "before the switch", "after the switch", "switch at iteration"};
+  return {"time saved: total", "", "before the switch", "after the switch", "switch at iteration"};
 }
 
 html::Row joined(html::Row row, const html::Row& more) {
@@ -148,7 +160,7 @@ std::string balancing_table(const ComparisonSummary& summary) {
   int marked = -1;
   for (const BalancingGain& gain : summary.balancing) {
     if (gain.name == summary.ours) marked = static_cast<int>(rows.size());
-    const auto cell = [&](const Spread& saved) { return share_cell(saved, summary.noise(), saved.n); };
+    const auto cell = [&](const Effect& saved) { return effect_cell(saved, summary.noise(), saved.n, false); };
     rows.push_back(
         {gain.name, gain.naive, cell(gain.to_unbalanced), gain.unbalanced, cell(gain.balancing), cell(gain.whole)});
   }
@@ -162,27 +174,44 @@ std::string balancing_table(const ComparisonSummary& summary) {
              "soft");
 }
 
+/// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.
+std::string differences_cell(const TrainConfig& baseline, const ComparedConfiguration& compared,
+                             const TrainConfig& own) {
+  constexpr std::size_t kMostNamed = 3;
+  const std::vector<std::string>& names = compared.differs_in;
+  std::string text = compared.has_own_kernel ? "forward kernel" : "";
+  if (names.size() > kMostNamed) {
+    return text + (text.empty() ? "" : ", ") + std::to_string(names.size()) + " options (see below)";
+  }
+  const nlohmann::ordered_json before = config_to_json(baseline), after = config_to_json(own);
+  for (const std::string& name : names) {
+    text +=
+        (text.empty() ? "" : ", ") + name + " " + option_text(before.at(name)) + " → " + option_text(after.at(name));
+  }
+  return text.empty() ? "nothing" : text;
+}
+
 /// Training time of every configuration and the share that it saved of the baseline's.
-std::string time_table(const ComparisonSummary& summary) {
+std::string time_table(const Comparison& comparison) {
+  const ComparisonSummary& summary = comparison.summary;
   const bool has_switch =
       std::any_of(summary.compared.begin(), summary.compared.end(),
                   [](const ComparedConfiguration& compared) { return compared.switch_iteration.has_value(); });
   const auto shown = [&](html::Row cells) {
-    if (!has_switch) cells.resize(1);
+    if (!has_switch) cells.resize(2);
     return cells;
   };
   html::Row first{summary.baseline + " (baseline)", seconds_cell(summary.compared.front(), &TimeSaved::baseline_s)};
   std::vector<html::Row> rows{joined(joined(first, shown(html::Row(saved_head().size(), "-"))), {"-"})};
   int marked = -1;
-  for (const ComparedConfiguration& compared : summary.compared) {
+  for (std::size_t i = 0; i < summary.compared.size(); ++i) {
+    const ComparedConfiguration& compared = summary.compared[i];
     if (compared.name == summary.ours) marked = static_cast<int>(rows.size());
-    std::string options = compared.has_own_kernel ? "forward kernel" : "";
-    for (const std::string& name : compared.differs_in) options += (options.empty() ? "" : ", ") + name;
-    rows.push_back(
-        joined(joined({compared.name, seconds_cell(compared, &TimeSaved::ours_s)}, shown(saved_cells(compared))),
-               {options.empty() ? "nothing" : options}));
+    rows.push_back(joined(
+        joined({compared.name, seconds_cell(compared, &TimeSaved::ours_s)}, shown(saved_cells(compared))),
+        {differences_cell(comparison.configurations[0].config, compared, comparison.configurations[i + 1].config)}));
   }
-  std::string note = "Time saved is a share of " + summary.baseline + "'s training time.";
+  std::string note = "Time saved is a share of " + summary.baseline + "'s training time. " + time_criterion(summary);
   if (has_switch) {
     note +=
         " The switch is the first timing check after which another forward kernel was used; before and after it are "
@@ -211,7 +240,7 @@ std::string paper_section(const ComparisonSummary& summary) {
   for (const PaperComparison& own : summary.paper_comparisons) {
     rows.push_back(joined({own.compared.name + " against " + own.baseline}, saved_cells(own.compared)));
   }
-  rows.push_back({"published", "8.5 %", "19.6 %", "7.9 %", "about 2,000"});
+  rows.push_back({"published", "8.5 %", "", "19.6 %", "7.9 %", "about 2,000"});
   return html::table(joined({"comparison"}, saved_head()), rows) +
          html::paragraph(published +
                              " Here, both sides use this program's loss, optimizer and projection, which are faster "
@@ -262,7 +291,7 @@ std::string time_charts(const Comparison& comparison) {
 std::string time_section(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   const ComparisonSummary& summary = comparison.summary;
-  return time_table(summary) + balancing_table(summary) +
+  return time_table(comparison) + balancing_table(summary) +
          html::paragraph(summary.repetition.empty()
                              ? "The run-to-run variation of times was not measured (--noise does that)."
                              : sentence(describe_repetition(summary)) +
@@ -288,6 +317,13 @@ std::string quality_cell(const Spread& spread, const std::string& measure) {
   return number(spread.mean) + " (" + number(spread.min) + " to " + number(spread.max) + ")";
 }
 
+/// "+0.20 ± 0.25 (95 %: -0.28 to +0.68)": with the run-to-run variation and, with several seeds, the interval.
+std::string quality_difference_cell(const QualityDifference& own) {
+  const auto number = [&](double value) { return format_quality_difference(own.measure, value); };
+  return number(own.gained.mean) + (own.noise ? " ± " + format_quality_difference(own.measure, *own.noise, true) : "") +
+         (own.gained.margin ? " (95 %: " + number(own.gained.low()) + " to " + number(own.gained.high()) + ")" : "");
+}
+
 std::string quality_section(const Comparison& comparison) {
   const ComparisonSummary& summary = comparison.summary;
   std::string body;
@@ -296,11 +332,7 @@ std::string quality_section(const Comparison& comparison) {
     for (const QualityDifference& own : compared.quality) {
       rows.push_back({own.measure + in_seeds(own.baseline.n, summary.seeds_started()), format_count(own.iteration),
                       quality_cell(own.baseline, own.measure), quality_cell(own.ours, own.measure),
-                      format_quality_difference(own.measure, own.difference()) +
-                          (own.noise ? " ± " + format_quality_difference(own.measure, *own.noise, true) : ""),
-                      own.is_equal()          ? "equal"
-                      : own.is_within_noise() ? "within run-to-run variation"
-                                              : "differs"});
+                      quality_difference_cell(own), finding_word(own.gained)});
     }
     if (!rows.empty()) {
       body += html::table({"measure", "at iteration", summary.baseline, compared.name, "difference", ""}, rows);
@@ -332,6 +364,45 @@ std::string common_iterations_note(const Comparison& comparison) {
                          "soft");
 }
 
+/// The options that are the same in all configurations, and default values for the others.
+TrainConfig common_config(const std::vector<Configuration>& configurations) {
+  TrainConfig common;
+  nlohmann::ordered_json values = config_to_json(common);
+  const nlohmann::ordered_json first = config_to_json(configurations.front().config);
+  for (const auto& [name, value] : first.items()) values[name] = value;
+  const nlohmann::ordered_json defaults = config_to_json(common);
+  for (const Configuration& own : configurations) {
+    const nlohmann::ordered_json other = config_to_json(own.config);
+    for (const auto& [name, value] : first.items()) {
+      if (other.at(name) != value) values[name] = defaults.at(name);
+    }
+  }
+  config_from_json(common, values, /*place=*/"");
+  return common;
+}
+
+/// The options in which configurations differ, a column for each of these.
+std::string options_table(const std::vector<Configuration>& configurations) {
+  html::Row head{"option"};
+  std::vector<nlohmann::ordered_json> values;
+  for (const Configuration& own : configurations) {
+    head.push_back(own.name);
+    values.push_back(config_to_json(own.config));
+  }
+  std::vector<html::Row> rows;
+  for (const auto& [name, first] : values.front().items()) {
+    html::Row row{name};
+    bool differs = false;
+    for (const nlohmann::ordered_json& own : values) {
+      row.push_back(option_text(own.at(name)));
+      differs = differs || own.at(name) != first;
+    }
+    if (differs) rows.push_back(row);
+  }
+  if (rows.empty()) return html::paragraph("The configurations have the same options.", "soft");
+  return html::table(head, rows, html::Columns::kWords);
+}
+
 std::string settings(const Comparison& comparison) {
   const ComparisonPlan& plan = comparison.plan;
   nlohmann::ordered_json machine = nlohmann::ordered_json::object();
@@ -343,17 +414,13 @@ std::string settings(const Comparison& comparison) {
   std::string seeds;
   for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
-  const std::string shared = changed_options(TrainConfig{}, plan.base);
-  rows.push_back({"options of all",
-                  shared.empty() ? "those of --preset original" : shared + "; otherwise as in --preset original"});
-  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    const Configuration& configuration = comparison.configurations[i];
-    const ComparedRun& run = comparison.runs[i].front();
-    if (!run.info.machine.empty()) machine = run.info.machine;
-    const std::string own = changed_options(plan.base, configuration.config);
-    rows.push_back({"options of " + configuration.name, own.empty() ? "no others" : own});
+  const std::string shared = changed_options(TrainConfig{}, common_config(comparison.configurations));
+  rows.push_back({"options of all", (shared.empty() ? "" : shared + "; ") +
+                                        "otherwise, but for the table below, as in --preset original"});
+  for (const std::vector<ComparedRun>& runs : comparison.runs) {
+    if (!runs.front().info.machine.empty()) machine = runs.front().info.machine;
   }
-  return settings_section(rows, machine);
+  return settings_section(rows, machine) + options_table(comparison.configurations);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "report/time_saved.h"
+#include "compare/compare_effect.h"
 
 namespace b3dgs {
 
@@ -16,6 +16,7 @@ struct FinalResult {
   std::optional<Spread> seconds;  // training time
   std::optional<Spread> count;    // Gaussians
   std::optional<Spread> psnr, ssim;
+  std::optional<Effect> psnr_gained;  // compared with the first, over the seeds that both have trained to the end
 };
 
 std::vector<FinalResult> final_results(const std::vector<ConfigurationHistory>& configurations);
@@ -23,8 +24,11 @@ std::vector<FinalResult> final_results(const std::vector<ConfigurationHistory>& 
 /// Whether all configurations train for the same number of iterations.
 bool have_equal_lengths(const std::vector<FinalResult>& results);
 
-/// A table on standard output.
-void print_results(const std::vector<FinalResult>& results);
+/// Lines for standard output with aligned columns, the first to the left.
+std::string text_table(const std::vector<std::vector<std::string>>& rows);
+
+/// The same for results.
+std::string results_table(const std::vector<FinalResult>& results);
 
 /// "original 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
 std::string describe_results(const std::vector<FinalResult>& results);

@@ -18,15 +18,17 @@ using Json = nlohmann::ordered_json;
 
 struct Measure {
   const char* name;
-  double one_seed_tolerance;  // used if there is only one seed
-  bool is_relative;           // tolerance as a share of the baseline's value
+  EffectLimits limits;
+  bool is_relative;  // the limits are shares of the baseline's value
   std::optional<double> (*value)(const LogPoint& point);
 };
 
 constexpr Measure kMeasures[] = {
-    {kPsnrMeasure, 0.1, false, [](const LogPoint& point) { return point.test_psnr; }},
-    {"SSIM", 0.003, false, [](const LogPoint& point) { return point.test_ssim; }},
-    {"Gaussians", 0.02, true,
+    {kPsnrMeasure, kPsnrLimits, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {"SSIM", {0.003, 0.03}, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {"Gaussians",
+     {0.02, 0.2},
+     true,
      [](const LogPoint& point) {
        return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
      }},
@@ -75,10 +77,10 @@ std::vector<double> values_at(const CommonMeasurement& common, const Configurati
   return values;
 }
 
-double largest_distance(const std::vector<double>& a, const std::vector<double>& b) {
-  double largest = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::fabs(a[i] - b[i]));
-  return largest;
+std::vector<double> differences(const std::vector<double>& from, const std::vector<double>& to) {
+  std::vector<double> all;
+  for (std::size_t i = 0; i < from.size(); ++i) all.push_back(to[i] - from[i]);
+  return all;
 }
 
 /// Compares configurations[index] with the baseline at an iteration that all configurations have reached. `repetition`,
@@ -86,26 +88,31 @@ double largest_distance(const std::vector<double>& a, const std::vector<double>&
 std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
                                                std::size_t index, const ConfigurationHistory* repetition,
                                                std::size_t n_seeds) {
-  std::vector<QualityDifference> differences;
+  std::vector<QualityDifference> compared;
   for (const Measure& measure : kMeasures) {
     const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
     if (common.seeds.empty()) continue;
+    const std::vector<double> before = values_at(common, configurations[0], measure),
+                              after = values_at(common, configurations[index], measure);
     QualityDifference difference;
     difference.measure = measure.name;
     difference.iteration = common.iteration;
-    difference.baseline = *spread_of(values_at(common, configurations[0], measure));
-    difference.ours = *spread_of(values_at(common, configurations[index], measure));
+    difference.baseline = *spread_of(before);
+    difference.ours = *spread_of(after);
+    const double unit = measure.is_relative ? difference.baseline.mean : 1;
+    EffectLimits limits{measure.limits.floor * unit, measure.limits.one_seed * unit};
     if (repetition != nullptr) {
-      difference.noise =
-          largest_distance(values_at(common, configurations[0], measure), values_at(common, *repetition, measure));
+      difference.noise = 0;
+      for (const double own : differences(before, values_at(common, *repetition, measure))) {
+        difference.noise = std::max(*difference.noise, std::fabs(own));
+      }
+      // The two runs may agree to the last bit, and other options round differently: the fixed limit stays.
+      limits.one_seed = std::max(limits.one_seed, limit_with_noise(*difference.noise));
     }
-    const Spread &baseline = difference.baseline, &ours = difference.ours;
-    difference.tolerance = difference.has_ranges()
-                               ? std::max(baseline.range(), ours.range())
-                               : measure.one_seed_tolerance * (measure.is_relative ? baseline.mean : 1);
-    differences.push_back(difference);
+    difference.gained = *effect_of(differences(before, after), limits);
+    compared.push_back(difference);
   }
-  return differences;
+  return compared;
 }
 
 KernelPartSummary summarize_part(const std::vector<TimeSaved>& by_seed, KernelPart TimeSaved::*part) {
@@ -173,7 +180,7 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
     before.push_back(*saved->before);
     after.push_back(*saved->after);
   }
-  compared.overall = spread_of(overall);
+  compared.overall = effect_of(overall, time_limits(compared.noise.overall));
   compared.before = spread_of(before);
   compared.after = spread_of(after);
   compared.switch_iteration = spread_of(switch_iterations);
@@ -208,6 +215,19 @@ const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>&
 Json to_json(const std::optional<Spread>& spread) {
   if (!spread) return nullptr;
   return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
+}
+
+const char* finding_key(Finding finding) {
+  return finding == Finding::kDiffers ? "differs" : finding == Finding::kEqual ? "equal" : "unclear";
+}
+
+/// The mean's 95 % interval is null with one seed.
+Json to_json(const std::optional<Effect>& effect) {
+  if (!effect) return nullptr;
+  Json json = to_json(std::optional<Spread>(*effect));
+  json["interval"] = effect->margin ? Json::array({effect->low(), effect->high()}) : Json(nullptr);
+  json["finding"] = finding_key(effect->finding);
+  return json;
 }
 
 Json to_json(const KernelPartSummary& part) {
@@ -251,18 +271,11 @@ Json to_json(const FinalResult& own) {
           {"seconds", to_json(own.seconds)},
           {"gaussians", to_json(own.count)},
           {"psnr", to_json(own.psnr)},
-          {"ssim", to_json(own.ssim)}};
+          {"ssim", to_json(own.ssim)},
+          {"psnr_gained", to_json(own.psnr_gained)}};
 }
 
 }  // namespace
-
-bool QualityDifference::is_equal() const {
-  return std::fabs(difference()) <= tolerance;
-}
-
-bool QualityDifference::is_within_noise() const {
-  return noise && std::fabs(difference()) <= *noise;
-}
 
 int ComparisonSummary::seeds_started() const {
   return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
@@ -308,7 +321,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
     summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
   }
   for (std::size_t i = 0; i < configurations.size(); ++i) {
-    if (const auto gain = balancing_gain(configurations, i, summary.done_by_seed)) {
+    if (const auto gain = balancing_gain(configurations, i, summary.done_by_seed, summary.noise())) {
       summary.balancing.push_back(*gain);
     }
   }
@@ -323,27 +336,32 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
 }
 
 std::string quality_criterion(const ComparisonSummary& summary) {
-  bool some_have_ranges = false, some_have_none = false;
+  bool some_have_several = false, some_have_one = false;
   for (const ComparedConfiguration& compared : summary.compared) {
-    for (const QualityDifference& difference : compared.quality) {
-      (difference.has_ranges() ? some_have_ranges : some_have_none) = true;
-    }
+    for (const QualityDifference& own : compared.quality)
+      (own.baseline.n > 1 ? some_have_several : some_have_one) = true;
   }
-  std::string text;
-  if (some_have_ranges) {
-    text = "\"Equal\" means: the means differ by at most the wider of the two ranges over seeds.";
-  }
-  if (some_have_none) {
-    std::string limits;
+  const auto limits = [](double EffectLimits::*limit) {
+    std::string text;
     for (const Measure& measure : kMeasures) {
-      limits += (limits.empty() ? "" : "; ") + std::string(measure.name) + " " +
-                (measure.is_relative ? format_whole_percent(measure.one_seed_tolerance)
-                                     : print_to_string("%g", measure.one_seed_tolerance));
+      text += (text.empty() ? "" : "; ") + std::string(measure.name) + " " +
+              (measure.is_relative ? format_whole_percent(measure.limits.*limit)
+                                   : print_to_string("%g", measure.limits.*limit));
     }
-    text += (text.empty() ? "" : " ") + ("With one seed, the spread between runs is unknown (--seeds measures it); "
-                                         "\"equal\" then means a difference of "
-                                         "at most " +
-                                         limits + ".");
+    return text;
+  };
+  std::string text;
+  if (some_have_several) {
+    text =
+        "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). "
+        "\"Differs\": it excludes 0, and the mean is at least " +
+        limits(&EffectLimits::floor) + ". \"Equal\": it lies within these limits. \"Unclear\": neither.";
+  }
+  if (some_have_one) {
+    text += (text.empty() ? "" : " ") +
+            ("With one seed, differences below " + limits(&EffectLimits::one_seed) +
+             " say nothing (\"unclear\"); --seeds 0,1,2 tells more." +
+             (summary.repetition.empty() ? "" : " Nor do those below 12.7 times the run-to-run variation."));
   }
   return text;
 }
@@ -360,10 +378,12 @@ Json to_json(const ComparisonSummary& summary) {
                          {"iteration", difference.iteration},
                          {"baseline", to_json(std::optional(difference.baseline))},
                          {"ours", to_json(std::optional(difference.ours))},
-                         {"difference", difference.difference()},
+                         {"difference", difference.gained.mean},
+                         {"interval", to_json(std::optional(difference.gained))["interval"]},
+                         {"finding", finding_key(difference.gained.finding)},
                          {"machine_spread", to_json(difference.noise)},
-                         {"tolerance", difference.tolerance},
-                         {"equal", difference.is_equal()}});
+                         {"tolerance", difference.gained.limit},
+                         {"equal", difference.gained.finding == Finding::kEqual}});
     }
     compared.push_back(times_json(own));
     compared.back().update({{"balanced_kernels", to_json(own.balanced)},

@@ -22,13 +22,8 @@ struct QualityDifference {
   std::string measure;  // kPsnrMeasure, ...
   int iteration = 0;    // the last one at which all configurations were measured for at least one seed
   Spread baseline, ours;
-  double tolerance = 0;         // means that differ by at most this much are called equal
+  Effect gained;                // of `ours`, in the measure's unit
   std::optional<double> noise;  // largest difference between two runs of the baseline, over seeds
-  /// Several seeds were measured: `tolerance` is the wider of the two ranges over seeds. Otherwise it is a fixed value.
-  bool has_ranges() const { return baseline.n > 1; }
-  double difference() const { return ours.mean - baseline.mean; }
-  bool is_equal() const;
-  bool is_within_noise() const;
 };
 
 /// A KernelPart over all seeds that have one; `saved` is the share of the baseline's time.
@@ -44,7 +39,8 @@ struct ComparedConfiguration {
   bool has_own_kernel = false;          // also differs in options of the forward kernel
   bool learns_differently = false;      // quality may differ, not only time
   std::vector<TimeSaved> by_seed;       // of the seeds that have started
-  std::optional<Spread> overall, switch_iteration;
+  std::optional<Effect> overall;
+  std::optional<Spread> switch_iteration;
   std::optional<Spread> before, after;  // the kernel switch; over the seeds that have both
   RunToRunVariation noise;              // largest over seeds; empty if the baseline was not trained twice
   KernelPartSummary balanced, others;
@@ -82,7 +78,7 @@ struct ComparisonSummary {
 /// longest.
 ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
 
-/// Explains when quality is called equal, in one or two sentences.
+/// Explains when quality is said to differ or to be equal.
 std::string quality_criterion(const ComparisonSummary& summary);
 
 nlohmann::ordered_json to_json(const ComparisonSummary& summary);

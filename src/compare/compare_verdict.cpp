@@ -1,6 +1,7 @@
 #include "compare/compare_verdict.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -45,19 +46,36 @@ std::string iterations_text(const Spread& iterations) {
   return iterations.range() == 0 ? least : least + " to " + std::to_string(std::llround(iterations.max));
 }
 
-/// Below this share a difference counts as none: kNoDifference, or the run-to-run variation if that is larger.
-double no_difference(const ComparisonSummary& summary) {
-  return std::max(kNoDifference, summary.noise().value_or(0));
+/// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive (within 1 %)",
+/// "shows no clear difference in training time from naive (time saved: 0.4 %; with one seed, less than 10.0 % may be
+/// noise)".
+std::string saving_text(const Effect& saved, const std::string& than) {
+  const auto percent = [](double low, double high) {
+    return print_to_string("95 %% interval %.1f to %.1f %%", 100 * low, 100 * high);
+  };
+  if (saved.finding == Finding::kEqual) {
+    return "took as long as " + than + " (within " + format_whole_percent(saved.limit) + ")";
+  }
+  if (saved.finding == Finding::kUnclear) {
+    return "shows no clear difference in training time from " + than + " (time saved: " + format_percent(saved.mean) +
+           (saved.margin ? ", " + percent(saved.low(), saved.high())
+                         : "; with one seed, less than " + format_percent(saved.limit) + " may be noise") +
+           ")";
+  }
+  if (saved.mean > 0) {
+    return "saved " + format_percent(saved.mean) +
+           (saved.margin ? " (" + percent(saved.low(), saved.high()) + ")" : std::string()) +
+           " of the training time of " + than;
+  }
+  return "took " + format_percent(-saved.mean) +
+         (saved.margin ? " (" + percent(-saved.high(), -saved.low()) + ")" : std::string()) + " longer than " + than;
 }
 
-/// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive (within 1 %)".
-std::string saving_text(double saved, const std::string& than, double no_difference) {
-  if (std::fabs(saved) < no_difference) {
-    return "took as long as " + than + " (within " +
-           (no_difference > kNoDifference ? format_percent(no_difference) : format_whole_percent(no_difference)) + ")";
-  }
-  return saved > 0 ? "saved " + format_percent(saved) + " of the training time of " + than
-                   : "took " + format_percent(-saved) + " longer than " + than;
+/// Of what balancing alone saves, to precede saving_text(). `name` is the configuration.
+std::string balancing_subject(const Effect& saved, const std::string& name) {
+  if (saved.finding == Finding::kUnclear) return "Whether load balancing saves time is not clear: " + name + " ";
+  return saved.differs() && saved.mean > 0 ? "Load balancing "
+                                           : "Load balancing saved no time on this scene: " + name + " ";
 }
 
 /// ", using combined in 2000 of 4000 iterations"; empty if all iterations used load-balanced kernels.
@@ -71,16 +89,14 @@ std::string used_text(const ComparedConfiguration& ours) {
 }
 
 /// If a load-balanced kernel was used and its gain is known.
-std::string balancing_verdict(const ComparedConfiguration& ours, const BalancingGain& gain, double no_difference) {
-  const bool saved_time = gain.balancing.mean >= no_difference;
+std::string balancing_verdict(const ComparedConfiguration& ours, const BalancingGain& gain) {
   const bool is_naive_fastest = gain.unbalanced == gain.naive;
-  std::string text = saved_time ? "Load balancing " : "Load balancing saved no time on this scene: " + ours.name + " ";
-  text +=
-      saving_text(gain.balancing.mean, gain.unbalanced + ", the fastest kernel without load balancing", no_difference) +
-      used_text(ours);
+  std::string text = balancing_subject(gain.balancing, ours.name) +
+                     saving_text(gain.balancing, gain.unbalanced + ", the fastest kernel without load balancing") +
+                     used_text(ours);
   if (!is_naive_fastest) {
-    text += "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced.mean, gain.naive, no_difference) +
-            "; in total " + ours.name + " " + saving_text(gain.whole.mean, gain.naive, no_difference);
+    text += "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " + ours.name +
+            " " + saving_text(gain.whole, gain.naive);
   }
   std::vector<std::pair<std::string, double>> times{{ours.name, gain.ours_s.mean}};
   if (!is_naive_fastest) times.emplace_back(gain.unbalanced, gain.unbalanced_s.mean);
@@ -96,13 +112,41 @@ std::string unbalanced_verdict(const ComparisonSummary& summary, const ComparedC
       "Load balancing saved no time on this scene: " +
       (ours.was_slower_from_start ? names + " was faster from the start" : "no load-balanced kernel was used") +
       "; with " + (ours.was_slower_from_start ? "it " : names + " ") + ours.name + " " +
-      saving_text(ours.overall->mean, summary.baseline, no_difference(summary));
+      saving_text(*ours.overall, summary.baseline);
   std::vector<std::pair<std::string, double>> times{{ours.name, mean_seconds(ours, &TimeSaved::ours_s)}};
   if (gain != nullptr && gain->unbalanced != summary.baseline) {
     times.emplace_back(gain->unbalanced, gain->unbalanced_s.mean);
   }
   times.emplace_back(summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s));
   return text + " (" + times_text(times) + ")";
+}
+
+const QualityDifference* find_psnr(const ComparedConfiguration& own) {
+  const auto it = std::find_if(own.quality.begin(), own.quality.end(),
+                               [](const QualityDifference& difference) { return difference.measure == kPsnrMeasure; });
+  return it == own.quality.end() ? nullptr : &*it;
+}
+
+/// "2.20 dB less than naive", "" where that may be chance or configurations learn the same.
+std::string quality_lead(const ComparisonSummary& summary, const ComparedConfiguration& ours) {
+  const QualityDifference* const psnr = find_psnr(ours);
+  if (!ours.learns_differently || psnr == nullptr || !psnr->gained.differs()) return "";
+  return print_to_string("reached %.2f dB %s than ", std::fabs(psnr->gained.mean),
+                         psnr->gained.mean > 0 ? "more" : "less") +
+         summary.baseline + " and ";
+}
+
+/// "-2.20 dB", "equal within 0.1 dB", "+0.05 dB, may be chance", with the 95 % interval if that is known.
+std::string psnr_text(const Effect& gained) {
+  if (gained.finding == Finding::kEqual) return print_to_string("equal within %.3g dB", gained.limit);
+  return print_to_string("%+.2f dB", gained.mean) + (gained.differs() ? "" : ", may be chance") +
+         (gained.margin ? print_to_string(", 95 %% interval %+.2f to %+.2f", gained.low(), gained.high())
+                        : std::string());
+}
+
+/// What is not said of one seed.
+std::string one_seed_sentence(const Effect& gained) {
+  return gained.margin ? "" : print_to_string(" One seed: differences below %.3g dB say nothing.", gained.limit);
 }
 
 /// About the configuration as a whole, naming the options in which it differs: of many, as with a preset, the first.
@@ -115,8 +159,9 @@ std::string configuration_verdict(const ComparisonSummary& summary, const Compar
     options.resize(kMostNamed);
     options.push_back(others);
   }
-  std::string text = (options.empty() ? "" : "The configuration ") + ours.name + " " +
-                     saving_text(ours.overall->mean, summary.baseline, no_difference(summary));
+  // What was lost comes before what was saved.
+  std::string text = (options.empty() ? "" : "The configuration ") + ours.name + " " + quality_lead(summary, ours) +
+                     saving_text(*ours.overall, summary.baseline);
   if (!options.empty()) {
     text += ", from which it differs in " + listed(options);
   } else if (!summary.missing_kernels.empty()) {
@@ -135,7 +180,7 @@ std::string finding(const ComparisonSummary& summary, const ComparedConfiguratio
   const BalancingGain* const gain = summary.find_balancing(ours.name);
   const bool is_kernel_known = ours.balanced.iterations || ours.others.iterations;
   if (gain != nullptr && ours.balanced.iterations) {
-    const std::string text = balancing_verdict(ours, *gain, no_difference(summary));
+    const std::string text = balancing_verdict(ours, *gain);
     return ours.differs_in.empty() ? text : text + ". " + configuration_verdict(summary, ours);
   }
   const bool could_balance = gain != nullptr || !summary.missing_kernels.empty();
@@ -143,12 +188,6 @@ std::string finding(const ComparisonSummary& summary, const ComparedConfiguratio
     return unbalanced_verdict(summary, ours, gain);
   }
   return configuration_verdict(summary, ours);
-}
-
-const QualityDifference* find_psnr(const ComparedConfiguration& own) {
-  const auto it = std::find_if(own.quality.begin(), own.quality.end(),
-                               [](const QualityDifference& difference) { return difference.measure == kPsnrMeasure; });
-  return it == own.quality.end() ? nullptr : &*it;
 }
 
 std::string unmeasured_sentence(const ComparisonSummary& summary) {
@@ -161,14 +200,15 @@ std::string final_quality_sentence(const ComparisonSummary& summary) {
   const FinalResult& baseline = summary.results.front();
   const auto has_psnr = [](const FinalResult& own) { return own.psnr.has_value(); };
   if (std::none_of(summary.results.begin(), summary.results.end(), has_psnr)) return unmeasured_sentence(summary);
-  std::string text;
+  std::string text, note;
+  const int n_seeds = static_cast<int>(summary.done_by_seed.size());
   for (const FinalResult& own : summary.results) {
-    if (own.name == baseline.name || !own.psnr || !baseline.psnr) continue;
-    if (own.n_complete != baseline.n_complete) continue;  // other seeds
-    text += (text.empty() ? " " : ", ") + own.name + " " +
-            format_quality_difference(kPsnrMeasure, own.psnr->mean - baseline.psnr->mean) + " dB";
+    if (own.name == baseline.name || !own.psnr_gained) continue;
+    text += (text.empty() ? " " : "; ") + own.name + " " + psnr_text(*own.psnr_gained) +
+            in_seeds(own.psnr_gained->n, n_seeds);
+    note = one_seed_sentence(*own.psnr_gained);
   }
-  return text.empty() ? "" : " PSNR of the held-out views, compared with " + baseline.name + ":" + text + ".";
+  return text.empty() ? "" : " PSNR of the held-out views, compared with " + baseline.name + ":" + text + "." + note;
 }
 
 /// " PSNR of the held-out views: original 28.30 dB, fast 27.10 dB (-1.20 dB).", of all configurations that differ from
@@ -183,12 +223,7 @@ std::string quality_sentence(const ComparisonSummary& summary) {
     const QualityDifference* const psnr = find_psnr(own);
     if (psnr == nullptr) continue;
     measured = psnr;
-    text += print_to_string(", %s %.2f dB (", own.name.c_str(), psnr->ours.mean);
-    if (psnr->is_equal() || psnr->is_within_noise()) {
-      text += print_to_string("equal within %.2f dB)", std::max(psnr->tolerance, psnr->noise.value_or(0)));
-    } else {
-      text += format_quality_difference(kPsnrMeasure, psnr->difference()) + " dB)";
-    }
+    text += ", " + own.name + print_to_string(" %.2f dB (", psnr->ours.mean) + psnr_text(psnr->gained) + ")";
   }
   if (!is_asked) return "";
   if (measured == nullptr) return unmeasured_sentence(summary);
@@ -196,7 +231,8 @@ std::string quality_sentence(const ComparisonSummary& summary) {
   return " PSNR of the held-out views" +
          (is_at_end ? "" : " after " + std::to_string(measured->iteration) + " iterations") +
          in_seeds(measured->baseline.n, summary.seeds_started()) +
-         print_to_string(": %s %.2f dB", summary.baseline.c_str(), measured->baseline.mean) + text + ".";
+         print_to_string(": %s %.2f dB", summary.baseline.c_str(), measured->baseline.mean) + text + "." +
+         one_seed_sentence(measured->gained);
 }
 
 }  // namespace
@@ -218,17 +254,26 @@ std::string format_noise(const std::optional<double>& share) {
   return share ? " +-" + format_percent(*share) : "";
 }
 
-std::string describe(const BalancingGain& gain, const std::optional<double>& noise) {
-  const auto share = [&](const Spread& saved, const std::string& of) {
-    return (saved.mean < 0 ? "lost " : "saved ") + format_percent(std::fabs(saved.mean)) + format_noise(noise) +
-           " of " + of + "'s time";
-  };
-  const std::string balancing = "load balancing " + share(gain.balancing, gain.unbalanced);
+std::string time_criterion(const ComparisonSummary& summary) {
+  if (summary.seeds_started() > 1) {
+    return "95 %: the interval of the mean over the seeds (Student's t). \"Unclear\": it includes 0, or the mean is "
+           "below 1 %. \"Equal\": it lies within 1 %.";
+  }
+  return std::string("With one seed, differences below ") +
+         (summary.noise() ? format_percent(time_limits(summary.noise()).one_seed) +
+                                ", 12.7 times the run-to-run variation but at least 1 %,"
+                          : format_whole_percent(kTimeLimits.one_seed)) +
+         " may be noise (\"unclear\"); --seeds 0,1,2 tells more.";
+}
+
+std::string describe(const BalancingGain& gain) {
+  std::string balancing = balancing_subject(gain.balancing, gain.name) + saving_text(gain.balancing, gain.unbalanced);
+  balancing[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(balancing[0])));
   if (gain.unbalanced == gain.naive) {
     return balancing + " (no kernel without load balancing is faster than " + gain.naive + ")";
   }
-  return balancing + "; " + gain.unbalanced + " " + share(gain.to_unbalanced, gain.naive) + "; in total " + gain.name +
-         " " + share(gain.whole, gain.naive);
+  return balancing + "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " +
+         gain.name + " " + saving_text(gain.whole, gain.naive);
 }
 
 std::string format_quality_difference(const std::string& measure, double difference, bool is_distance) {
@@ -263,11 +308,6 @@ std::string verdict(const ComparisonSummary& summary) {
   const ComparedConfiguration* ours = summary.find(summary.ours);
   if (ours == nullptr || !ours->overall) return "No result yet: not every configuration has been trained.";
   std::string text = finding(summary, *ours);
-  const BalancingGain* const gain = summary.find_balancing(ours->name);
-  const Spread& saved = gain != nullptr && ours->balanced.iterations ? gain->balancing : *ours->overall;
-  if (saved.min < 0 && saved.max > 0 && saved.range() >= kNoDifference) {
-    text += "; results differ between seeds, from " + format_percent(saved.min) + " to " + format_percent(saved.max);
-  }
   if (summary.noise()) {
     text += "; two runs of " + summary.baseline + " differ by " + format_percent(*summary.noise());
   }

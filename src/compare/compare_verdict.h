@@ -8,13 +8,10 @@
 
 namespace b3dgs {
 
-/// Differences in time below this share are not called savings or losses.
-inline constexpr double kNoDifference = 0.01;
-
 /// The headline of the report. Time is attributed to load balancing only relative to the fastest kernel without load
 /// balancing, and only between configurations that differ in nothing but the forward kernel; otherwise the
 /// configuration is named with the options in which it differs. If configurations differ in what they learn, PSNR is
-/// stated as well, or that it was not measured.
+/// stated as well, or that it was not measured. Differences that may be chance are not called savings, losses or gains.
 std::string verdict(const ComparisonSummary& summary);
 
 /// "18.3 %"
@@ -25,9 +22,12 @@ std::string format_whole_percent(double share);
 /// " +-0.4 %", or "" if the run-to-run variation was not measured.
 std::string format_noise(const std::optional<double>& share);
 
-/// "load balancing saved 31.8 % of shared-memory's time; shared-memory saved 53.3 % of naive's time; in total adaptive
-/// saved 68.2 % of naive's time", each with the run-to-run variation if that was measured.
-std::string describe(const BalancingGain& gain, const std::optional<double>& noise);
+/// Explains when times are called different or equal.
+std::string time_criterion(const ComparisonSummary& summary);
+
+/// "load balancing saved 31.8 % of the training time of shared-memory; shared-memory saved 53.3 % of the training time
+/// of naive; in total adaptive saved 68.2 % of the training time of naive".
+std::string describe(const BalancingGain& gain);
 
 /// Run-to-run variation of the baseline: differences in time and quality between its two runs.
 std::string describe_repetition(const ComparisonSummary& summary);

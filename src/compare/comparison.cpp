@@ -1,5 +1,6 @@
 #include "compare/comparison.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "adaptive/load_statistics.h"
@@ -128,15 +129,68 @@ Json to_json(const Comparison& comparison) {
   return json;
 }
 
+/// The difference in a measure of quality, or null.
+const QualityDifference* find_quality(const ComparisonSummary& summary, std::size_t configuration,
+                                      const std::string& measure) {
+  for (const QualityDifference& own : summary.compared[configuration == 0 ? 0 : configuration - 1].quality) {
+    if (own.measure == measure) return &own;
+  }
+  return nullptr;
+}
+
 /// Mean of a measure of quality over seeds, or "-".
 std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
                          const char* format) {
-  const ComparedConfiguration& compared = summary.compared[configuration == 0 ? 0 : configuration - 1];
-  for (const QualityDifference& difference : compared.quality) {
-    if (difference.measure != measure) continue;
-    return print_to_string(format, (configuration == 0 ? difference.baseline : difference.ours).mean);
+  const QualityDifference* const own = find_quality(summary, configuration, measure);
+  return own == nullptr ? "-" : print_to_string(format, (configuration == 0 ? own->baseline : own->ours).mean);
+}
+
+/// Training time, s: the mean over the seeds that have started.
+double mean_seconds(const Comparison& comparison, std::size_t configuration) {
+  const ComparisonSummary& summary = comparison.summary;
+  double seconds = 0;
+  for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {
+    seconds += elapsed_at(comparison.runs[configuration][seed].history, summary.done_by_seed[seed]) /
+               std::max(1, summary.seeds_started());
   }
-  return "-";
+  return seconds;
+}
+
+/// What was trained, how long that took and what came of it. Columns without content are left out: those of a kernel
+/// switch if there was none, and the interval with one seed.
+std::string summary_table(const Comparison& comparison) {
+  const ComparisonSummary& summary = comparison.summary;
+  const auto some = [&](const auto& has) { return std::any_of(summary.compared.begin(), summary.compared.end(), has); };
+  const bool has_switch = some([](const ComparedConfiguration& own) { return own.before.has_value(); });
+  const bool has_interval = some([](const ComparedConfiguration& own) { return own.overall && own.overall->margin; });
+  std::vector<std::vector<std::string>> rows{{"configuration", "training s", "time saved"}};
+  if (has_interval) rows[0].emplace_back("95 % interval");
+  rows[0].emplace_back("time");
+  if (has_switch) rows[0].insert(rows[0].end(), {"before switch", "after switch"});
+  rows[0].insert(rows[0].end(), {"PSNR dB", "PSNR", "SSIM", "Gaussians"});
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    const ComparedConfiguration* const own = i == 0 ? nullptr : &summary.compared[i - 1];
+    const auto share = [&](const auto& saved, const std::optional<double>& noise) {
+      return saved ? format_percent(saved->mean) + format_noise(noise) : std::string("-");
+    };
+    const bool is_known = own != nullptr && own->overall;
+    std::vector<std::string> row{comparison.configurations[i].name,
+                                 print_to_string("%.2f", mean_seconds(comparison, i)),
+                                 is_known ? share(own->overall, own->noise.overall) : "-"};
+    if (has_interval) row.push_back(is_known && own->overall->margin ? interval_text(*own->overall) : "-");
+    row.push_back(is_known ? time_word(*own->overall) : "-");
+    if (has_switch) {
+      row.push_back(own == nullptr ? "-" : share(own->before, own->noise.before));
+      row.push_back(own == nullptr ? "-" : share(own->after, own->noise.after));
+    }
+    const QualityDifference* const psnr = i == 0 ? nullptr : find_quality(summary, i, kPsnrMeasure);
+    row.insert(row.end(),
+               {quality_cell(summary, i, kPsnrMeasure, "%.2f"), psnr == nullptr ? "-" : finding_word(psnr->gained),
+                quality_cell(summary, i, "SSIM", "%.4f"), quality_cell(summary, i, "Gaussians", "%.0f")});
+    rows.push_back(row);
+  }
+  return text_table(rows) + "time saved: share of " + summary.baseline + "'s training time, in total" +
+         (has_switch ? " and before and after the first switch to another forward kernel\n" : "\n");
 }
 
 }  // namespace
@@ -239,58 +293,26 @@ void write_comparison(const Comparison& comparison) {
   write_file(comparison.plan.root() / kComparisonReport, comparison_report(comparison));
 }
 
-void print_comparison(const Comparison& comparison) {
+std::string describe_comparison(const Comparison& comparison) {
   const ComparisonSummary& summary = comparison.summary;
-  if (!have_equal_lengths(summary.results)) {
-    print_results(summary.results);
-    std::printf("%s\n", verdict(summary).c_str());
-    return;
-  }
-  std::size_t columns = 13;
-  for (const Configuration& configuration : comparison.configurations) {
-    columns = std::max(columns, configuration.name.size());
-  }
-  const int width = static_cast<int>(columns), share_width = summary.noise() ? 18 : 13;
-  std::printf("%-*s %11s %*s %*s %*s %9s %8s %12s\n", width, "configuration", "training s", share_width, "time saved",
-              share_width, "before switch", share_width, "after switch", "PSNR dB", "SSIM", "Gaussians");
-  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    double elapsed_s = 0;
-    for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {  // mean over the seeds that have started
-      elapsed_s += elapsed_at(comparison.runs[i][seed].history, summary.done_by_seed[seed]) /
-                   std::max(1, summary.seeds_started());
-    }
-    const auto share = [&](std::optional<Spread> ComparedConfiguration::*field,
-                           std::optional<double> RunToRunVariation::*noise) {
-      if (i == 0 || !(summary.compared[i - 1].*field)) return std::string("-");
-      return format_percent((summary.compared[i - 1].*field)->mean) +
-             format_noise(summary.compared[i - 1].noise.*noise);
-    };
-    std::printf("%-*s %11.2f %*s %*s %*s %9s %8s %12s\n", width, comparison.configurations[i].name.c_str(), elapsed_s,
-                share_width, share(&ComparedConfiguration::overall, &RunToRunVariation::overall).c_str(), share_width,
-                share(&ComparedConfiguration::before, &RunToRunVariation::before).c_str(), share_width,
-                share(&ComparedConfiguration::after, &RunToRunVariation::after).c_str(),
-                quality_cell(summary, i, kPsnrMeasure, "%.2f").c_str(),
-                quality_cell(summary, i, "SSIM", "%.4f").c_str(),
-                quality_cell(summary, i, "Gaussians", "%.0f").c_str());
-  }
-  std::printf(
-      "time saved: share of %s's training time, in total and before and after the first switch to another forward "
-      "kernel\n",
-      summary.baseline.c_str());
+  if (!have_equal_lengths(summary.results)) return results_table(summary.results) + verdict(summary) + "\n";
+  std::string text = summary_table(comparison);
   for (const ComparedConfiguration& compared : summary.compared) {
     const int n_seeds = static_cast<int>(compared.by_seed.size());
     if (!compared.before || compared.before->n == n_seeds) continue;
-    std::printf("%s: times before and after the switch are known%s\n", compared.name.c_str(),
-                in_seeds(compared.before->n, n_seeds).c_str());
+    text +=
+        compared.name + ": times before and after the switch are known" + in_seeds(compared.before->n, n_seeds) + "\n";
   }
-  for (const BalancingGain& gain : summary.balancing) {
-    std::printf("%s: %s\n", gain.name.c_str(), describe(gain, summary.noise()).c_str());
-  }
-  if (!summary.repetition.empty()) std::printf("%s\n", describe_repetition(summary).c_str());
-  if (comparison.plan.loading_ms > 0) std::printf("%s\n", describe_loading(comparison).c_str());
-  std::printf("times do not include reading the scene (%s) or evaluation, saving and checkpoints (%s)\n",
-              format_seconds(comparison.plan.reading_s, 0).c_str(), format_seconds(comparison.output_s(), 0).c_str());
-  std::printf("%s\n", verdict(summary).c_str());
+  for (const BalancingGain& gain : summary.balancing) text += gain.name + ": " + describe(gain) + "\n";
+  if (!summary.repetition.empty()) text += describe_repetition(summary) + "\n";
+  if (comparison.plan.loading_ms > 0) text += describe_loading(comparison) + "\n";
+  return text + "times do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
+         ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
+         verdict(summary) + "\n";
+}
+
+void print_comparison(const Comparison& comparison) {
+  std::printf("%s", describe_comparison(comparison).c_str());
 }
 
 }  // namespace b3dgs

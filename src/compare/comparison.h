@@ -65,6 +65,8 @@ Comparison load_comparison(const ComparisonPlan& plan);
 /// Writes compare.json and report.html. @throws IoError
 void write_comparison(const Comparison& comparison);
 
+/// The result for standard output.
+std::string describe_comparison(const Comparison& comparison);
 void print_comparison(const Comparison& comparison);
 
 /// Explains loading_ms in a sentence.

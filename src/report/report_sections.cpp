@@ -71,6 +71,8 @@ std::string curve_sentence(const Quantity& quantity, const std::vector<ChartSeri
   return html::paragraph(text + ".");
 }
 
+}  // namespace
+
 std::string option_text(const nlohmann::ordered_json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (!value.is_array()) return value.dump();
@@ -78,8 +80,6 @@ std::string option_text(const nlohmann::ordered_json& value) {
   for (const auto& entry : value) text += (text.empty() ? "" : " ") + option_text(entry);
   return text.empty() ? "none" : text;
 }
-
-}  // namespace
 
 std::vector<ChartSeries> curves(const std::vector<LabeledRun>& runs, std::optional<double> LogPoint::*field) {
   std::vector<ChartSeries> series;

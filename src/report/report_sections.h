@@ -67,6 +67,9 @@ std::string preview_section(const std::vector<LabeledRun>& runs);
 /// there are none.
 std::string changed_options(const TrainConfig& base, const TrainConfig& own);
 
+/// A value as in a sentence.
+std::string option_text(const nlohmann::ordered_json& value);
+
 /// "24 photographs, 240 x 160 px", from the model's cameras.json; empty if that cannot be read.
 std::string photographs_text(const ModelFolder& folder);
 

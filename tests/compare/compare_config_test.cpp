@@ -128,6 +128,9 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
                   "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");
   expect_rejected("naive,combined+data_factor=3", "must be the same for all");
+  for (const char* read_once : {"masks=none", "invert_masks=true", "mask_mode=segment", "host_memory_gb=2"}) {
+    expect_rejected(std::string("naive,other:naive+") + read_once, "must be the same for all configurations");
+  }
   expect_rejected("naive,init_ply=/tmp/x.ply", "cannot be a folder name");
   expect_rejected("naive,../x:combined",
                   "cannot be a folder name; name it with letters, digits, _ - . + = instead: "

@@ -71,8 +71,8 @@ TEST(CompareReport, SeparatesLoadBalancingFromOtherSavings) {
       comparison_of({{"naive", {naive, naive}}, {"shared-memory", {shared, shared}}, {"combined", {ours, ours}}}));
   EXPECT_EQ(test::xml_fault(html), "");
   EXPECT_TRUE(contains(html,
-                       "<td>combined</td><td>naive</td><td>50.0 % (50.0 to 50.0)</td><td>shared-memory</td>"
-                       "<td>20.0 % (20.0 to 20.0)</td><td>60.0 % (60.0 to 60.0)</td>"))
+                       "<td>combined</td><td>naive</td><td>50.0 % (95 %: 50.0 to 50.0 %)</td><td>shared-memory</td>"
+                       "<td>20.0 % (95 %: 20.0 to 20.0 %)</td><td>60.0 % (95 %: 60.0 to 60.0 %)</td>"))
       << html.substr(html.find("saved by load balancing"), 600);
   EXPECT_TRUE(contains(html, "was not measured (--noise does that)"));
   EXPECT_FALSE(contains(html, "±"));
@@ -89,10 +89,10 @@ TEST(CompareReport, ShowsRunToRunVariationBesideEveryDifference) {
                                                             {"mine", {ours, ours}},
                                                             {"naive_again", {again, again}}}));
   EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<td>50.0 % ± 2.0 % (50.0 to 50.0)</td>"));
+  EXPECT_TRUE(contains(html, "<td>50.0 % ± 2.0 % (95 %: 50.0 to 50.0 %)</td><td>faster</td>"));
   EXPECT_TRUE(contains(html, "<td>60.0 % ± 2.0 % (60.0 to 60.0)</td><td>60.0 % ± 2.0 % (60.0 to 60.0)</td>"))
       << "also before and after the switch";
-  EXPECT_TRUE(contains(html, "<td>+0.00 ± 0.25</td>"));
+  EXPECT_TRUE(contains(html, "<td>+0.00 ± 0.25 (95 %: +0.00 to +0.00)</td><td>equal</td>"));
   EXPECT_TRUE(contains(html, "Run-to-run variation of naive: time 2.0 %, PSNR 0.25."));
   EXPECT_TRUE(contains(html, "two runs of naive differ by 2.0 %."));
 }
@@ -102,8 +102,8 @@ TEST(CompareReport, ShowsPublishedResultsBesideTheSameComparison) {
   const std::string html =
       comparison_report(comparison_of({{"original", {original, original}}, {"paper", {paper, paper}}}));
   EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<td>paper against original</td><td>20.0 % (20.0 to 20.0)</td>"));
-  EXPECT_TRUE(contains(html, "<td>published</td><td>8.5 %</td><td>19.6 %</td><td>7.9 %</td>"));
+  EXPECT_TRUE(contains(html, "<td>paper against original</td><td>20.0 % (95 %: 20.0 to 20.0 %)</td><td>faster</td>"));
+  EXPECT_TRUE(contains(html, "<td>published</td><td>8.5 %</td><td></td><td>19.6 %</td><td>7.9 %</td>"));
   const std::string ours =
       comparison_report(comparison_of({{"naive", {original, original}}, {"adaptive", {paper, paper}}}));
   EXPECT_FALSE(contains(ours, "<td>published</td>")) << "the paper used another backward pass";
@@ -119,14 +119,67 @@ TEST(CompareReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
   for (const char* part :
        {"<h1>", "<h2>Photographs and renders", "<h2>Quality", "<h2>Training time",
         "<td>naive (baseline)</td><td>1.00 s (1.0 to 1.0)</td>", "<td>combined</td><td>0.80 s (0.8 to 0.8)</td>",
-        "<h2>Scene, options and machine", "/scenes/garden", "<td>kernel combined</td>",
-        "<details>\n<summary>Time by stage", "<details>\n<summary>Kernels", "<details>\n<summary>Load",
-        "<details>\n<summary>Published results"}) {
+        "<h2>Scene, options and machine", "/scenes/garden", "<th>option</th><th>naive</th><th>combined</th>",
+        "<td>kernel</td><td>naive</td><td>combined</td>", "<details>\n<summary>Time by stage",
+        "<details>\n<summary>Kernels", "<details>\n<summary>Load", "<details>\n<summary>Published results"}) {
     const std::size_t next = html.find(part, at);
     ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
     at = next;
   }
   EXPECT_FALSE(contains(html, "<th>before the switch</th>")) << "no kernel was switched";
+}
+
+TEST(CompareReport, NamesOptionsOfAllOnlyWhereTheyAre) {
+  Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
+  comparison.plan.base.pixels_per_gaussian = 45;  // of the default preset, which both configurations override
+  comparison.plan.base.lambda_dssim = 0.3;
+  for (Configuration& own : comparison.configurations) {
+    own.config.pixels_per_gaussian = 160;
+    own.config.kernel = "naive";
+  }
+  comparison.configurations[0].config.lambda_dssim = 0.1;
+  comparison.configurations[1].config.lambda_dssim = 0.4;
+  comparison.summary = summarize_comparison({{"naive", comparison.configurations[0].config, {history(10), history(10)}},
+                                             {"mine", comparison.configurations[1].config, {history(8), history(8)}}},
+                                            100);
+  const std::string html = comparison_report(comparison);
+  EXPECT_EQ(test::xml_fault(html), "");
+  const std::string all = html.substr(html.find("<td>options of all</td>"), 300);
+  EXPECT_TRUE(contains(all, "pixels_per_gaussian 160")) << all;
+  EXPECT_FALSE(contains(all.substr(0, all.find("</tr>")), "lambda_dssim")) << all;
+  EXPECT_FALSE(contains(html, "pixels_per_gaussian 45"));
+  EXPECT_TRUE(contains(html, "<td>lambda_dssim</td><td>0.1</td><td>0.4</td>")) << all;
+  EXPECT_TRUE(contains(html, "<td>lambda_dssim 0.1 → 0.4</td>")) << "few options are named beside the time";
+}
+
+TEST(CompareReport, ManyOptionsAreListedOnce) {
+  Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
+  TrainConfig& mine = comparison.configurations[1].config;
+  mine.kernel = "naive";
+  mine.feature_lr = 0.123;
+  mine.opacity_lr = 0.234;
+  mine.scaling_lr = 0.345;
+  mine.rotation_lr = 0.456;
+  comparison.summary = summarize_comparison({{"naive", comparison.configurations[0].config, {history(10), history(10)}},
+                                             {"mine", mine, {history(8), history(8)}}},
+                                            100);
+  const std::string html = comparison_report(comparison);
+  EXPECT_TRUE(contains(html, "<td>4 options (see below)</td>"));
+  EXPECT_EQ(html.find("0.345"), html.rfind("0.345")) << "once";
+  EXPECT_NE(html.find("0.345"), std::string::npos);
+}
+
+TEST(CompareReport, TheTableOnTheTerminalHasNoEmptyColumns) {
+  const std::string fixed = describe_comparison(
+      comparison_of({{"naive", {history(10), history(10)}}, {"combined", {history(8), history(8)}}}));
+  EXPECT_FALSE(contains(fixed, "switch")) << fixed;
+  EXPECT_TRUE(contains(fixed, "20.0 to 20.0 %  faster")) << fixed;
+  const std::string switched = describe_comparison(
+      comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8, 51), history(8, 51)}}}));
+  EXPECT_TRUE(contains(switched, "before switch  after switch")) << switched;
+  Comparison one = comparison_of({{"naive", {history(10)}}, {"combined", {history(9.5)}}});
+  EXPECT_FALSE(contains(describe_comparison(one), "interval")) << describe_comparison(one);
+  EXPECT_TRUE(contains(describe_comparison(one), "5.0 %  unclear")) << describe_comparison(one);
 }
 
 TEST(CompareReport, SaysHowLongLoadingTheKernelsTook) {

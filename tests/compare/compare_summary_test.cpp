@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "compare/compare_verdict.h"
 #include "compare/synthetic_histories.h"
 
@@ -152,14 +154,16 @@ TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
   EXPECT_EQ(summarize_pair({history(10, 10)}, {history(8, 8)}).noise(), std::nullopt);
 }
 
-TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNotCalledEqual) {
+TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNeitherEqualNorADifference) {
   const ComparisonSummary summary =
       summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
                             trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
                             {"again", config_with("naive"), {with_quality(history(10, 10), 24.5, 1000)}}},
                            4000);
-  EXPECT_FALSE(summary.compared[0].quality[0].is_equal());
-  EXPECT_TRUE(summary.compared[0].quality[0].is_within_noise());
+  const Effect& gained = summary.compared[0].quality[0].gained;
+  EXPECT_EQ(gained.finding, Finding::kUnclear);
+  EXPECT_NEAR(gained.limit, 12.706 * 0.5, 1e-9);
+  EXPECT_NE(quality_criterion(summary).find("12.7 times the run-to-run variation"), std::string::npos);
 }
 
 TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
@@ -180,22 +184,42 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
   EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }
 
-TEST(CompareSummary, QualityIsEqualWithinTheRangeOverSeeds) {
+TEST(CompareSummary, QualityIsComparedSeedBySeed) {
   const auto quality = [](std::vector<double> naive, std::vector<double> ours) {
     std::vector<TrainHistory> a, b;
     for (const double psnr : naive) a.push_back(with_quality(history(10, 10), psnr, 1000));
     for (const double psnr : ours) b.push_back(with_quality(history(8, 8), psnr, 1100));
     return summarize_pair(a, b).compared[0].quality;
   };
-  const std::vector<QualityDifference> one = quality({25}, {25.05});
-  ASSERT_EQ(one.size(), 3u);
-  EXPECT_TRUE(one[0].is_equal());
-  EXPECT_TRUE(one[1].is_equal());
-  EXPECT_FALSE(one[2].is_equal()) << "a tenth more Gaussians";
-  EXPECT_FALSE(quality({25}, {24.8})[0].is_equal());
-  EXPECT_TRUE(quality({25.0, 25.5}, {25.3, 25.9})[0].is_equal()) << "0.35 dB apart, ranges of 0.5 and 0.6";
-  EXPECT_FALSE(quality({25.0, 25.1}, {25.3, 25.4})[0].is_equal());
+  const std::vector<QualityDifference> paired = quality({25, 26, 27}, {24.7, 25.68, 26.72});
+  ASSERT_EQ(paired.size(), 3u);
+  EXPECT_EQ(paired[0].gained.finding, Finding::kDiffers) << "each seed lost 0.3 dB, though seeds differ by 2 dB";
+  EXPECT_NEAR(paired[0].gained.mean, -0.3, 1e-9);
+  EXPECT_NEAR(paired[0].gained.margin.value(), 4.303 * 0.02 / std::sqrt(3), 1e-9);
+  EXPECT_EQ(paired[1].gained.finding, Finding::kEqual);
+  EXPECT_EQ(paired[2].gained.finding, Finding::kDiffers) << "a tenth more Gaussians";
+  EXPECT_EQ(quality({25, 25, 25}, {25.05, 25.06, 25.04})[0].gained.finding, Finding::kEqual) << "within 0.1 dB";
+  EXPECT_EQ(quality({25, 25, 25}, {25.5, 24.6, 25.3})[0].gained.finding, Finding::kUnclear);
+  EXPECT_EQ(quality({25, 25.5}, {25.3, 25.9})[0].gained.finding, Finding::kUnclear) << "two seeds tell little";
+  const auto json = to_json(summarize_pair({with_quality(history(10, 10), 25, 9), with_quality(history(10, 10), 25, 9)},
+                                           {with_quality(history(8, 8), 26, 9), with_quality(history(8, 8), 26, 9)}));
+  EXPECT_EQ(json["compared"][0]["quality"][0]["finding"], "differs");
+  EXPECT_EQ(json["compared"][0]["quality"][0]["interval"], nlohmann::ordered_json::array({1.0, 1.0}));
+  EXPECT_EQ(json["compared"][0]["quality"][0]["tolerance"], 0.1);
   EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)}).compared[0].quality.empty()) << "nothing measured";
+}
+
+TEST(CompareSummary, OneSeedSaysLittleOfQualityAndTime) {
+  const auto compared = [](double psnr, double ms) {
+    return summarize_pair({with_quality(history(10, 10), 25, 1000)}, {with_quality(history(ms, ms), psnr, 1000)})
+        .compared[0];
+  };
+  EXPECT_EQ(compared(25, 10).quality[0].gained.finding, Finding::kUnclear) << "not equal, either";
+  EXPECT_EQ(compared(24.5, 10).quality[0].gained.finding, Finding::kUnclear);
+  EXPECT_EQ(compared(23.5, 10).quality[0].gained.finding, Finding::kDiffers);
+  EXPECT_EQ(compared(25, 9.5).overall->finding, Finding::kUnclear);
+  EXPECT_EQ(compared(25, 8.5).overall->finding, Finding::kDiffers);
+  EXPECT_FALSE(compared(25, 8.5).overall->margin);
 }
 
 TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
@@ -223,8 +247,8 @@ TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
   EXPECT_EQ(last.iteration, 4000);
   EXPECT_EQ(last.baseline.n, 1);
   EXPECT_EQ(last.ours.mean, 25.2);
-  EXPECT_EQ(last.tolerance, 0.1) << "the range of one seed says nothing";
-  EXPECT_NE(quality_criterion(two).find("PSNR, dB 0.1; SSIM 0.003; Gaussians 2 %"), std::string::npos)
+  EXPECT_EQ(last.gained.limit, 1) << "the range of one seed says nothing";
+  EXPECT_NE(quality_criterion(two).find("PSNR, dB 1; SSIM 0.03; Gaussians 20 %"), std::string::npos)
       << quality_criterion(two);
 }
 
