@@ -57,6 +57,11 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
     input_error("nothing to resume: ", config.model_path, " (expected checkpoints/ or config.json); ",
                 "start a training with b3dgs train SOURCE_PATH -m ", shell_quote(config.model_path));
   }
+  if (folder.holds_model()) {
+    const int saved = folder.ply_iterations().back();
+    input_error("no checkpoint to resume in ", config.model_path, ", which holds the PLY of iteration ", saved, " (",
+                folder.ply(saved).string(), "); train in another folder (-m), or replace this model with --overwrite");
+  }
   status.print("no checkpoint to resume in " + config.model_path + ", starting from the beginning");
   return "";
 }

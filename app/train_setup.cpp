@@ -7,6 +7,7 @@
 #include <array>
 #include <vector>
 
+#include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
 #include "report/run_info.h"
@@ -92,6 +93,17 @@ void move_own(const fs::path& from, const fs::path& to, OwnFiles& own) {
   fs::remove(from, error);
 }
 
+/// Whether the model has the PLY of its training's last iteration.
+bool is_finished(const ModelFolder& folder) {
+  const std::vector<int> saved = folder.ply_iterations();
+  if (saved.empty()) return false;
+  try {
+    return saved.back() >= folder.read_config().iterations;
+  } catch (const InputError&) {
+    return true;  // a PLY of which no more is known
+  }
+}
+
 fs::path replaced_folder(const ModelFolder& folder) {
   return folder.root() / "replaced";
 }
@@ -124,8 +136,7 @@ fs::path remove_model(const ModelFolder& folder) {
 }
 
 fs::path put_model_aside(const ModelFolder& folder) {
-  const bool is_unfinished = folder.ply_iterations().empty();
-  if (is_unfinished && fs::exists(replaced_folder(folder))) return remove_model(folder);
+  if (!is_finished(folder) && fs::exists(replaced_folder(folder))) return remove_model(folder);
   drop_replaced_model(folder);
   OwnFiles own(folder.root());
   for (const fs::path& part : parts_of(folder)) {

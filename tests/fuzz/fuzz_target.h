@@ -1,5 +1,5 @@
-// A fuzz target is one function, read_input(), that passes bytes to a reader. libfuzzer_main.cpp calls it with
-// libFuzzer's inputs, run_files_main.cpp with files.
+// A fuzz target is one function, read_input(), that passes bytes to a reader. main/libfuzzer.cpp calls it with
+// libFuzzer's inputs, main/run_files.cpp with files.
 #pragma once
 
 #include <string>

@@ -3,7 +3,7 @@
 
 #include "fuzz/fuzz_target.h"
 #include "fuzz/splat_check.h"
-#include "support/spz_content.h"
+#include "support/formats/spz_content.h"
 
 namespace b3dgs::fuzz {
 

@@ -10,7 +10,7 @@
 #include "core/check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
-#include "support/spz_content.h"
+#include "support/formats/spz_content.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

@@ -9,7 +9,7 @@
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/files.h"
-#include "support/write_transforms.h"
+#include "support/formats/write_transforms.h"
 
 namespace b3dgs {
 namespace {

@@ -12,7 +12,7 @@
 #include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
-#include "support/write_transforms.h"
+#include "support/formats/write_transforms.h"
 
 namespace b3dgs {
 namespace {

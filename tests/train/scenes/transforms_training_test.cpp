@@ -2,9 +2,9 @@
 #include <gtest/gtest.h>
 
 #include "model/formats/ply.h"
+#include "support/formats/write_transforms.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
-#include "support/write_transforms.h"
 
 namespace b3dgs {
 namespace {
