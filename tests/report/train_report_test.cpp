@@ -152,8 +152,9 @@ TEST_F(TrainReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
   for (const char* part :
        {"<h2>Photographs and renders", "data:image/jpeg", "<h2>Quality", "PSNR over the iterations",
         "<h2>Time and memory", "GPU memory peaked at 2.50 GB", "mean time, ms", "remaining CPU time",
-        "<h2>Scene, options and machine", "/scenes/garden", "iterations 60; otherwise those of --preset original, --strategy default",
-        "<details>\n<summary>Load", "<details>\n<summary>Kernels", "<details>\n<summary>Words", "Gini coefficient"}) {
+        "<h2>Scene, options and machine", "/scenes/garden",
+        "iterations 60; otherwise those of --preset original, --strategy default", "<details>\n<summary>Load",
+        "<details>\n<summary>Kernels", "<details>\n<summary>Words", "Gini coefficient"}) {
     const std::size_t next = html.find(part, at);
     ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
     at = next;

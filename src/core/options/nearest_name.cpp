@@ -48,11 +48,21 @@ std::string name_of_other_trainers(const std::string& name, const std::vector<st
   };
   // The first row whose own name the command knows.
   static constexpr Names kNames[] = {
-      {"total_steps", "iterations"},  {"num_steps", "iterations"},    {"max_num_iterations", "iterations"},
-      {"num_iterations", "iterations"}, {"output", "model_path"},     {"output", "folder"},
-      {"output_dir", "model_path"},   {"output_dir", "output"},       {"output_path", "model_path"},
-      {"output_path", "output"},      {"export_path", "model_path"},  {"o", "model_path"},
-      {"o", "output"},                {"data", "source_path"},        {"data_path", "source_path"},
+      {"total_steps", "iterations"},
+      {"num_steps", "iterations"},
+      {"max_num_iterations", "iterations"},
+      {"num_iterations", "iterations"},
+      {"output", "model_path"},
+      {"output", "folder"},
+      {"output_dir", "model_path"},
+      {"output_dir", "output"},
+      {"output_path", "model_path"},
+      {"output_path", "output"},
+      {"export_path", "model_path"},
+      {"o", "model_path"},
+      {"o", "output"},
+      {"data", "source_path"},
+      {"data_path", "source_path"},
   };
   for (const Names& row : kNames) {
     if (name == row.other && std::find(known.begin(), known.end(), row.own) != known.end()) return row.own;
