@@ -1,10 +1,10 @@
-// Forward blend, segmented: shared-memory, with the tiles of long lists cut so that threads finish at about the same time
-// even if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of rows:
-// a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen by timing, so
-// only equal images make equal commands give equal models.
+// Forward blend, segmented: shared-memory, with the tiles of long lists cut so that threads finish at about the same
+// time even if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of
+// rows: a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen by
+// timing, so only equal images make equal commands give equal models.
 //   Threads: take tasks from an atomic counter: bands of tiles with long lists first, then whole tiles.
-//   Lanes, staging and row culling: those of shared-memory. Each band stages the list again, which costs little compared
-//     to blending, and ends with its own pixels.
+//   Lanes, staging and row culling: those of shared-memory. Each band stages the list again, which costs little
+//     compared to blending, and ends with its own pixels.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_segmented.cpp"
