@@ -78,6 +78,7 @@ void check_photographs(const LoadedModel& model, const std::vector<View>& views,
 void print_table(const Evaluation& evaluation) {
   std::size_t columns = 12;
   for (const ViewQuality& view : evaluation.views) columns = std::max(columns, view.name.size());
+  for (const std::string& name : evaluation.unmeasured) columns = std::max(columns, name.size());
   const int name_columns = static_cast<int>(columns);
   std::string heading = "view";
   heading.resize(columns, ' ');
@@ -86,6 +87,10 @@ void print_table(const Evaluation& evaluation) {
   for (const ViewQuality& view : evaluation.views) {
     std::cout << table_row(view.name, name_columns, view.quality) << "\n";
   }
+  for (const std::string& name : evaluation.unmeasured) {
+    std::cout << name << std::string(columns - name.size(), ' ') << "  no valid pixel: not in the mean\n";
+  }
+  if (evaluation.views.empty()) return;
   std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), name_columns, evaluation.mean) << "\n";
   if (evaluation.mean.corrected_psnr) {
     std::cout << "CC PSNR: colour-corrected, with the colours of each render fitted to its photograph\n";
@@ -124,7 +129,7 @@ class SplitEvaluator {
                  const std::filesystem::path& folder) {
     const ProgressFn progress = show_loading(status_);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
-                                 const ImageQuality&) {
+                                 const std::optional<ImageQuality>&) {
       if (save_images_) {
         const Image8 image = to_image8(rendered.color);
         const std::shared_ptr<const Image8> truth = view.image->read();

@@ -101,9 +101,9 @@ void limit_schedule(TrainPlan& plan, const Scene& scene) {
 
 void report_quality(const TrainResult& result) {
   for (const auto& [iteration, evaluation] : result.evaluations) {
-    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views\n", "quality", iteration,
+    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views%s\n", "quality", iteration,
                 evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
-                evaluation.views.size());
+                evaluation.views.size(), describe_unmeasured(evaluation).c_str());
   }
 }
 

@@ -64,7 +64,8 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   model.iteration = choose_iteration(model.folder, options.iteration);
   if (!model.folder.has_config()) {
     const std::string file = model.folder.ply(model.iteration).string();
-    input_error(model.folder.root().string(), ": has no config.json: not a model of b3dgs train; to use its Gaussians, ",
+    input_error(model.folder.root().string(),
+                ": has no config.json: not a model of b3dgs train; to use its Gaussians, ",
                 "name the file and the scene: ", shell_quote(file), " -s SCENE");
   }
   model.config = model.folder.read_config();

@@ -35,14 +35,14 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
   std::vector<Preview> previews;
   std::exception_ptr fault;  // thrown only after evaluate(), which other ranks take part in
   const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
-                               const ImageQuality& quality) {
-    if (fault) return;
+                               const std::optional<ImageQuality>& quality) {
+    if (!quality || fault) return;  // no quality: no valid pixel
     try {
       const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
       const fs::path render = report_folder(folder) / ("render_" + image_name(index));
       write_image(truth, small(*view.image->read()));
       write_image(render, small(to_image8(rendered.color)));
-      previews.push_back({view.name, quality.psnr, truth, render});
+      previews.push_back({view.name, quality->psnr, truth, render});
     } catch (const IoError&) {
       fault = std::current_exception();
     }

@@ -176,9 +176,12 @@ void suggest_fewer_iterations(const ComparisonPlan& plan, const torch::Device& d
                               " gives a first comparison sooner"));
 }
 
-void remove_runs(const ComparisonPlan& plan) {
+void remove_runs(const ComparisonPlan& plan, StatusLine& status) {
   for (const Configuration& configuration : plan.configurations()) {
-    for (const std::int64_t seed : plan.seeds) remove_model(plan.folder(configuration, seed));
+    for (const std::int64_t seed : plan.seeds) {
+      const fs::path aside = remove_model(plan.folder(configuration, seed));
+      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
+    }
   }
 }
 
@@ -216,7 +219,7 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
     std::cout << describe_device(device) << std::endl;
   }
   // Only after the scene has been read, so that an unreadable scene does not delete existing models.
-  for (const ComparisonPlan& old : replaced) remove_runs(old);
+  for (const ComparisonPlan& old : replaced) remove_runs(old, status);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   const double loading_ms = warm_up(plan, scene);

@@ -7,16 +7,6 @@
 #include "model/formats/splat_cloud.h"
 
 namespace b3dgs {
-namespace {
-
-constexpr std::int64_t kFloatBytes = 4;
-
-/// Floats per Gaussian.
-std::int64_t parameter_floats(int sh_degree) {
-  return 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
-}
-
-}  // namespace
 
 std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
   struct statvfs system {};
@@ -25,23 +15,18 @@ std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
 }
 
 std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {
-  constexpr std::int64_t kNormals = 3;
-  return kFloatBytes * n_gaussians * (parameter_floats(sh_degree) + kNormals);
+  constexpr std::int64_t kFloatBytes = 4, kNormals = 3;
+  const std::int64_t parameters = 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
+  return kFloatBytes * n_gaussians * (parameters + kNormals);
 }
 
-std::int64_t checkpoint_bytes(std::int64_t n_gaussians, int sh_degree) {
-  constexpr std::int64_t kStatistics = 3;
-  return kFloatBytes * n_gaussians * (3 * parameter_floats(sh_degree) + kStatistics);
-}
-
-std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, std::int64_t n_gaussians,
-                         int sh_degree, int n_checkpoints) {
-  const std::int64_t wanted =
-      ply_bytes(n_gaussians, sh_degree) + (n_checkpoints + 1) * checkpoint_bytes(n_gaussians, sh_degree);
+std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, const FirstFiles& files,
+                         int n_checkpoints) {
+  const std::int64_t wanted = files.ply_bytes + (n_checkpoints + 1) * files.checkpoint_bytes;
   if (free_bytes < 0 || free_bytes >= wanted) return "";
   return detail::concat(folder.string(), ": ", format_bytes(free_bytes), " free on this disk, expected ",
                         format_bytes(wanted), " or more: the size of a PLY and ", n_checkpoints + 1,
-                        " checkpoints of the ", n_gaussians,
+                        " checkpoints of the ", files.n_gaussians,
                         " Gaussians that training starts with, before densification; free some space, or ",
                         "lower --keep_checkpoints or --max_gaussians");
 }

@@ -45,8 +45,8 @@ ColorEvaluation color_evaluation(const TrainConfig& config) {
 namespace {
 
 /// Compares one view, and puts the transformed render in the place of `rendered`.
-ImageQuality compare_view(const View& view, const Image8& truth, const ColorEvaluation& colors, RenderedView& rendered,
-                          const LpipsNetwork* lpips) {
+std::optional<ImageQuality> compare_view(const View& view, const Image8& truth, const ColorEvaluation& colors,
+                                         RenderedView& rendered, const LpipsNetwork* lpips) {
   const torch::Tensor raw = rendered.color;
   const Image8* valid = view.valid.get();
   Image8 right;
@@ -59,11 +59,12 @@ ImageQuality compare_view(const View& view, const Image8& truth, const ColorEval
     rendered.color = transform_colors(raw, fit_colors(raw, truth, &left));
     valid = &right;
   }
-  ImageQuality quality = image_quality(rendered.color, truth, valid);
+  std::optional<ImageQuality> quality = image_quality(rendered.color, truth, valid);
+  if (!quality) return quality;
   if (colors.corrected_psnr) {
-    quality.corrected_psnr = image_quality(transform_colors(raw, fit_colors(raw, truth, valid)), truth, valid).psnr;
+    quality->corrected_psnr = image_quality(transform_colors(raw, fit_colors(raw, truth, valid)), truth, valid)->psnr;
   }
-  if (lpips != nullptr) quality.lpips = lpips->distance(rendered.color, truth, valid);
+  if (lpips != nullptr) quality->lpips = lpips->distance(rendered.color, truth, valid);
   return quality;
 }
 
@@ -104,14 +105,21 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     RenderedView rendered = render(to_pinhole_view(view.camera), forward_only);
     add_background(background, to_pinhole_view(view.camera), rendered);
-    const ImageQuality quality = compare_view(view, truth, colors, rendered, lpips);
-    add_to_mean(quality.lpips, views.size(), evaluation.mean.lpips);
-    add_to_mean(quality.corrected_psnr, views.size(), evaluation.mean.corrected_psnr);
-    evaluation.views.push_back({view.name, quality});
-    evaluation.mean.psnr += quality.psnr / static_cast<double>(views.size());
-    evaluation.mean.ssim += quality.ssim / static_cast<double>(views.size());
+    const std::optional<ImageQuality> quality = compare_view(view, truth, colors, rendered, lpips);
+    if (quality) {
+      evaluation.views.push_back({view.name, *quality});
+    } else {
+      evaluation.unmeasured.push_back(view.name);
+    }
     if (on_rendered) on_rendered(i, view, rendered, quality);
   });
+  const std::size_t n = evaluation.views.size();
+  for (const auto& [name, quality] : evaluation.views) {
+    evaluation.mean.psnr += quality.psnr / static_cast<double>(n);
+    evaluation.mean.ssim += quality.ssim / static_cast<double>(n);
+    add_to_mean(quality.corrected_psnr, n, evaluation.mean.corrected_psnr);
+    add_to_mean(quality.lpips, n, evaluation.mean.lpips);
+  }
   return evaluation;
 }
 

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,13 +40,16 @@ struct ColorEvaluation {
 /// Without transforms of views: what these options say about the others.
 ColorEvaluation color_evaluation(const TrainConfig& config);
 
-/// Called after each view with the render, in transformed colours, which is valid until it returns.
-using RenderedFn = std::function<void(std::size_t index, const View&, const RenderedView&, const ImageQuality&)>;
+/// Called after each view with the render, in transformed colours, which is valid until it returns. Views without a
+/// valid pixel have no quality.
+using RenderedFn =
+    std::function<void(std::size_t index, const View&, const RenderedView&, const std::optional<ImageQuality>&)>;
 
 /// Renders one view.
 using RenderFn = std::function<RenderedView(const PinholeView&, const RenderSettings&)>;
 
-/// Renders each view with `settings` and compares it with its photograph. Views keep their order. `lpips`: may be null.
+/// Renders each view with `settings` and compares it with its photograph. Views keep their order; those without a valid
+/// pixel are left out of the mean. `lpips`: may be null.
 /// `background`: the coefficients of a learned background (add_background()), or undefined.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},

@@ -139,7 +139,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   Checkpoint read =
       read_checkpoint(checkpoint, impl.scene, impl.is_distributed() ? torch::Device(torch::kCPU) : impl.device);
   check_resume_options(read.config, read.state.iteration, impl.config, checkpoint.string());
-  impl.fingerprint = scene_fingerprint(impl.scene);
+  impl.fingerprint = impl.identify_scene();
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
   const auto warn_of = [&](const std::string& files, const std::vector<std::string>& changed) {
     if (changed.empty()) return;
@@ -151,6 +151,13 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   warn_of(detail::concat(photographs.size(), " of ", impl.scene.train.size(), " photographs"), photographs);
   const std::vector<std::string> masks = changed_masks(header, impl.fingerprint);
   warn_of(detail::concat("masks of ", masks.size(), " of ", impl.scene.train.size(), " photographs"), masks);
+  const std::vector<std::string> maps = changed_depth_maps(header, impl.fingerprint);
+  warn_of(detail::concat("depth maps of ", maps.size(), " of ", impl.scene.train.size(), " photographs"), maps);
+  if (have_points_changed(header, impl.fingerprint)) {
+    impl.recorder.warn(
+        "the points of the scene have changed since this checkpoint was written; training continues "
+        "with its Gaussians");
+  }
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
   if (impl.config.skip_share == 0) impl.state.view_skips = {};

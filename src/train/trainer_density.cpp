@@ -35,7 +35,7 @@ void Trainer::Impl::control_density(int iteration) {
 
 GaussianMemory Trainer::Impl::memory_of_gaussian() {
   const bool absolute_gradients = density->plan(std::max(1, state.iteration)).absolute_gradients;
-  return gaussian_memory(state, view_memory(step_settings()), view_ratios, absolute_gradients,
+  return gaussian_memory(state, view_memory(step_settings()), state.view_ratios, absolute_gradients,
                          keeps_views() || is_distributed() ? config.batch : 0);
 }
 
@@ -118,7 +118,7 @@ void Trainer::Impl::reserve_rows(const RowEdit& edit, std::int64_t limit) {
 }
 
 void Trainer::Impl::run_density_round(int iteration) {
-  view_ratios.begin_round();
+  state.view_ratios.begin_round();
   model_ratios.begin_round();
   const std::vector<MemoryRemedy> remedies{together(wait_for_files()), together(free_scratch())};
   try {

@@ -18,6 +18,7 @@
 #include "config/batch_steps.h"
 #include "config/output_plan.h"
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
 #include "train/appearance/appearance_model.h"
@@ -247,11 +248,14 @@ struct Trainer::Impl {
 
   // trainer_outputs.cpp
   void begin();
+  /// What a checkpoint says about the scene.
+  nlohmann::ordered_json identify_scene() const;
   void claim_folder();
   void write_outputs(const OutputPlan& plan);
   void log_load();
   void log_kernel_times();
-  ImageQuality evaluate_test_views();
+  /// No value if no test view has a valid pixel.
+  std::optional<ImageQuality> evaluate_test_views();
   void write_ply();
   /// cameras.json and poses.json, with the refined poses.
   void write_poses();
@@ -306,12 +310,14 @@ struct Trainer::Impl {
   const TrainConfig config;
   const Scene& scene;
   const ModelFolder folder;
+  std::optional<OwnFiles> own_files;  // of the folder, while it is written
   const TrainHooks hooks;
   Communicator* const ranks;  // null: this process trains alone
   const torch::Device device;
   const double gpu_memory_gb;  // that this process may use; 0: all that is free
 
   const std::shared_ptr<MemorySource> memory;
+  const bool memory_is_limited = memory->limit().has_value();
   RowEditor row_editor;
   Rasterizer rasterizer;
   std::optional<SmoothingFilter> smoothing_filter;  // with --antialiasing
@@ -330,7 +336,6 @@ struct Trainer::Impl {
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   PoseRefiner poses;
   TrainRecorder recorder;
-  ViewRatios view_ratios;
   std::vector<bool> empty_views;  // in which no Gaussian was visible when they were drawn last
   std::size_t n_views_drawn = 0, n_warned_empty = 0;
   bool growth_has_failed = false;  // in this session, although memory had seemed sufficient

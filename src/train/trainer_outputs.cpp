@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/disk_space.h"
+#include "model/photographs.h"
 #include "model/set_aside.h"
 #include "model/training_id.h"
 #include "train/appearance/exposure_json.h"
@@ -13,9 +14,19 @@
 
 namespace b3dgs {
 
+nlohmann::ordered_json Trainer::Impl::identify_scene() const {
+  nlohmann::ordered_json identity = scene_fingerprint(scene);
+  if (!depth_priors) return identity;
+  for (const std::filesystem::path& file : depth_map_files(config.depths, scene)) {
+    identity["depth_maps"].push_back(photograph_fingerprint(file.string()));
+  }
+  return identity;
+}
+
 /// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
 void Trainer::Impl::claim_folder() {
   if (!writes_files()) return;
+  own_files.emplace(folder.root());
   if (resumed.empty()) {
     state.training_id = new_training_id();
   } else {
@@ -32,17 +43,16 @@ void Trainer::Impl::claim_folder() {
 /// Prepares the first step of this session. Does nothing when called again.
 void Trainer::Impl::begin() {
   if (std::exchange(has_begun, true)) return;
-  if (fingerprint.is_null()) fingerprint = scene_fingerprint(scene);
+  if (fingerprint.is_null()) fingerprint = identify_scene();
   if (is_distributed()) check_same_scene(*ranks, scene, fingerprint);
   if (state.n_gaussians() == 0) initialize_model();
-  const bool is_model_folder = !folder.training_id().empty();  // files of these names are not the user's
   claim_folder();
   if (writes_files()) {
     folder.write_inputs(config, scene);
     write_poses();
-    if (is_model_folder && !state.poses.is_defined()) folder.remove_poses();
+    if (!state.poses.is_defined()) folder.remove_poses();
     // Those of an earlier session; each PLY keeps its own beside it.
-    if (is_model_folder && !state.appearance.exposures.defined()) folder.remove_exposures();
+    if (!state.appearance.exposures.defined()) folder.remove_exposures();
   }
   if (config.pose_opt && scene.train.size() < 3) {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
@@ -59,8 +69,12 @@ void Trainer::Impl::begin() {
     recorder.say(detail::concat("steps of ", config.batch, " views: mean gradient, learning rates x ", root,
                                 ", Adam's epsilon / ", root, ", betas to the power of ", config.batch));
   }
-  const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), state.n_gaussians(),
-                                        config.sh_degree, config.keep_checkpoints);
+  const std::int64_t n = state.n_gaussians();
+  FirstFiles files{n, ply_bytes(n, config.sh_degree), checkpoint_bytes(state)};
+  if (config.antialiasing && !state.gaussians.filters.defined()) {  // until the first step
+    files.checkpoint_bytes += n * static_cast<std::int64_t>(sizeof(float));
+  }
+  const std::string disk = disk_warning(folder.root(), free_disk_bytes(folder.root()), files, config.keep_checkpoints);
   if (!disk.empty()) recorder.warn(disk);
   // If the session before ended between a step and its density control, what was left of that iteration is done now.
   const bool wants_ply = state.iteration > 0 && output_plan(config, first_of_step(), state.iteration, false).save;
@@ -103,7 +117,7 @@ ColorEvaluation Trainer::Impl::color_evaluation() const {
   return colors;
 }
 
-ImageQuality Trainer::Impl::evaluate_test_views() {
+std::optional<ImageQuality> Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
     return evaluate_views([this](auto&&... view) { return render(view...); }, device, scene.test,
@@ -111,6 +125,7 @@ ImageQuality Trainer::Impl::evaluate_test_views() {
                           state.background.coefficients);
   });
   recorder.add_evaluation(evaluation, evaluation_source(config, scene.test, "test"));
+  if (evaluation.views.empty()) return std::nullopt;
   return evaluation.mean;
 }
 

@@ -24,6 +24,10 @@ namespace b3dgs {
 
 void Trainer::Impl::initialize_model() {
   const SplatCloud cloud = initial_splats(config, scene);
+  if (cloud.antialiased && !config.antialiasing) {
+    recorder.warn(config.init_ply + " was trained with --antialiasing, but this training renders without it: splats " +
+                  "that are small in the image become too opaque; add --antialiasing");
+  }
   state.sh_degree = std::min(cloud.sh_degree, config.sh_degree);
   // Of several ranks, none holds the whole model on its GPU.
   state.gaussians = to_tensors(cloud, config.sh_degree, is_distributed() ? torch::Device(torch::kCPU) : device);
@@ -129,7 +133,7 @@ void Trainer::Impl::note_view_size() {
   // Memory is planned for views of full size: there a splat touches at most as many times more tiles.
   const std::int64_t scale = coarse_scale_at(config, state.iteration);
   view_size.n_pairs *= scale * scale;
-  view_ratios.add(view_size, state.gaussians.size());
+  if (memory_is_limited) state.view_ratios.add(view_size.n_splats, view_size.n_pairs, state.gaussians.size());
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
 }
 
@@ -144,11 +148,10 @@ void Trainer::Impl::warn_of_empty_views() {
   if (n == 0 || (n <= n_warned_empty && 2 * n < empty_views.size())) return;
   n_warned_empty = n;
   const auto first = std::find(empty_views.begin(), empty_views.end(), true) - empty_views.begin();
-  recorder.warn(detail::concat("after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ",
-                               images.size(), " training views (first: ",
-                               scene.train[static_cast<std::size_t>(first)].name,
-                               "); check their poses, --near_plane (", config.near_plane,
-                               " world units) and the learning rates"));
+  recorder.warn(detail::concat(
+      "after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ", images.size(),
+      " training views (first: ", scene.train[static_cast<std::size_t>(first)].name,
+      "); check their poses, --near_plane (", config.near_plane, " world units) and the learning rates"));
 }
 
 void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+#include <sstream>
+
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -44,6 +47,16 @@ Outcome train_with(const std::shared_ptr<test::ShortMemory>& memory, const Train
   outcome.log = test::read_bytes(ModelFolder(folder).log());
   outcome.held_at = read_checkpoint_header(outcome.result.checkpoint).value("held_at", std::int64_t{-1});
   return outcome;
+}
+
+std::vector<int> iterations_of_event(const std::string& log, const std::string& event) {
+  std::vector<int> iterations;
+  std::istringstream lines(log);
+  for (std::string line; std::getline(lines, line);) {
+    const nlohmann::json json = nlohmann::json::parse(line);
+    if (json.value("event", "") == event) iterations.push_back(json.at("iteration").get<int>());
+  }
+  return iterations;
 }
 
 bool says(const Outcome& outcome, const std::string& what) {
@@ -105,6 +118,41 @@ TEST(Memory, AHoldStaysInDeterministicTraining) {
   EXPECT_LE(resumed.result.n_gaussians, held.held_at);
 }
 
+// The first hold after a resume is where an unbroken training has it, too: the views before count.
+TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
+  const test::TempDir temp;
+  const auto limited = [] {
+    auto memory = std::make_shared<test::ShortMemory>();
+    memory->bytes = 200000;
+    return memory;
+  };
+  TrainConfig config = growing_config();
+  config.deterministic = true;
+  const Outcome whole = train_with(limited(), config, temp / "whole");
+  const std::vector<int> held = iterations_of_event(whole.log, "held");
+  ASSERT_FALSE(held.empty());
+  // Only one view has been seen since.
+  const Scene scene = test::make_tiny_scene();
+  TrainHooks hooks;
+  hooks.memory = limited();
+  fs::path checkpoint;
+  {
+    Trainer trainer(config, scene, ModelFolder(temp / "halves"), hooks);
+    trainer.run_until(held.front() - 1);
+    checkpoint = trainer.write_checkpoint();
+  }
+  EXPECT_EQ(read_checkpoint_header(checkpoint).value("held_at", std::int64_t{-1}), 0);
+  const Outcome resumed = train_with(limited(), config, temp / "halves", checkpoint);
+  EXPECT_EQ(resumed.held_at, whole.held_at);
+  EXPECT_EQ(test::timeless_bytes(resumed.result.checkpoint), test::timeless_bytes(whole.result.checkpoint));
+
+  // A checkpoint of an early version has no ratios.
+  CheckpointFile early = read_checkpoint_file(checkpoint);
+  EXPECT_EQ(early.header.erase("view_ratios"), 1u);
+  write_checkpoint_file(checkpoint, early);
+  EXPECT_GT(train_with(limited(), config, temp / "halves", checkpoint).held_at, 0);
+}
+
 TEST(Memory, GrowsIfFreeingMemoryHelps) {
   const test::TempDir temp;
   const Outcome expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
@@ -155,9 +203,9 @@ TEST(Memory, TheAllocatorMayCacheAQuarterOfWhatIsInUse) {
 
 TEST(MemoryPlan, ForgetsViewsOfEarlierRounds) {
   ViewRatios ratios;
-  ratios.add({10, 300}, 10);
+  ratios.add(10, 300, 10);
   ratios.begin_round();
-  ratios.add({10, 100}, 20);
+  ratios.add(10, 100, 20);
   EXPECT_EQ(ratios.pairs(), 30) << "the round before still counts";
   ratios.begin_round();
   EXPECT_EQ(ratios.pairs(), 5);
@@ -174,8 +222,8 @@ TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   ViewRatios ratios;
   EXPECT_EQ(gaussian_memory(state, {80, 128, 100}, ratios, false).view, 80 + 128 + 500)
       << "no view yet, and a quarter more pairs than counted";
-  ratios.add({1, 6}, 2);
-  ratios.add({2, 2}, 2);
+  ratios.add(1, 6, 2);
+  ratios.add(2, 2, 2);
   const GaussianMemory memory = gaussian_memory(state, {80, 128, 100}, ratios, false);
   EXPECT_EQ(memory.view, 80 + 128 + 375);
   EXPECT_EQ(memory.round, 64 + 180);

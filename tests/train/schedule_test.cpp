@@ -168,16 +168,17 @@ TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
 }
 
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
-  for (const auto& [given, n] : {std::pair{GivenOptions{{"preset", "quality"}}, 60},
-                                 {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
-                                 {GivenOptions{{"preset", "fast"}}, 1},
-                                 {GivenOptions{{"preset", "original"}}, 1},
-                                 {GivenOptions{{"strategy", "default"}}, 1},
-                                 {GivenOptions{{"strategy", "mcmc"}}, 1},
-                                 {GivenOptions{{"max_epochs", 0}}, 1},
-                                 {GivenOptions{{"max_epochs", std::numeric_limits<int>::max()}}, 3},
-                                 {GivenOptions{{"iterations", 24000}}, 1},
-                                 {GivenOptions{{"preset", "original"}, {"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
+  for (const auto& [given, n] :
+       {std::pair{GivenOptions{{"preset", "quality"}}, 60},
+        {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
+        {GivenOptions{{"preset", "fast"}}, 1},
+        {GivenOptions{{"preset", "original"}}, 1},
+        {GivenOptions{{"strategy", "default"}}, 1},
+        {GivenOptions{{"strategy", "mcmc"}}, 1},
+        {GivenOptions{{"max_epochs", 0}}, 1},
+        {GivenOptions{{"max_epochs", std::numeric_limits<int>::max()}}, 3},
+        {GivenOptions{{"iterations", 24000}}, 1},
+        {GivenOptions{{"preset", "original"}, {"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
     const TrainConfig full = resolve_options(given).config;
     TrainConfig config = full;
     EXPECT_EQ(limit_epochs(config, static_cast<std::size_t>(n), given), 1);
@@ -231,7 +232,8 @@ TEST(EpochLimit, IsScaledByStepsScaler) {
 }
 
 TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
-  for (const GivenOptions& given : {GivenOptions{{"preset", "quality"}}, GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}}) {
+  for (const GivenOptions& given :
+       {GivenOptions{{"preset", "quality"}}, GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}}) {
     for (const std::size_t n : {1, 5, 21, 37}) {
       const TrainConfig config = limited(given, scene_of(n));
       GivenOptions scaled = given;

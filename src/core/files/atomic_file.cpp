@@ -66,9 +66,8 @@ int remove_if_left_behind(const char* path, const struct stat* status, int type,
   const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &space, &process, &number, &length) == 3;
   if (!fits || length != static_cast<int>(name.size()) || process <= 0) return 0;
   // This process has no file open here, so a file with its ID is from an earlier process with the same ID.
-  const bool is_left = space == process_space()
-                           ? process == ::getpid() || (::kill(process, 0) != 0 && errno == ESRCH)
-                           : std::time(nullptr) - status->st_mtime > kOneDay;
+  const bool is_left = space == process_space() ? process == ::getpid() || (::kill(process, 0) != 0 && errno == ESRCH)
+                                                : std::time(nullptr) - status->st_mtime > kOneDay;
   if (is_left) ::unlink(path);
   return 0;
 }

@@ -12,7 +12,8 @@ namespace b3dgs {
 class FolderLock {
  public:
   /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. Does
-  /// nothing else on a file system without locks. The record of the program's own files (own_files.h) is kept meanwhile.
+  /// nothing else on a file system without locks. The record of the program's own files (own_files.h) is kept
+  /// meanwhile.
   /// @throws InputError naming the process that holds the lock; IoError if the folder cannot be written to
   /// `kind` of folder, for the error.
   explicit FolderLock(const std::filesystem::path& folder, const char* kind = "model folder");

@@ -66,6 +66,15 @@ ViewSkips parse_view_skips(const Json& json, std::size_t n_views, const std::str
   return skips;
 }
 
+ViewRatios::Largest parse_ratios(const Json& json, const char* what, const std::string& place) {
+  const auto value = [&](const char* key) {
+    const double ratio = finite_number(json.at(key), what, place);
+    if (ratio < 0) input_error(place, ": ", what, ": expected at least 0, found ", ratio);
+    return ratio;
+  };
+  return {value("splats"), value("pairs")};
+}
+
 template <class Number>
 void require_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
   const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
@@ -84,6 +93,11 @@ Json skips_to_json(const ViewSkips& skips) {
     if (view.is_low) low.push_back(i);
   }
   return {{"n_skipped", skips.n_skipped}, {"mean_losses", std::move(means)}, {"low", std::move(low)}};
+}
+
+Json ratios_to_json(const ViewRatios& ratios) {
+  const auto json = [](const ViewRatios::Largest& of) { return Json{{"splats", of.splats}, {"pairs", of.pairs}}; };
+  return {{"before", json(ratios.before())}, {"now", json(ratios.now())}};
 }
 
 CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& place) {
@@ -131,6 +145,10 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     header.view_order = parse_view_order(json.at("view_order"), n_views, place);
     if (const auto it = json.find("view_skips"); it != json.end()) {
       header.view_skips = parse_view_skips(*it, n_views, place);
+    }
+    if (const auto it = json.find("view_ratios"); it != json.end()) {
+      header.view_ratios = {parse_ratios(it->at("before"), "view_ratios.before", place),
+                            parse_ratios(it->at("now"), "view_ratios.now", place)};
     }
   } catch (const nlohmann::json::exception& error) {
     input_error(place, ": unexpected checkpoint header: ", error.what());

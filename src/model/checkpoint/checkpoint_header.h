@@ -8,6 +8,7 @@
 
 #include "config/train_config.h"
 #include "config/view_order.h"
+#include "config/view_ratios.h"
 #include "config/view_skips.h"
 
 namespace b3dgs {
@@ -21,6 +22,7 @@ struct CheckpointHeader {
   std::int64_t adam_steps = 0;   // from 0 to `iteration`
   ViewOrder view_order;          // indices of the scene's training views, each at most once
   ViewSkips view_skips;          // empty, or as many views as the scene has; means finite, at least 0 or kUnseen
+  ViewRatios view_ratios;        // each finite, at least 0; all 0 in checkpoints of early versions
   double loss_average = 0;       // finite
   double elapsed_s = 0;          // at least 0
   std::string training_id;       // empty in checkpoints of early versions
@@ -35,6 +37,9 @@ struct CheckpointHeader {
 
 /// The value of the header's key "view_skips", which is missing if the state is empty.
 nlohmann::ordered_json skips_to_json(const ViewSkips& skips);
+
+/// The value of the header's key "view_ratios", which is missing if no view was counted.
+nlohmann::ordered_json ratios_to_json(const ViewRatios& ratios);
 
 /// Reads the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of the
 /// wrong type or out of range

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/photographs.h"
 #include "train/appearance/bilateral_grid_args.h"
@@ -41,6 +42,31 @@ Json describe_views(const Scene& scene) {
     views.push_back({{"name", view.name}, {"width", view.camera.width}, {"height", view.camera.height}});
   }
   return as_read_back(views);
+}
+
+/// Of pose and intrinsics, rounded to float: a later version may compute them in another order.
+std::uint32_t camera_crc(const Camera& camera) {
+  std::vector<double> values{camera.fx, camera.fy, camera.cx, camera.cy};
+  const Pose& pose = camera.cam_from_world;
+  values.insert(values.end(), pose.rotation.begin(), pose.rotation.end());
+  values.insert(values.end(), pose.translation.begin(), pose.translation.end());
+  std::uint32_t crc = 0;
+  for (const double value : values) {
+    const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0
+    crc = add_crc(crc, &rounded, sizeof rounded);
+  }
+  return crc;
+}
+
+Json camera_crcs(const Scene& scene) {
+  Json crcs = Json::array();
+  for (const View& view : scene.train) crcs.push_back(camera_crc(view.camera));
+  return crcs;
+}
+
+std::uint32_t points_crc(const PointCloud& points) {
+  const std::uint32_t crc = add_crc(0, points.positions.data(), points.positions.size() * sizeof(float));
+  return add_crc(crc, points.colors.data(), points.colors.size());
 }
 
 // Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0,
@@ -190,9 +216,9 @@ std::vector<std::string> changed_files(const Json& header, const Json& fingerpri
                                        bool may_be_added) {
   std::vector<std::string> names;
   const Json saved = header.value("scene", Json::object()).value(key, Json::array());
-  const Json &now = fingerprint.at(key), &views = fingerprint.at("train_views");
+  const Json now = fingerprint.value(key, Json::array()), &views = fingerprint.at("train_views");
   for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
-    if (saved[i] == now[i] || (saved[i].is_null() && !may_be_added)) continue;
+    if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
     names.push_back(views[i].at("name").get<std::string>());
   }
   return names;
@@ -236,6 +262,8 @@ Json scene_fingerprint(const Scene& scene) {
   }
   return {{"extent", scene.extent},
           {"train_views", describe_views(scene)},
+          {"camera_crc32s", camera_crcs(scene)},
+          {"points_crc32", points_crc(scene.points)},
           {"photographs", std::move(photographs)},
           {"masks", std::move(masks)}};
 }
@@ -255,6 +283,17 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
         input_error(place, ": training view ", i, " was ", before[i].dump(), ", but in the scene it is ",
                     after[i].dump(), remedy);
       }
+    }
+    // Missing in checkpoints of early versions.
+    const Json cameras = saved.value("camera_crc32s", Json::array()), now = camera_crcs(scene);
+    std::vector<std::string> moved;
+    for (std::size_t i = 0; i < std::min(cameras.size(), now.size()); ++i) {
+      if (cameras[i] != now[i]) moved.push_back(scene.train[i].name);
+    }
+    if (!moved.empty()) {
+      input_error(place, ": poses or intrinsics of ", moved.size(), " of ", now.size(),
+                  " training views have changed since it was written (", moved.size() > 1 ? "first: " : "", moved[0],
+                  "), so its Gaussians do not fit them; resume with the cameras of that training, or train anew");
     }
     if (!is_same_extent(saved.at("extent"), scene.extent)) {
       input_error(place, ": trained on a scene of extent ", saved.at("extent").dump(), ", but this one has extent ",
@@ -285,6 +324,15 @@ std::vector<std::string> changed_masks(const Json& header, const Json& fingerpri
   return changed_files(header, fingerprint, "masks", /*may_be_added=*/true);
 }
 
+std::vector<std::string> changed_depth_maps(const Json& header, const Json& fingerprint) {
+  return changed_files(header, fingerprint, "depth_maps", /*may_be_added=*/true);
+}
+
+bool have_points_changed(const Json& header, const Json& fingerprint) {
+  const Json scene = header.value("scene", Json::object());
+  return scene.contains("points_crc32") && scene.at("points_crc32") != fingerprint.at("points_crc32");
+}
+
 Json checkpoint_header(const TrainConfig& config, const TrainState& state, const Json& fingerprint) {
   Json header{{"iteration", state.iteration},
               {"n_gaussians", state.n_gaussians()},
@@ -302,6 +350,8 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"scene", fingerprint}};
   if (state.step_iterations != 1) header["step_iterations"] = state.step_iterations;
   if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
+  // Of several ranks, each has its own.
+  if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
   if (state.background.is_defined()) header["background_steps"] = state.background.steps;
   if (state.appearance.grids.defined()) header["appearance_last_steps"] = state.appearance.last_steps;
@@ -316,6 +366,17 @@ std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const Trai
     tensors.emplace_back(row.name, row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor);
   }
   return tensors;
+}
+
+std::int64_t checkpoint_bytes(const TrainState& state) {
+  std::int64_t bytes = 0;
+  for (const Row<const torch::Tensor>& row : rows_of(state)) {
+    if (!row.tensor->defined()) continue;
+    std::int64_t of_row = row.tensor->element_size();
+    for (const std::int64_t size : row.tensor->sizes().slice(1)) of_row *= size;
+    bytes += of_row * (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
+  }
+  return bytes;
 }
 
 void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
@@ -336,6 +397,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.sh_degree = header.sh_degree;
   state.adam.steps = header.adam_steps;
   state.view_order = std::move(header.view_order);
+  state.view_ratios = header.view_ratios;
   state.view_skips = std::move(header.view_skips);
   state.loss_average = header.loss_average;
   state.elapsed_s = header.elapsed_s;
@@ -377,8 +439,7 @@ void remove_superseded_checkpoints(const ModelFolder& folder, const std::string&
     }
   }
   for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) {
-    std::error_code error;  // ignored: a superseded checkpoint that stays does no harm
-    std::filesystem::remove(own[i], error);
+    remove_own_file(own[i]);
   }
 }
 

@@ -21,8 +21,9 @@ struct Checkpoint {
   TrainState state;
 };
 
-/// Identifies a scene in a checkpoint: what must be equal for view indices and image sizes to have the same meaning,
-/// and for each photograph and each mask its size in bytes and the CRC-32 of its first 64 KiB, to detect changes.
+/// Identifies a scene in a checkpoint: what must be equal for view indices and image sizes to have the same meaning and
+/// for the Gaussians to fit the views, and to detect changes a checksum of the points and the fingerprints of all
+/// photographs and masks (model/photographs.h). The caller may add "depth_maps", a list of fingerprints.
 nlohmann::ordered_json scene_fingerprint(const Scene& scene);
 
 /// The header of a checkpoint, without the list of tensors.
@@ -32,8 +33,11 @@ nlohmann::ordered_json checkpoint_header(const TrainConfig& config, const TrainS
 /// Names and tensors of a state, in file order.
 std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state);
 
-/// @throws InputError if a checkpoint with this header was trained on other views than the scene's. Images need not be
-/// loaded.
+/// Bytes of these tensors, with the rows of all ranks.
+std::int64_t checkpoint_bytes(const TrainState& state);
+
+/// @throws InputError if a checkpoint with this header was trained on other views than the scene's, or with other poses
+/// or intrinsics. Images need not be loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);
 
 /// @throws InputError if a checkpoint with these options, of this iteration, cannot be resumed with `wanted`
@@ -46,6 +50,13 @@ std::vector<std::string> changed_photographs(const nlohmann::ordered_json& heade
 
 /// The same for masks: names of training views whose mask is another one, was added or is gone.
 std::vector<std::string> changed_masks(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
+
+/// The same for depth maps, if the header and `fingerprint` have them.
+std::vector<std::string> changed_depth_maps(const nlohmann::ordered_json& header,
+                                            const nlohmann::ordered_json& fingerprint);
+
+/// Whether the scene had other points, if the header has that information.
+bool have_points_changed(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
 
 /// @throws IoError
 void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "config/view_order.h"
+#include "config/view_ratios.h"
 #include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/appearance/appearance_state.h"
@@ -30,6 +31,7 @@ struct TrainState {
   BackgroundState background;  // with --background learned or sky
   ViewOrder view_order;
   ViewSkips view_skips;     // with --skip_share
+  ViewRatios view_ratios;   // where memory is limited
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions
   std::string training_id;  // see training_id.h; empty in checkpoints of early versions

@@ -22,17 +22,6 @@ std::int64_t row_bytes(const torch::Tensor& tensor) {
 
 }  // namespace
 
-void ViewRatios::add(const ViewSize& view, std::int64_t n_gaussians) {
-  if (n_gaussians == 0) return;
-  const double n = static_cast<double>(n_gaussians);
-  now_.splats = std::max(now_.splats, static_cast<double>(view.n_splats) / n);
-  now_.pairs = std::max(now_.pairs, static_cast<double>(view.n_pairs) / n);
-}
-
-void ViewRatios::begin_round() {
-  before_ = std::exchange(now_, {});
-}
-
 std::int64_t state_row_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
   visit_rows(state, [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });

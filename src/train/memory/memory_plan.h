@@ -5,34 +5,11 @@
 #include <cstdint>
 #include <optional>
 
-#include "raster/torch/rasterizer.h"
+#include "config/view_ratios.h"
 #include "raster/view_memory.h"
 #include "train/checkpoint/train_state.h"
 
 namespace b3dgs {
-
-/// Splats and pairs per Gaussian: the maximum over the views since the last but one round of density control. Earlier
-/// views are not representative, since Gaussians become smaller as they become more.
-class ViewRatios {
- public:
-  void add(const ViewSize& view, std::int64_t n_gaussians);
-  /// Call at each round of density control.
-  void begin_round();
-  /// Fraction of the Gaussians that a view sees; 1 before the first view.
-  double splats() const { return ratio(&Largest::splats, 1); }
-  /// (tile, splat) pairs per Gaussian; an estimate before the first view.
-  double pairs() const { return ratio(&Largest::pairs, 4); }
-
- private:
-  struct Largest {
-    double splats = 0, pairs = 0;
-  };
-  double ratio(double Largest::*which, double unknown) const {
-    const double largest = std::max(before_.*which, now_.*which);
-    return largest > 0 ? largest : unknown;
-  }
-  Largest before_, now_;
-};
 
 /// Bytes of one Gaussian's parameters, moments and statistics.
 std::int64_t state_row_bytes(const TrainState& state);

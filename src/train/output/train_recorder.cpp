@@ -77,6 +77,10 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
 
 void TrainRecorder::add_evaluation(const Evaluation& evaluation, const EvaluationSource& source) {
   const int iteration = source_.state.iteration;
+  if (evaluation.views.empty()) {
+    return warn("iteration " + std::to_string(iteration) +
+                ": nothing was measured: the masks leave no valid pixel in any test view");
+  }
   outputs_.evaluations.emplace_back(iteration, evaluation);
   if (source_.listeners.on_evaluation) source_.listeners.on_evaluation(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
@@ -84,7 +88,7 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
   std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
                 evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
                 evaluation.views.size());
-  std::string message = text;
+  std::string message = text + describe_unmeasured(evaluation);
   if (evaluation.mean.corrected_psnr) {
     std::snprintf(text, sizeof text, "; colour-corrected PSNR %.2f dB", *evaluation.mean.corrected_psnr);
     message += text;
@@ -151,7 +155,7 @@ void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::or
   const std::filesystem::path path = source_.folder.checkpoint(whole.iteration);
   writer_.write_checkpoint({WrittenFile::Kind::kCheckpoint, whole.iteration, path, ""},
                            checkpoint_header(source_.config, whole, scene_fingerprint), checkpoint_tensors(whole),
-                           has_room_for_copy(checkpoint_bytes(whole.gaussians.size(), source_.config.sh_degree)));
+                           has_room_for_copy(checkpoint_bytes(whole)));
   if (!is_end()) return;
   writer_.wait();
   collect_files();

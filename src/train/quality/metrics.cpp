@@ -13,7 +13,7 @@ constexpr double kMaxPsnr = 100;  // dB, for identical images: JSON has no infin
 
 }  // namespace
 
-ImageQuality image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
+std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
   const Image8 image = to_image8(rendered);
   B3DGS_CHECK(image.width == truth.width && image.height == truth.height && image.channels == 3 && truth.channels == 3,
               "rendered view is ", image.width, " x ", image.height, " px, photograph is ", truth.width, " x ",
@@ -23,7 +23,7 @@ ImageQuality image_quality(const torch::Tensor& rendered, const Image8& truth, c
   B3DGS_CHECK(!valid || static_cast<std::int64_t>(valid->pixels.size()) == n_pixels, "the mask has ",
               valid->pixels.size(), " pixels, the image ", n_pixels);
   const std::int64_t n_valid = mask ? count_valid(mask, n_pixels) : n_pixels;
-  if (n_valid == 0) return {kMaxPsnr, 1};
+  if (n_valid == 0) return std::nullopt;
 
   std::int64_t square_sum = 0;
   std::vector<float> values(image.pixels.size());
@@ -41,7 +41,7 @@ ImageQuality image_quality(const torch::Tensor& rendered, const Image8& truth, c
   args.valid = mask;
   args.n_valid = n_valid;
   const double mean_square = static_cast<double>(square_sum) / (255.0 * 255.0 * 3.0 * static_cast<double>(n_valid));
-  return {square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square), cpu::compute_loss(args).ssim};
+  return ImageQuality{square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square), cpu::compute_loss(args).ssim};
 }
 
 Image8 to_image8(const torch::Tensor& image) {

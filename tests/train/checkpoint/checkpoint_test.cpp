@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -305,6 +307,7 @@ TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   const Scene scene = small_scene();
+  const OwnFiles own_files(folder.root());
   const auto write = [&](int iteration, const std::string& training_id) {
     TrainState state = make_state(scene);
     state.training_id = training_id;
@@ -315,8 +318,9 @@ TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
   write(25, "theirs");
   test::write_bytes(folder.checkpoint(5), "damaged");
   test::write_bytes(temp / "checkpoints/notes.txt", "");
+  fs::copy_file(folder.checkpoint(10), folder.checkpoint(12));  // by the user
   remove_superseded_checkpoints(folder, "ours", 40, 2);
-  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{5, 25, 30, 40, 60}));
+  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{5, 12, 25, 30, 40, 60}));
   EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
 }
 
@@ -349,6 +353,62 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
   nlohmann::ordered_json early = header;
   early["scene"].erase("photographs");
   EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_files)).empty());
+}
+
+TEST_F(CheckpointFiles, NoticeAnEditThatKeepsTheSizeOfAPhotograph) {
+  // Without compression, a retouched pixel changes bytes in the middle; with it, all that follows.
+  for (const auto& [name, at] : {std::pair{"photo.bmp", 150000}, {"photo.TIF", 150000}, {"photo.jpg", 299999}}) {
+    Scene with_file = scene;
+    with_file.train[0].file = (folder / name).string();
+    std::string bytes(300000, 'a');
+    test::write_bytes(with_file.train[0].file, bytes);
+    const nlohmann::ordered_json header{{"scene", scene_fingerprint(with_file)}};
+    EXPECT_TRUE(changed_photographs(header, scene_fingerprint(with_file)).empty()) << name;
+    bytes[static_cast<std::size_t>(at)] = 'b';
+    test::write_bytes(with_file.train[0].file, bytes);
+    EXPECT_EQ(changed_photographs(header, scene_fingerprint(with_file)).size(), 1u) << name;
+
+    nlohmann::ordered_json early = header;  // had the checksum of the first 64 KiB only
+    early["scene"]["photographs"][0].erase("rest_crc32");
+    EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_file)).empty()) << name;
+    bytes[0] = 'b';
+    test::write_bytes(with_file.train[0].file, bytes);
+    EXPECT_EQ(changed_photographs(early, scene_fingerprint(with_file)).size(), 1u) << name;
+  }
+}
+
+TEST_F(CheckpointFiles, AreRefusedIfPosesOrIntrinsicsHaveChanged) {
+  write_checkpoint(path, make_config(), make_state(scene), scene);
+  const auto turn = [](Camera& camera) {
+    auto quaternion = quaternion_from_rotation(camera.cam_from_world.rotation);
+    quaternion[1] += 1e-3;
+    camera.cam_from_world.rotation = rotation_from_quaternion(quaternion);
+  };
+  const std::function<void(Camera&)> changes[]{turn, [](Camera& camera) { camera.fx *= 1.001; },
+                                               [](Camera& camera) { camera.cy += 0.5; }};
+  for (const auto& change : changes) {
+    Scene other = scene;  // of the same extent
+    change(other.train[1].camera);
+    EXPECT_TRUE(test::fails_with<InputError>({"poses or intrinsics of 1 of", scene.train[1].name, "train anew"},
+                                             [&] { read_checkpoint(path, other, torch::kCPU); }));
+    CheckpointFile early = read_checkpoint_file(path);
+    early.header["scene"].erase("camera_crc32s");
+    write_checkpoint_file(folder / "early", early);
+    EXPECT_EQ(read_checkpoint(folder / "early", other, torch::kCPU).state.iteration, 42);
+  }
+  Scene rounded = scene;
+  for (View& view : rounded.train) view.camera.fx *= 1 + 1e-15;
+  EXPECT_EQ(read_checkpoint(path, rounded, torch::kCPU).state.iteration, 42);
+}
+
+TEST_F(CheckpointFiles, TellWhetherThePointsHaveChanged) {
+  nlohmann::ordered_json header{{"scene", scene_fingerprint(scene)}};
+  EXPECT_FALSE(have_points_changed(header, scene_fingerprint(scene)));
+  Scene other = scene;
+  other.points.positions[5] += 1;
+  EXPECT_TRUE(have_points_changed(header, scene_fingerprint(other)));
+  header["scene"].erase("points_crc32");
+  EXPECT_FALSE(have_points_changed(header, scene_fingerprint(other))) << "what is not known has not changed";
 }
 
 TEST_F(CheckpointFiles, TellWhichMasksHaveChanged) {

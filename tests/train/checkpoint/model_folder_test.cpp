@@ -181,12 +181,12 @@ TEST(ModelFolder, RefusesADamagedConfig) {
 TEST(Metrics, PsnrIsThatOfTheMeanSquaredError) {
   Image8 truth(4, 2, 3);
   torch::Tensor rendered = torch::zeros({2, 4, 3});
-  EXPECT_EQ(image_quality(rendered, truth, nullptr).psnr, 100);
-  EXPECT_NEAR(image_quality(rendered, truth, nullptr).ssim, 1, 1e-6);
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->psnr, 100);
+  EXPECT_NEAR(image_quality(rendered, truth, nullptr)->ssim, 1, 1e-6);
   rendered[1][2][0] = 51.0f / 255.0f;  // 0.2 in one of 24 values
-  EXPECT_NEAR(image_quality(rendered, truth, nullptr).psnr, -10 * std::log10(0.04 / 24), 1e-9);
+  EXPECT_NEAR(image_quality(rendered, truth, nullptr)->psnr, -10 * std::log10(0.04 / 24), 1e-9);
   rendered[1][2][0] = -7.0f;  // clamped before it is compared
-  EXPECT_EQ(image_quality(rendered, truth, nullptr).psnr, 100);
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->psnr, 100);
 }
 
 TEST(Metrics, IgnoreInvalidPixels) {
@@ -195,7 +195,25 @@ TEST(Metrics, IgnoreInvalidPixels) {
   rendered[0][0].fill_(1);
   rendered[1][3][1] = 51.0f / 255.0f;
   valid.pixels = {0, 255, 255, 0, 255, 255, 0, 255};  // 5 of 8, not the first
-  EXPECT_NEAR(image_quality(rendered, truth, &valid).psnr, -10 * std::log10(0.04 / 15), 1e-9);
+  EXPECT_NEAR(image_quality(rendered, truth, &valid)->psnr, -10 * std::log10(0.04 / 15), 1e-9);
+}
+
+TEST(Metrics, OfNoPixelAreNone) {
+  const Image8 truth(4, 2, 3), none(4, 2, 1);
+  EXPECT_FALSE(image_quality(torch::zeros({2, 4, 3}), truth, &none).has_value());
+}
+
+TEST(ModelFolder, NamesViewsWithoutValidPixelsInTheResults) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  Evaluation evaluation;
+  evaluation.views = {{"a.png", {30, 0.9}}};
+  evaluation.unmeasured = {"b.png"};
+  evaluation.mean = {30, 0.9};
+  folder.write_results("ours_7", evaluation, {});
+  const nlohmann::json results = nlohmann::json::parse(test::read_bytes(temp / "results.json"));
+  EXPECT_EQ(results.at("ours_7").at("views"), 1);
+  EXPECT_EQ(results.at("ours_7").at("views_without_pixels"), (std::vector<std::string>{"b.png"}));
 }
 
 TEST(Metrics, RoundToEightBits) {

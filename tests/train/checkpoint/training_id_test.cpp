@@ -185,16 +185,32 @@ TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
   const auto ply = static_cast<std::int64_t>(run.ply.size());
   EXPECT_GT(ply, ply_bytes(n, 1));
   EXPECT_LT(ply, ply_bytes(n, 1) + 1000) << "more than a header";
-  const auto checkpoint = static_cast<std::int64_t>(fs::file_size(run.result.checkpoint));
-  EXPECT_GT(checkpoint, checkpoint_bytes(n, 1));
-  EXPECT_LT(checkpoint, checkpoint_bytes(n, 1) + 10000);
   EXPECT_GT(free_disk_bytes(temp.path()), 0);
   EXPECT_EQ(free_disk_bytes(temp / "none"), -1);
 
-  const std::int64_t wanted = ply_bytes(n, 1) + 3 * checkpoint_bytes(n, 1);
-  EXPECT_EQ(disk_warning("model", wanted, n, 1, 2), "");
-  EXPECT_EQ(disk_warning("model", -1, n, 1, 2), "") << "free space unknown";
-  EXPECT_NE(disk_warning("model", wanted - 1, n, 1, 2).find("model: "), std::string::npos);
+  // Statistics of every strategy, 3D filters, appearance.
+  TrainConfig balanced = config, filtered = config, grids = config, exposures = config;
+  balanced.strategy = "balanced";
+  filtered.antialiasing = true;
+  grids.bilateral_grid = true;
+  exposures.exposure = true;
+  int i = 0;
+  for (const TrainConfig& own : {config, balanced, filtered, grids, exposures}) {
+    const fs::path folder = temp / std::to_string(i++);
+    const fs::path path = train(own, scene, folder).result.checkpoint;
+    const TrainState state = read_checkpoint(path, scene, torch::kCPU).state;
+    const auto bytes = static_cast<std::int64_t>(fs::file_size(path));
+    EXPECT_GT(bytes, checkpoint_bytes(state)) << i;
+    EXPECT_LT(bytes, checkpoint_bytes(state) + 16000) << i << ": more than a header";
+    TrainState of_ranks = state;
+    of_ranks.n_of_all_ranks = 3 * n;
+    EXPECT_GT(checkpoint_bytes(of_ranks), checkpoint_bytes(state) + 2 * n * 400) << i;
+  }
+
+  const FirstFiles files{n, 100, 1000};
+  EXPECT_EQ(disk_warning("model", 3100, files, 2), "");
+  EXPECT_EQ(disk_warning("model", -1, files, 2), "") << "free space unknown";
+  EXPECT_NE(disk_warning("model", 3099, files, 2).find("model: "), std::string::npos);
 }
 
 }  // namespace

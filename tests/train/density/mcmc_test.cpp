@@ -219,6 +219,21 @@ TEST(McmcRound, SharesOneGaussianAmongItsCopies) {
   }
 }
 
+// Opacities just above the limit, shared among copies, would be below it.
+TEST(McmcRound, MakesNoCopyThatIsDeadAtBirth) {
+  torch::Tensor opacities = torch::full({300}, 0.001f);
+  opacities.slice(0, 0, 20).fill_(0.006f);
+  const Model model = make_model(opacities);
+  const DensityRound round = plan_mcmc_round(model.gaussians, {0.005, 0.5, 0}, 3, 600);
+  ASSERT_EQ(round.edit.sources.size(0), 450);
+  const float dead = logit(0.005);
+  EXPECT_GT(round.edit.new_logit_opacities.min().item<float>(), dead);
+  EXPECT_LT(round.edit.new_logit_opacities.max().item<float>(), logit(0.0051)) << "all of them share";
+  Model edited = model;
+  apply_row_edit(round.edit, edited.gaussians, edited.adam, edited.statistics);
+  EXPECT_EQ(plan_mcmc_round(edited.gaussians, {0.005, 0, 0}, 3, 700).n_pruned, 0);
+}
+
 TEST(McmcRound, CountsAtMost51Copies) {
   torch::Tensor opacities = torch::full({101}, 0.001f);
   opacities[0] = 0.9f;

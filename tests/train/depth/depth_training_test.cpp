@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "model/formats/ply.h"
+#include "support/files.h"
 #include "support/temp_dir.h"
 #include "support/train/depth_maps.h"
 #include "support/train/disk_scene.h"
@@ -126,6 +127,28 @@ TEST(DepthTraining, ResumedEqualsUninterruptedBitForBit) {
   }
   config.threads = 1;
   EXPECT_TRUE(train(config, scene, temp / "one_thread").ply == whole.ply);
+}
+
+TEST(DepthTraining, ChangedMapsAreNoticedByResume) {
+  const test::TempDir temp;
+  GaussianTensors truth;
+  Scene scene = test::make_tiny_scene({}, &truth);
+  test::add_depth_maps(scene, truth, temp / "depths", 1e-5, 0);
+  TrainConfig config = test::eventful_config();
+  config.iterations = 3;
+  config.depths = (temp / "depths").string();
+  const std::filesystem::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
+  const auto warnings = [&] {
+    std::string all;
+    TrainHooks hooks;
+    hooks.on_warning = [&](const std::string& warning) { all += warning + "\n"; };
+    Trainer(config, scene, ModelFolder(temp / "model"), hooks).resume(checkpoint);
+    return all;
+  };
+  EXPECT_EQ(warnings(), "");
+  const std::filesystem::path map = temp / "depths/view1.png";
+  test::write_bytes(map, test::read_bytes(map) + "more");
+  EXPECT_NE(warnings().find("depth maps of 1 of 6 photographs have changed"), std::string::npos) << warnings();
 }
 
 }  // namespace

@@ -115,6 +115,24 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   EXPECT_GT(std::abs(without - of_model), 0.01) << "anti-aliasing makes no difference here";
 }
 
+TEST(AntialiasedTraining, APlyOfItIsContinuedWithoutItOnlyWithAWarning) {
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = antialiased_config();
+  config.iterations = 2;
+  config.init_ply = train(config, scene, temp / "model").result.ply.string();
+  const auto warnings = [&](bool antialiasing) {
+    std::string all;
+    TrainHooks hooks;
+    hooks.on_warning = [&](const std::string& warning) { all += warning + "\n"; };
+    config.antialiasing = antialiasing;
+    Trainer(config, scene, ModelFolder(temp / (antialiasing ? "with" : "without")), hooks).run();
+    return all;
+  };
+  EXPECT_NE(warnings(false).find("add --antialiasing"), std::string::npos);
+  EXPECT_EQ(warnings(true), "");
+}
+
 TEST(AntialiasedTraining, CanBeTurnedOffAndOnWhenResumed) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;

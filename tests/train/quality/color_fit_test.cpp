@@ -141,6 +141,31 @@ TEST_F(Evaluated, OnlyTheRightHalfIsMeasured) {
   EXPECT_GT(quality(view, {}).psnr, of_right + 2);
 }
 
+// As with --train_test_exp and a mask over the right half.
+TEST_F(Evaluated, AViewWithoutValidPixelsIsNotInTheMean) {
+  View hidden = photograph();
+  const Camera& camera = hidden.camera;
+  hidden.name = "hidden.png";
+  hidden.valid = std::make_shared<Image8>(valid_in_columns(camera.width, camera.height, nullptr, 0, camera.width / 2));
+  ColorEvaluation colors;
+  colors.fit_left_half = colors.corrected_psnr = true;
+  std::vector<std::string> without;
+  const Evaluation evaluation = evaluate_views(
+      rasterizer_, gaussians_, {photograph(), hidden}, {},
+      [&](std::size_t, const View& view, const RenderedView&, const std::optional<ImageQuality>& measured) {
+        if (!measured) without.push_back(view.name);
+      },
+      nullptr, colors);
+  const ImageQuality expected = quality(photograph(), colors);
+  EXPECT_EQ(evaluation.mean.psnr, expected.psnr);
+  EXPECT_EQ(evaluation.mean.ssim, expected.ssim);
+  EXPECT_EQ(evaluation.mean.corrected_psnr.value(), expected.corrected_psnr.value());
+  EXPECT_EQ(evaluation.views.size(), 1u);
+  EXPECT_EQ(evaluation.unmeasured, (std::vector<std::string>{"hidden.png"}));
+  EXPECT_EQ(without, evaluation.unmeasured);
+  EXPECT_EQ(describe_unmeasured(evaluation), "; 1 more has no valid pixel (hidden.png)");
+}
+
 TEST_F(Evaluated, WithKnownExposuresAndCorrectedBesideRaw) {
   const View view = photograph();
   ColorEvaluation colors;

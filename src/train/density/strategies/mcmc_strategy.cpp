@@ -1,6 +1,7 @@
 #include "train/density/strategies/mcmc_strategy.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "core/check.h"
@@ -85,8 +86,20 @@ struct Copies {
   torch::Tensor log_scales;       // [n, 3]
 };
 
+/// The least logit above that of a dead Gaussian.
+float least_live_logit(const McmcRule& rule) {
+  return std::nextafter(static_cast<float>(logit(rule.prune_opacity)), std::numeric_limits<float>::infinity());
+}
+
+/// Raises the opacity of those `copies` of `rows` that would be dead at birth, and so relocated in the next round.
+void keep_alive(Copies& copies, const torch::Tensor& rows, const torch::Tensor& n_drawn, float least_logit) {
+  const torch::Tensor is_copy = n_drawn.index_select(0, rows) > 0;
+  copies.logit_opacities = torch::where(is_copy, copies.logit_opacities.clamp_min(least_logit), copies.logit_opacities);
+}
+
 /// Copies of `rows` [n] of `from` [N], where n_drawn [N] int32 is the number of copies beside each Gaussian itself.
-Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor& n_drawn) {
+/// They have an opacity logit of at least `least_logit`.
+Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor& n_drawn, float least_logit) {
   B3DGS_CHECK(from.logit_opacities.is_contiguous() && from.log_scales.is_contiguous() && rows.is_contiguous(),
               "copies need contiguous tensors");
   Copies copies{torch::empty({rows.size(0)}, from.logit_opacities.options()),
@@ -102,10 +115,12 @@ Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor&
 #if B3DGS_TORCH_CUDA
   if (rows.is_cuda()) {
     cuda::share_rows(args, torch_launch_context().stream);
+    keep_alive(copies, rows, n_drawn, least_logit);
     return copies;
   }
 #endif
   for_each_row<ShareArgs>(args, args.n_rows, [](const ShareArgs& a, std::int64_t i) { share_row(a, i); });
+  keep_alive(copies, rows, n_drawn, least_logit);
   return copies;
 }
 
@@ -152,6 +167,7 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   const std::int64_t n = gaussians.size();
   const RandomKey key{seed, RandomStream::kRelocation, static_cast<std::uint32_t>(iteration)};
   DensityRound round;
+  const float least_logit = least_live_logit(rule);
   torch::Tensor weights = draw_weights(gaussians.logit_opacities, logit(rule.prune_opacity));
   const torch::Tensor dead = rows_of(weights == 0);
   const std::int64_t n_dead = dead.size(0);
@@ -167,7 +183,7 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   const torch::Tensor replacements = draw_rows(weights, n_dead, key, 0);
   sources.index_copy_(0, dead, replacements);
   const torch::Tensor n_replacements = count_rows(replacements, n);
-  const Copies moved = share({gaussians.logit_opacities, gaussians.log_scales}, sources, n_replacements);
+  const Copies moved = share({gaussians.logit_opacities, gaussians.log_scales}, sources, n_replacements, least_logit);
 
   // Copies of the result are added.
   const auto wanted = static_cast<std::int64_t>(rule.growth * static_cast<double>(n));
@@ -181,7 +197,7 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   const torch::Tensor is_copied = (n_replacements.index_select(0, sources) > 0).logical_or_(n_children > 0);
   const torch::Tensor kept = rows_of(is_copied.logical_not());
   const torch::Tensor new_rows = torch::cat({rows_of(is_copied), parents});
-  const Copies copies = share(moved, new_rows, n_children);
+  const Copies copies = share(moved, new_rows, n_children, least_logit);
   const torch::Tensor new_sources = sources.index_select(0, new_rows);
   round.edit.sources = torch::cat({kept, new_sources});
   round.edit.n_kept = kept.size(0);
