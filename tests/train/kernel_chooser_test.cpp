@@ -9,7 +9,9 @@
 
 #include "core/check.h"
 #include "support/expect_error.h"
+#include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
+#include "support/train/training.h"
 #include "train/selection/kernel_agreement.h"
 
 namespace b3dgs {
@@ -216,6 +218,29 @@ struct TwoImages {
   }
   RenderedView reference, image;
 };
+
+// Times differ from run to run. The list of the scene's only tile is long enough for segmented to cut the tile.
+TEST(KernelChoice, ByTimeChangesNoByteOfATrainingOnACpu) {
+  test::TinySceneOptions options;
+  options.n_gaussians = 6000;
+  options.n_views = 6;
+  options.width = options.height = 16;
+  options.log_scale = -3.5f;
+  const Scene scene = test::make_tiny_scene(options);
+  const test::TempDir temp;
+  TrainConfig config = test::eventful_config();
+  config.kernel = "adaptive";
+  config.iterations = 6;
+  const auto train_with = [&](double in_use_ms, double other_ms, const std::string& chosen) {
+    TrainHooks hooks = test::slow_training();
+    hooks.make_kernel_timer = [=] { return std::make_unique<InventedTimer>(in_use_ms, other_ms); };
+    const test::Trained run = test::train(config, scene, temp / chosen, {}, hooks);
+    EXPECT_EQ(read_checkpoint_header(run.result.checkpoint)["kernel_selection"]["forward"]["kernel"], chosen);
+    return run.ply;
+  };
+  const std::string switched = train_with(2, 1, "shared-memory");
+  EXPECT_TRUE(train_with(1, 2, "segmented") == switched);
+}
 
 TEST(ImageFault, AllowsRoundingEverywhereAndAFewFlips) {
   TwoImages two;
