@@ -222,7 +222,7 @@ struct TwoImages {
 // Times differ from run to run. The list of the scene's only tile is long enough for segmented to cut the tile.
 TEST(KernelChoice, ByTimeChangesNoByteOfATrainingOnACpu) {
   test::TinySceneOptions options;
-  options.n_gaussians = 6000;
+  options.n_gaussians = 9000;
   options.n_views = 6;
   options.width = options.height = 16;
   options.log_scale = -3.5f;
@@ -230,7 +230,8 @@ TEST(KernelChoice, ByTimeChangesNoByteOfATrainingOnACpu) {
   const test::TempDir temp;
   TrainConfig config = test::eventful_config();
   config.kernel = "adaptive";
-  config.iterations = 6;
+  config.init_opacity = 0.006;  // light passes through the whole list
+  config.iterations = 4;
   const auto train_with = [&](double in_use_ms, double other_ms, const std::string& chosen) {
     TrainHooks hooks = test::slow_training();
     hooks.make_kernel_timer = [=] { return std::make_unique<InventedTimer>(in_use_ms, other_ms); };

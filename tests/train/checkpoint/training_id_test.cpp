@@ -204,7 +204,7 @@ TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
     EXPECT_LT(bytes, checkpoint_bytes(state) + 16000) << i << ": more than a header";
     TrainState of_ranks = state;
     of_ranks.n_of_all_ranks = 3 * n;
-    EXPECT_GT(checkpoint_bytes(of_ranks), checkpoint_bytes(state) + 2 * n * 400) << i;
+    EXPECT_GT(checkpoint_bytes(of_ranks), checkpoint_bytes(state) + 2 * n * 250) << i;
   }
 
   const FirstFiles files{n, 100, 1000};
