@@ -159,7 +159,7 @@ class SplitEvaluator {
 };
 
 /// Whether the results can be written to the model folder; otherwise warns, before anything is rendered. The scene is
-/// not read yet: whether there are test views follows from the training's --eval. @throws IoError if --save_images
+/// not read yet: whether there are test views follows from the training's --eval. @throws InputError if --save_images
 /// cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
@@ -169,7 +169,7 @@ bool can_write_results(const LoadedModel& model, const EvalOptions& options, Sta
   if (is_any || options.split == with_results) {
     try {
       for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
-    } catch (const IoError& error) {
+    } catch (const InputError& error) {
       if (options.save_images) throw;
       status.warn(std::string("results are printed only: ") + error.what());
       can_write = false;

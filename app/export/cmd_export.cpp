@@ -183,7 +183,7 @@ void print_quality(const ExportQuality& quality, const char* views, bool is_crop
     print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %zu %s)", quality.psnr_after,
                quality.psnr_before, std::max(0.0, quality.psnr_before - quality.psnr_after), quality.n_views, views);
   }
-  print_line("renders", "%.2f dB, those of the file against those before%s", quality.psnr_between,
+  print_line("renders", "%.2f dB, those after against those before%s", quality.psnr_between,
              is_cropped ? ", both cropped" : "");
 }
 
