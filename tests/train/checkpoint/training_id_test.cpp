@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/files/atomic_file.h"
 #include "core/files/folder_lock.h"
 #include "model/disk_space.h"
 #include "support/expect_error.h"
@@ -108,13 +109,15 @@ TEST_F(TrainingId, ResumingAnEarlierCheckpointSetsLaterFilesAside) {
   EXPECT_TRUE(fs::exists(a.root() / "set_aside/after_iteration_8_2/checkpoints/iteration_12.b3dgs"));
 }
 
-TEST_F(TrainingId, ResumingTheNewestCheckpointMovesNothing) {
+TEST_F(TrainingId, ResumingTheNewestCheckpointSetsOnlyLaterLogLinesAside) {
   TrainConfig half = config();
   half.iterations = 16;
   train(half, scene, a.root());
   std::ofstream(a.log(), std::ios::app) << "{\"iteration\": 17}\n";  // what a killed training leaves
   train(config(), scene, a.root(), a.checkpoint(16));
-  EXPECT_FALSE(fs::exists(a.root() / "set_aside"));
+  const fs::path aside = a.root() / "set_aside/after_iteration_16_1";
+  EXPECT_EQ(read_bytes(aside / "train.jsonl"), "{\"iteration\": 17}\n");
+  EXPECT_EQ(std::distance(fs::directory_iterator(aside), fs::directory_iterator()), 1);
 }
 
 TEST_F(TrainingId, WithoutOneACheckpointBelongsToItsFolder) {
@@ -156,7 +159,8 @@ TEST(FolderLock, EndsWithItsProcess) {
   const pid_t child = ::fork();
   if (child == 0) {
     const FolderLock lock(folder);
-    test::write_bytes(folder / (".b3dgs-" + std::to_string(::getpid()) + "-3.tmp"), "half a file");
+    AtomicFile half(folder / "half");
+    half.write(std::string("half a file"));
     if (::write(ready[1], "x", 1) != 1) ::_exit(1);
     ::pause();
   }
