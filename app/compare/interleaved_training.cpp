@@ -5,7 +5,7 @@
 
 #include "app/record_run.h"
 #include "app/train_setup.h"
-#include "core/files/remove_tree.h"
+#include "core/files/work_folder.h"
 #include "core/shell_quote.h"
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
@@ -25,18 +25,6 @@ TrainConfig run_config(const Configuration& configuration, const ModelFolder& fo
   config.model_path = folder.root().string();
   return config;
 }
-
-class TemporaryFolder {
- public:
-  explicit TemporaryFolder(fs::path path) : path_(std::move(path)) {}
-  ~TemporaryFolder() { remove_tree(path_); }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 }  // namespace
 
@@ -162,7 +150,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   part.points.colors.resize(3 * n);
   part.train.resize(std::min<std::size_t>(1, part.train.size()));
   part.test.clear();
-  const TemporaryFolder folder(plan.root() / ".warm_up");
+  const WorkFolder folder(plan.root());
   TrainHooks hooks;
   hooks.resume_command = resume_command(plan);
   const auto train = [&](const Configuration& configuration) {

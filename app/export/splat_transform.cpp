@@ -5,9 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cerrno>
 #include <cstdint>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -15,7 +13,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
+#include "core/files/work_folder.h"
 #include "core/process/child_process.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
@@ -38,25 +36,6 @@ std::string lower_case_name(const fs::path& file) {
 bool ends_with(const std::string& text, const std::string& end) {
   return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
-
-/// A new folder inside another one, removed at the end of the scope.
-class WorkFolder {
- public:
-  explicit WorkFolder(const fs::path& parent) {
-    std::string name = (parent / ".b3dgs-export-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr)
-      io_error("cannot create a folder in ", parent.string(), ": ", std::strerror(errno));
-    path_ = name;
-  }
-  ~WorkFolder() { remove_tree(path_); }
-  WorkFolder(const WorkFolder&) = delete;
-  WorkFolder& operator=(const WorkFolder&) = delete;
-
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 /// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
 std::string plain_text(std::string line, const fs::path& folder) {

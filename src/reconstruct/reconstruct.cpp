@@ -52,8 +52,8 @@ class Reconstruction {
       : options_(options),
         progress_(progress),
         warn_(warn),
-        source_(plain_path(options.input)),
-        places_(plain_path(options.output)) {
+        source_(real_path(options.input)),
+        places_(real_path(options.output)) {
     check_input();
     folder_.emplace(places_, warn_);
     make_way(places_.log);

@@ -40,10 +40,6 @@ std::vector<fs::path> files_at(const fs::path& path) {
   return files;
 }
 
-fs::path previous_name(const fs::path& path) {
-  return free_name(path.string() + ".previous");
-}
-
 }  // namespace
 
 bool is_taken(const fs::path& path) {
@@ -54,13 +50,6 @@ bool is_taken(const fs::path& path) {
 bool holds_files(const fs::path& folder) {
   std::error_code error;
   return fs::is_directory(folder, error) && fs::directory_iterator(folder, error) != fs::directory_iterator();
-}
-
-fs::path plain_path(const fs::path& path) {
-  std::error_code error;
-  fs::path plain = fs::weakly_canonical(fs::absolute(path), error);
-  if (error) plain = fs::absolute(path).lexically_normal();
-  return plain.has_filename() ? plain : plain.parent_path();
 }
 
 ScenePlaces::ScenePlaces(const fs::path& scene)
@@ -207,12 +196,6 @@ std::size_t order_models(const fs::path& from, const fs::path& to) {
     if (error) io_error("cannot move ", models[i].second.string(), " to ", to.string(), ": ", error.message());
   }
   return models.size();
-}
-
-fs::path free_name(const fs::path& path) {
-  fs::path name = path;
-  for (int i = 2; fs::exists(fs::symlink_status(name)); ++i) name = path.string() + "." + std::to_string(i);
-  return name;
 }
 
 }  // namespace b3dgs

@@ -71,14 +71,8 @@ bool is_taken(const std::filesystem::path& path);
 /// Whether the folder is there and not empty.
 bool holds_files(const std::filesystem::path& folder);
 
-/// The path with links followed, as far as it exists, and without a slash at the end.
-std::filesystem::path plain_path(const std::filesystem::path& path);
-
 /// Moves the models in `from` to `to`/0, `to`/1, ..., the one with the most registered photographs first. Folders that
 /// hold no readable model stay. @return the number of models
 std::size_t order_models(const std::filesystem::path& from, const std::filesystem::path& to);
-
-/// `path`, or with the first of ".2", ".3", ... that is not taken.
-std::filesystem::path free_name(const std::filesystem::path& path);
 
 }  // namespace b3dgs

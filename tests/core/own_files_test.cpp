@@ -40,13 +40,13 @@ TEST_F(OwnFilesTest, AFileOfTheUsersIsMovedAsideBeforeAnotherTakesItsPlace) {
   write_file(folder_ / "config.json", "first");
   EXPECT_EQ(read_bytes(folder_ / "config.json"), "first");
   EXPECT_EQ(read_bytes(folder_ / "config.json.previous"), "mine, too");
-  EXPECT_EQ(read_bytes(folder_ / "config.json.previous_2"), "mine");
+  EXPECT_EQ(read_bytes(folder_ / "config.json.previous.2"), "mine");
   ASSERT_EQ(lines_.size(), 1u);
-  EXPECT_NE(lines_[0].find("it is kept as config.json.previous_2"), std::string::npos) << lines_[0];
+  EXPECT_NE(lines_[0].find("it is kept as config.json.previous.2"), std::string::npos) << lines_[0];
   write_file(folder_ / "config.json", "second");
   EXPECT_EQ(read_bytes(folder_ / "config.json"), "second");
   EXPECT_EQ(lines_.size(), 1u) << "the program's own file is replaced";
-  EXPECT_FALSE(fs::exists(folder_ / "config.json.previous_3"));
+  EXPECT_FALSE(fs::exists(folder_ / "config.json.previous.3"));
 }
 
 TEST_F(OwnFilesTest, TheRecordOutlivesTheObjectAndNoticesChanges) {
@@ -97,6 +97,11 @@ TEST_F(OwnFilesTest, OwnFilesStayOwnWhenMoved) {
   own.move(folder_ / "a", folder_ / "z");
   EXPECT_TRUE(own.is_own(folder_ / "z/b"));
   EXPECT_FALSE(own.is_own(folder_ / "z/c"));
+  write_bytes(folder_ / "taken", "mine");
+  own.move(folder_ / "z/b", folder_ / "taken");
+  EXPECT_EQ(read_bytes(folder_ / "taken.previous"), "mine");
+  EXPECT_TRUE(own.is_own(folder_ / "taken"));
+  own.move(folder_ / "taken", folder_ / "z/b");
   own.remove(folder_ / "z");
   EXPECT_FALSE(fs::exists(folder_ / "z/b"));
   EXPECT_EQ(read_bytes(folder_ / "z/c"), "mine");

@@ -22,7 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kRecord = ".b3dgs-files";
-constexpr const char* kMoved = ".previous";
 
 struct Registry {
   std::mutex mutex;
@@ -86,13 +85,14 @@ std::string unescaped(const std::string& text) {
   return name;
 }
 
-fs::path free_previous(const fs::path& file) {
-  fs::path free = file.string() + kMoved;
-  for (int i = 2; status_of(free); ++i) free = file.string() + kMoved + "_" + std::to_string(i);
+}  // namespace
+
+fs::path previous_name(const fs::path& path) {
+  const std::string previous = path.string() + ".previous";
+  fs::path free = previous;
+  for (int i = 2; status_of(free); ++i) free = previous + "." + std::to_string(i);
   return free;
 }
-
-}  // namespace
 
 fs::path real_path(const fs::path& path) {
   fs::path there = fs::absolute(path).lexically_normal(), missing;
@@ -207,7 +207,7 @@ void OwnFiles::make_way(const fs::path& file) {
     const std::string name = name_of(file);
     const fs::path place = root_ / name;
     if (name.empty() || !status_of(place) || is_own(name)) return;
-    free = free_previous(place);
+    free = previous_name(place);
     std::error_code error;
     fs::rename(place, free, error);
     if (error) {
@@ -249,6 +249,7 @@ void OwnFiles::remove(const fs::path& path, std::vector<fs::path>* kept) {
 }
 
 void OwnFiles::move(const fs::path& from, const fs::path& to) {
+  make_way(to);
   const std::lock_guard lock(mutex_);
   const std::string old_name = name_of(from), new_name = name_of(to);
   std::error_code error;

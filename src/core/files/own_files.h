@@ -15,7 +15,10 @@ namespace b3dgs {
 /// in remove_tree.h.
 std::filesystem::path real_path(const std::filesystem::path& path);
 
-/// The files that the program has written below a folder, with their sizes and times of change, kept in
+/// The first of PATH.previous, PATH.previous.2, ... that is not taken.
+std::filesystem::path previous_name(const std::filesystem::path& path);
+
+/// The files that the program has written below a folder, with their sizes and modification times, kept in
 /// FOLDER/.b3dgs-files. A file is the program's own while both are as recorded; one that is not recorded, or was
 /// changed since, is the user's, and so is a symbolic link.
 ///
@@ -37,7 +40,7 @@ class OwnFiles {
   /// Records a file that other lines will be appended to: it stays the program's own while it only grows.
   void add_growing(const std::filesystem::path& file);
 
-  /// Moves a file that is the user's to a free name, NAME.previous or NAME.previous_2 and so on, and reports it. Does
+  /// Moves a file that is the user's to a free name, previous_name(), and reports it. Does
   /// nothing where there is no file, or one of the program's own. @throws IoError
   void make_way(const std::filesystem::path& file);
 
@@ -45,7 +48,8 @@ class OwnFiles {
   /// is added to `kept`.
   void remove(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept = nullptr);
 
-  /// Renames a file or a folder in the folder. Own files stay own. @throws IoError
+  /// Renames a file or a folder in the folder; make_way() for a file that is at `to`. Own files stay own.
+  /// @throws IoError
   void move(const std::filesystem::path& from, const std::filesystem::path& to);
 
   /// The object for the innermost folder that contains the file; null if there is none.

@@ -36,12 +36,10 @@ TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(
   write_file(path_, lines_until(path_, iteration));
   file_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file_ < 0) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
-  if (OwnFiles* own = OwnFiles::of(path_)) own->add_growing(path_);
 }
 
 TrainLog::~TrainLog() {
   ::close(file_);
-  add_own_file(path_);
 }
 
 void TrainLog::write(const TrainLogLine& line) {
@@ -86,6 +84,7 @@ void TrainLog::append(const Json& line) {
     }
     waiting_.erase(0, static_cast<std::size_t>(written));
   }
+  add_own_file(path_);
 }
 
 }  // namespace b3dgs
