@@ -13,12 +13,11 @@ namespace b3dgs {
 /// Whether the folder holds a synthetic scene. @throws InputError if it holds anything else
 bool holds_synth_scene(const std::filesystem::path& folder);
 
-/// Renders the images and writes everything to config.output. If there is a synthetic scene, it first removes that
-/// scene's files, which synth.json describes; other files in its folders stay.
-/// @throws InputError if the folder contains anything else, which protects real scenes, if its synth.json cannot be
-///   read, or if a file that is not of the earlier scene would be replaced
-/// @throws IoError if something cannot be removed or written. Nothing of the new scene is left then, but for synth.json
-///   if the folder holds other files
+/// Renders the images and writes everything to config.output. If there is a synthetic scene, it first removes the files
+/// that the program wrote there; other files stay, and are moved aside if they are in the way (core/files/own_files.h).
+/// @throws InputError if the folder contains anything else, which protects real scenes
+/// @throws IoError if something cannot be written. Nothing of the new scene is left then, but for synth.json if the
+///   folder holds other files
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t done, std::size_t total)>& on_image = {});
 

@@ -20,6 +20,7 @@ namespace fs = std::filesystem;
 using test::read_bytes;
 using test::TempDir;
 using test::write_bytes;
+using namespace std::string_literals;
 
 /// The lines that OwnFiles reports during a test.
 class OwnFilesTest : public ::testing::Test {
@@ -135,6 +136,21 @@ TEST_F(OwnFilesTest, TheInnermostFolderHasTheRecord) {
   EXPECT_EQ(OwnFiles::of("/nowhere"), nullptr);
 }
 
+TEST_F(OwnFilesTest, FoldersThatAreLinksOutOfTheFolderFollowTheSameRule) {
+  write_bytes(folder_ / "elsewhere/a.png", "mine");
+  fs::create_directory(folder_ / "out");
+  fs::create_directory_symlink(folder_ / "elsewhere", folder_ / "out/images");
+  OwnFiles own(folder_ / "out");
+  write_file(folder_ / "out/images/a.png", "own");
+  EXPECT_EQ(read_bytes(folder_ / "elsewhere/a.png.previous"), "mine");
+  write_file(folder_ / "out/images/a.png", "next");
+  EXPECT_FALSE(fs::exists(folder_ / "elsewhere/a.png.previous.2"));
+  std::vector<fs::path> kept;
+  own.remove(folder_ / "out/images", &kept);
+  EXPECT_EQ(kept.size(), 1u) << "the link is the user's";
+  EXPECT_EQ(read_bytes(folder_ / "elsewhere/a.png"), "next");
+}
+
 TEST_F(OwnFilesTest, NamesMayHoldAnything) {
   const std::string name = "a\\b\nc d \xC3\xBC";
   {
@@ -149,7 +165,7 @@ TEST_F(OwnFilesTest, ADamagedRecordMakesFilesTheUsers) {
     const OwnFiles own(folder_.path());
     write_file(folder_ / "a", "own");
   }
-  write_bytes(folder_ / ".b3dgs-files", std::string("\0\1garbage\n99 99 f\n-1 x f a\n3", 30));
+  write_bytes(folder_ / ".b3dgs-files", "\0\1garbage\n99 99 f\n-1 x f a\n3"s);
   EXPECT_FALSE(OwnFiles(folder_.path()).is_own(folder_ / "a"));
 }
 

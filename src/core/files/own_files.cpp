@@ -21,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kRecord = ".b3dgs-files";
-
 struct Registry {
   std::mutex mutex;
   std::vector<OwnFiles*> folders;
@@ -108,7 +106,7 @@ fs::path real_path(const fs::path& path) {
   }
 }
 
-OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)) {
+OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)), given_(fs::absolute(folder).lexically_normal()) {
   read_record();
   const std::lock_guard lock(registry().mutex);
   registry().folders.push_back(this);
@@ -138,8 +136,13 @@ OwnFiles::~OwnFiles() {
 }
 
 std::string OwnFiles::name_of(const fs::path& file) const {
-  const fs::path name = resolved(file).lexically_relative(root_);
-  return name.empty() || *name.begin() == ".." || *name.begin() == "." ? "" : name.string();
+  const auto below = [](const fs::path& path, const fs::path& folder) {
+    const fs::path name = path.lexically_relative(folder);
+    return name.empty() || *name.begin() == ".." || *name.begin() == "." ? "" : name.string();
+  };
+  const std::string name = below(resolved(file), root_);
+  // A link in the folder may lead out of it; what is written through the link is recorded here all the same.
+  return name.empty() ? below(fs::absolute(file).lexically_normal(), given_) : name;
 }
 
 bool OwnFiles::is_recorded(const std::string& name) const {

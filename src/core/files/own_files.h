@@ -19,7 +19,7 @@ std::filesystem::path real_path(const std::filesystem::path& path);
 std::filesystem::path previous_name(const std::filesystem::path& path);
 
 /// The files that the program has written below a folder, with their sizes and modification times, kept in
-/// FOLDER/.b3dgs-files. A file is the program's own while both are as recorded; one that is not recorded, or was
+/// FOLDER/kRecord. A file is the program's own while both are as recorded; one that is not recorded, or was
 /// changed since, is the user's, and so is a symbolic link.
 ///
 /// While an object exists, AtomicFile and make_way() follow it for files below its folder: what is the user's is moved
@@ -27,6 +27,8 @@ std::filesystem::path previous_name(const std::filesystem::path& path);
 /// taken for the user's. Thread-safe.
 class OwnFiles {
  public:
+  static constexpr const char* kRecord = ".b3dgs-files";
+
   /// Reads the record of `folder`, if there is one. Writes nothing.
   explicit OwnFiles(const std::filesystem::path& folder);
   ~OwnFiles();
@@ -72,7 +74,7 @@ class OwnFiles {
   void record(const std::string& name, const Entry* entry);
   void remove_known(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept);
 
-  std::filesystem::path root_;
+  std::filesystem::path root_, given_;  // with and without links followed
   std::map<std::string, Entry> entries_;
   std::mutex mutex_;
 };
