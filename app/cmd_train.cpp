@@ -33,6 +33,7 @@
 #include "dist/launch/start_ranks.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
 #include "train/scene_limits.h"
 #include "train/threads.h"
@@ -193,7 +194,9 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     throw_if_stopped();
     show(progress...);
   };
-  const Scene scene = open_scene(scene_options_of_rank(config, machine.n_ranks), status, on_loading);
+  SceneOptions scene_options = scene_options_of_rank(config, machine.n_ranks);
+  if (!plan.checkpoint.empty()) scene_options.frame = checkpoint_frame(plan.checkpoint);
+  const Scene scene = open_scene(scene_options, status, on_loading);
   if (!quiet) {
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;

@@ -15,6 +15,7 @@
 #include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
+#include "scene/cameras/scene_frame.h"
 #include "train/background/background.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"
@@ -98,6 +99,13 @@ void require_scene_folder(const LoadedModel& model) {
               " has moved, name its folder with -s");
 }
 
+/// With photographs. The model's Gaussians take the place of points.
+Scene open_photographs(const TrainConfig& config, StatusLine& status) {
+  SceneOptions options = scene_options(config);
+  options.seed_points = false;
+  return open_scene(options, status);
+}
+
 Scene open_cameras(const TrainConfig& config, StatusLine& status) {
   SceneOptions options = scene_options(config);
   options.load_images = false;
@@ -131,7 +139,22 @@ Scene scene_of_cameras(const LoadedModel& model) {
 /// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
 void refine_poses(LoadedModel& model) {
   if (!model.folder.root().empty() && fs::exists(model.folder.poses()))
-    apply_refined_poses(model.folder.poses(), model.scene.train);
+    apply_refined_poses(model.folder.poses(), model.scene.train, model.scene.frame);
+}
+
+/// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. Where no scene is loaded,
+/// its unit is estimated from the Gaussians, and may differ a little from that of the training.
+void join(LoadedModel& model) {
+  constexpr std::size_t kSamples = 20000;
+  Scene& scene = model.scene;
+  if (!scene.options) {  // not of load_scene(), which chooses a frame: cameras of a file, or none
+    std::vector<Camera> cameras;
+    for (const View& view : scene.train) cameras.push_back(view.camera);
+    change_frame_of_views(choose_frame(cameras, world_positions(model.splats, kSamples)), scene);
+  }
+  model.near_plane = model.config.near_plane * scene.frame.unit / model.splats.frame.unit;
+  change_frame_of_views(model.splats.frame, scene);
+  scene.points = {};
 }
 
 /// How the views of a scene differ from those in cameras.json.
@@ -141,7 +164,8 @@ struct SceneDifference {
 };
 
 SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Scene& scene) {
-  constexpr double kTolerance = 1e-6;  // relative to the largest coordinate: centres are products of rounded matrices
+  // Relative to the largest coordinate and the cameras' path: centres are products of rounded matrices.
+  constexpr double kTolerance = 1e-6;
   std::map<std::string, const Camera*> trained;
   for (const NamedCamera& named : cameras) trained[named.name] = &named.camera;
   SceneDifference difference;
@@ -153,9 +177,10 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
         difference.views = true;
         continue;
       }
-      const std::array<double, 3> was = found->second->center(), is = view.camera.center();
+      const std::array<double, 3> was = change_frame({}, scene.frame, *found->second).center();
+      const std::array<double, 3> is = view.camera.center();
       for (std::size_t i = 0; i < 3; ++i) {
-        const double size = std::max({1.0, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
+        const double size = std::max({scene.extent, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
         difference.views = difference.views || !(std::abs(was[i] - is[i]) <= kTolerance * size);
       }
       difference.sizes =
@@ -176,6 +201,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
   model.splats = read_splats(file);
   model.background = read_background_json(background_path(file));
   apply_options(model, options);
+  join(model);
   return model;
 }
 
@@ -184,19 +210,22 @@ LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) 
   LoadedModel model = load_gaussians(options);
   warn_of_missing_background(model, status);
   apply_options(model, options);
+  join(model);
   return model;
 }
 
 void add_scene(LoadedModel& model, StatusLine& status) {
   require_scene_folder(model);
-  model.scene = open_scene(scene_options(model.config), status);
+  model.scene = open_photographs(model.config, status);
   refine_poses(model);
+  join(model);
 }
 
 bool add_saved_cameras(LoadedModel& model) {
   if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return false;
   model.scene = scene_of_cameras(model);
   refine_poses(model);
+  join(model);
   return true;
 }
 
@@ -215,6 +244,7 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   if (!is_as_trained || !has_cameras) require_scene_folder(model);
   model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
   refine_poses(model);
+  join(model);
   return model;
 }
 
@@ -222,6 +252,7 @@ LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options,
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.scene = open_cameras(model.config, status);
+  join(model);
   return model;
 }
 
@@ -229,7 +260,8 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
-  model.scene = open_scene(scene_options(model.config), status);
+  model.scene = open_photographs(model.config, status);
+  join(model);
   return model;
 }
 
@@ -253,6 +285,7 @@ bool names_single_file(ModelOptions& options) {
 RenderSettings image_settings(const LoadedModel& model) {
   RenderSettings settings = evaluation_settings(model.config, model.splats.sh_degree);
   settings.keep_for_backward = false;
+  settings.near_plane = static_cast<float>(model.near_plane);
   settings.antialiasing = settings.antialiasing || model.splats.antialiased;
   return settings;
 }

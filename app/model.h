@@ -45,10 +45,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visi
 struct LoadedModel {
   TrainConfig config;  // of the training, with the options above applied
   ModelFolder folder{""};
-  int iteration = 0;  // 0 if loaded from a single PLY
-  SplatCloud splats;
+  int iteration = 0;                       // 0 if loaded from a single PLY
+  SplatCloud splats;                       // in the frame that the reader chose: the world's, unless it is far away
+  double near_plane = 0;                   // --near_plane of the config, in units of that frame
   std::optional<BackgroundSh> background;  // of background.json beside the PLY
-  Scene scene;
+  Scene scene;                             // its views are in the frame of the Gaussians; without points
 };
 
 /// Reads config and PLY of the model folder, and loads the scene with its photographs. @throws InputError

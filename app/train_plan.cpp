@@ -194,6 +194,7 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   check_resume_options(values.config, values.iteration, config, checkpoint.string());
   SceneOptions options = scene_options(config);
   options.load_images = false;
+  options.frame = checkpoint_frame(header, checkpoint.string());
   check_scene(header, load_scene(options), checkpoint.string());
 }
 

@@ -9,7 +9,7 @@
 #include "raster/math/opacity.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
-#include "scene/point_cloud.h"
+#include "scene/points/point_cloud.h"
 
 namespace b3dgs {
 

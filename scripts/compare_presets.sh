@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Trains every SCENE with every preset and strategy and several seeds, and prints a Markdown table of time, count, PSNR
-# and SSIM: mean, and half the range over seeds. Above the table: with which program, on which machine, and at which
-# commit of the repository that this script is in. Colour-corrected PSNR has a column if a training measured it. After
+# and SSIM: mean, and half the range over seeds; and by how much the PSNR is below that of the best configuration of the
+# scene. Above the table: with which program, on which machine, and at which commit of the repository that this script
+# is in. Colour-corrected PSNR has a column if a training measured it. After
 # trainings with --train_test_exp, whole test views are measured, too.
 #
 # Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
@@ -9,7 +10,8 @@
 # Models that this script trained are deleted once they are measured; logs and reports stay. OUTPUT must be new, empty,
 # or of an earlier run of this script.
 #
-# Usage: scripts/compare_presets.sh B3DGS OUTPUT [SCENE...]      without scenes: only prints the table
+# Usage: scripts/compare_presets.sh B3DGS OUTPUT [SCENE[::OPTIONS]...]      without scenes: only prints the table
+#   OPTIONS  of the trainings of this scene, such as data/lego::-w
 # Environment:
 #   CONFIGS  configurations NAME=OPTIONS, separated by semicolons; default: see below
 #   SEEDS    default "0 1 2"
@@ -132,10 +134,12 @@ train_one() {
 # list_trainings SCENE...: the arguments of train_one for every training that is not in results.jsonl. Fails if two
 # different ones would have the same folder.
 list_trainings() {
-  local scene scene_path scene_name seed config name own all known model
+  local scene scene_path scene_name seed config name own of_scene all known model
   local -A listed=()
   for scene in "$@"; do
-    scene_path=$(realpath -- "$scene")
+    of_scene=()
+    [[ $scene != *::* ]] || read -ra of_scene <<< "${scene#*::}"
+    scene_path=$(realpath -- "${scene%%::*}")
     scene_name=$(basename "$scene_path")
     for seed in "${seeds[@]}"; do
       while IFS= read -r -d ';' config; do
@@ -145,7 +149,7 @@ list_trainings() {
           exit 2
         fi
         read -ra own <<< "${config#*=}"
-        all="${options[*]} ${own[*]}"
+        all="${options[*]} ${own[*]}${of_scene[*]:+ ${of_scene[*]}}"
         known=$(is_known "$scene_name" "$name" "$seed" "$all" "$scene_path")
         [[ -z $known ]] || continue
         model=$output/$scene_name/$name/seed_$seed
@@ -207,9 +211,20 @@ print(f'Program: {listed("program")}. Machine: {listed("machine")}. Commit: {lis
 titles = (("cc_psnr", "colour-corrected PSNR, dB"), ("whole_psnr", "PSNR of whole views, dB"))
 further = [(key, title) for key, title in titles
            if any(run.get(key) is not None for run in runs)]
-print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | SSIM |"
+print("| scene | configuration | iterations | seeds | training, s | Gaussians | PSNR, dB | below the best, dB | SSIM |"
       + "".join(f" {title} |" for _, title in further))
-print("|---|---|---|---|---|---|---|---|" + "---|" * len(further))
+print("|---|---|---|---|---|---|---|---|---|" + "---|" * len(further))
+
+def psnr_of(scene, configuration):
+    """The mean; None if a training has not measured it."""
+    values = [run.get("psnr") for run in runs if (run["scene"], run["configuration"]) == (scene, configuration)]
+    return None if None in values else sum(values) / len(values)
+
+def below_best(scene, configuration):
+    all_of_scene = [psnr_of(scene, name) for name in {run["configuration"] for run in runs if run["scene"] == scene}]
+    own, known = psnr_of(scene, configuration), [value for value in all_of_scene if value is not None]
+    return "-" if own is None else f"{max(known) - own:.2f}"
+
 done = set()
 for first in runs:
     key = (first["scene"], first["configuration"])
@@ -219,7 +234,8 @@ for first in runs:
     group = [run for run in runs if (run["scene"], run["configuration"]) == key]
     column = lambda name: [run.get(name) for run in group]
     print(f'| {key[0]} | {key[1]} | {first["iterations"]:,} | {len(group)} | {times(group)} | '
-          f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {spread(column("ssim"), 4)} |'
+          f'{spread(column("gaussians"), 0)} | {spread(column("psnr"), 2)} | {below_best(*key)} | '
+          f'{spread(column("ssim"), 4)} |'
           + "".join(f' {spread(column(key), 2)} |' for key, _ in further))
 PYTHON
 if [[ -s $list ]]; then

@@ -11,6 +11,7 @@
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"
+#include "scene/cameras/scene_frame.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -95,7 +96,7 @@ void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
 /// Gaussians and cameras of a folder; each is read only if no file was given instead.
 struct FolderContent {
   SplatCloud cloud;
-  std::vector<NamedCamera> cameras;
+  std::vector<NamedCamera> cameras;  // in world coordinates
 };
 
 FolderContent read_model(const BenchConfig& config, const ModelFolder& folder) {
@@ -113,7 +114,10 @@ FolderContent read_colmap(const BenchConfig& config) {
   const Scene scene = load_scene(options);
   FolderContent content;
   if (config.ply.empty()) content.cloud = splats_from_points(scene.points, 3);
-  for (const View& view : scene.train) content.cameras.push_back({view.name, view.camera});
+  content.cloud.frame = scene.frame;
+  for (const View& view : scene.train) {
+    content.cameras.push_back({view.name, change_frame(scene.frame, {}, view.camera)});
+  }
   return content;
 }
 
@@ -137,7 +141,7 @@ BenchScene read_bench_scene(const BenchConfig& config) {
   scene.name = config.ply.empty() ? config.scene : config.ply;
   scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
   if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
-  scene.view = to_pinhole_view(choose_view(content.cameras, config.view));
+  scene.view = to_pinhole_view(change_frame({}, scene.cloud.frame, choose_view(content.cameras, config.view)));
   if (scene.cloud.size() == 0)
     input_error(scene.name, ": no points to initialize Gaussians from; give a model with --ply");
   return scene;

@@ -17,6 +17,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"
 #include "train/threads.h"
@@ -219,7 +220,9 @@ int run_bench_step(const std::vector<std::string>& words) {
   set_compute_threads(config.threads);
 
   StatusLine status = StatusLine::for_stderr(false);
-  const Scene scene = open_scene(scene_options(config), status);
+  SceneOptions how = scene_options(config);
+  if (!options.checkpoint.empty()) how.frame = checkpoint_frame(options.checkpoint);
+  const Scene scene = open_scene(how, status);
   StepTimes times(options.warmup);
   TrainHooks hooks;
   hooks.on_message = [&](const std::string& message) { status.print(message); };

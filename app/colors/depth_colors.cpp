@@ -42,15 +42,10 @@ DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camer
   const std::size_t camera_stride = std::max<std::size_t>(1, cameras.size() / 50);
   for (std::size_t c = 0; c < cameras.size(); c += camera_stride) {
     const Camera& camera = cameras[c];
-    const std::array<double, 9>& r = camera.cam_from_world.rotation;
-    const std::array<double, 3>& t = camera.cam_from_world.translation;
     for (std::int64_t i = 0; i < splats.size(); i += stride) {
-      const float* p = &splats.means[static_cast<std::size_t>(3 * i)];
-      const double z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-      if (z <= near_plane || splats.logit_opacities[static_cast<std::size_t>(i)] < kLeastLogitOpacity) continue;
-      const double x = camera.fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z + camera.cx;
-      const double y = camera.fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z + camera.cy;
-      if (x >= 0 && x < camera.width && y >= 0 && y < camera.height) depths.push_back(z);
+      if (splats.logit_opacities[static_cast<std::size_t>(i)] < kLeastLogitOpacity) continue;
+      const auto place = camera.project(&splats.means[static_cast<std::size_t>(3 * i)]);
+      if (place && place->depth > near_plane) depths.push_back(place->depth);
     }
   }
   if (depths.empty()) return {near_plane, 2 * near_plane};

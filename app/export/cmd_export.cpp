@@ -18,6 +18,7 @@
 #include "model/edit/select.h"
 #include "model/formats/splat_formats.h"
 #include "model/formats/spz.h"
+#include "scene/cameras/scene_frame.h"
 #include "train/device.h"
 
 namespace b3dgs {
@@ -124,7 +125,8 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
   };
   if (!options.crop.empty()) {
     const CropRegion region = parse_crop(options.crop);
-    report(keep_if([&](std::size_t row) { return region.contains(&splats.means[3 * row]); }, splats),
+    report(keep_if([&](std::size_t row) { return region.contains(splats.frame.to_world(&splats.means[3 * row])); },
+                   splats),
            "outside of --crop " + options.crop);
   }
   if (options.min_opacity > 0) {
@@ -146,6 +148,20 @@ UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
   std::array<double, 3> to{};
   to[static_cast<std::size_t>(target.back() - 'x')] = target.front() == '-' ? -1 : 1;
   return rotation_between(up_direction(views), to);
+}
+
+/// The frame whose coordinates are written to an SPZ: that of the world, unless the Gaussians as a whole are too far
+/// from its origin, or spread over too little or too much space, for 24-bit positions and 8-bit scales.
+CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
+  constexpr double kLeastUnit = 0.01, kMostUnit = 100;
+  const CoordinateFrame around = choose_frame({}, world_positions(splats));
+  if (!around.is_far() && around.unit >= kLeastUnit && around.unit <= kMostUnit) return {};
+  const auto& [x, y, z] = around.origin;
+  status.warn(
+      print_to_string("SPZ cannot hold these coordinates; those in the file are relative to (%.10g, %.10g, "
+                      "%.10g), in units of %.6g; .ply keeps the scene's",
+                      x, y, z, around.unit));
+  return around;
 }
 
 void warn_of_coarse_positions(const SplatCloud& splats, StatusLine& status) {
@@ -219,7 +235,11 @@ int run_export(const std::vector<std::string>& words) {
   LoadedModel original = model;
   if (!options.crop.empty()) {
     const CropRegion region = parse_crop(options.crop);
-    keep_if([&](std::size_t row) { return region.contains(&original.splats.means[3 * row]); }, original.splats);
+    keep_if(
+        [&](std::size_t row) {
+          return region.contains(original.splats.frame.to_world(&original.splats.means[3 * row]));
+        },
+        original.splats);
   }
   const bool is_file = fs::is_regular_file(model_options.model_path);
   const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
@@ -235,6 +255,12 @@ int run_export(const std::vector<std::string>& words) {
     rotate_splats(rotation, model.splats);
   }
   const fs::path output = options.output;
+  CoordinateFrame written_frame;
+  if (is_spz(output)) {
+    written_frame = spz_frame(model.splats, status);
+    change_frame(written_frame, model.splats);
+    model.splats.frame = {};
+  }
   if (needs_splat_transform(output)) catch_stop_signals();  // whose files have to be removed
   try {
     write_output(output, model.splats, options.sh_bits, status);
@@ -258,6 +284,7 @@ int run_export(const std::vector<std::string>& words) {
     print_line("PSNR", "not measured: %s", why_not.c_str());
     return 0;
   }
+  if (is_spz(output)) written->frame = written_frame;
   rotate_splats(inverse(rotation), *written);
   const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
   if (stop_signal() != 0) return 128 + stop_signal();

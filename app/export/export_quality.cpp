@@ -16,8 +16,10 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   const torch::NoGradGuard no_grad;
   LoadedModel after;
   after.config = model.config;
+  after.near_plane = model.near_plane;
   after.background = model.background;
   after.splats = std::move(exported);
+  change_frame(model.splats.frame, after.splats);
   after.splats.antialiased = model.splats.antialiased;  // not every format says so
   status.show(detail::concat("measuring PSNR on ", views.size(), views.size() == 1 ? " view" : " views"), /*now=*/true);
   ModelRenderer before_renderer(model, device), after_renderer(after, device);

@@ -8,6 +8,7 @@
 #include "app/render/orbit.h"
 #include "core/check.h"
 #include "core/print.h"
+#include "scene/cameras/scene_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -27,13 +28,15 @@ double radians(double degrees) {
 }
 
 /// The views that a path goes through or around, or that are rendered themselves.
-CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene) {
+CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
+                         const CoordinateFrame& frame) {
   CameraChoice keys;
   if (!options.cameras.empty()) {
     CameraFile file = read_camera_file(options.cameras, {options.width, options.height});
     const bool has_names = std::all_of(file.cameras.begin(), file.cameras.end(),
                                        [](const NamedCamera& named) { return !named.name.empty(); });
-    for (const NamedCamera& named : file.cameras) {
+    for (NamedCamera& named : file.cameras) {
+      named.camera = change_frame({}, frame, named.camera);
       keys.cameras.push_back(named.camera);
       if (has_names) keys.views.push_back({named.name, "", named.camera, nullptr, nullptr});
     }
@@ -116,7 +119,7 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
     const std::array<double, 3> first = keys[0].center();
     toward = {first[0], first[1], first[2]};
   }
-  if (options.distance > 0) placement.distance = options.distance;
+  if (options.distance > 0) placement.distance = options.distance / splats.frame.unit;
   if (line.was_given("elevation")) placement.elevation = radians(options.elevation);
   placement.elevation = std::clamp(placement.elevation, radians(-89), radians(89));
   return turntable(focus, up, placement.distance, placement.elevation, toward);
@@ -149,7 +152,7 @@ void check_camera_options(const CommandLine& line, const CameraOptions& options)
 
 CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                             const SplatCloud& splats) {
-  CameraChoice choice = key_cameras(line, options, scene);
+  CameraChoice choice = key_cameras(line, options, scene, splats.frame);
   const bool is_path = goes_around(options) || options.path == "interpolated";
   if (!is_path) {
     for (Camera& camera : choice.cameras) {
@@ -169,8 +172,11 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
   const Camera lens = orbit_lens(options, keys);
   const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
   choice.cameras = cameras_on(orbit, lens, options.frames);
-  choice.notes.push_back("around " + vec_text(orbit.focus) + ", up " + vec_text(orbit.up) +
-                         print_to_string(", distance %.3g", std::hypot(orbit.first_radius, orbit.height)));
+  const double focus[]{orbit.focus.x, orbit.focus.y, orbit.focus.z};
+  const std::array<double, 3> world = splats.frame.to_world(focus);
+  const double distance = splats.frame.unit * std::hypot(orbit.first_radius, orbit.height);
+  choice.notes.push_back("around " + vec_text({world[0], world[1], world[2]}) + ", up " + vec_text(orbit.up) +
+                         print_to_string(", distance %.3g", distance));
   if (keys.empty()) return choice;
   const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
   if (orbit.swing > 0) {

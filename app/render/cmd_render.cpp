@@ -116,11 +116,11 @@ ImageSize frame_size(const std::vector<Camera>& cameras) {
 class Output {
  public:
   Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
-      : options_(options), folder_(output_folder(model, options, choice.set)) {
+      : options_(options), folder_(output_folder(model, options, choice.set)), unit_(model.splats.frame.unit) {
     const bool is_in_model = options.output.empty() && options.ply.empty();
     if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
     if (options.colors_depth() || options.depth_format == "png16") {
-      range_ = visible_depth_range(model.splats, choice.cameras, model.config.near_plane);
+      range_ = visible_depth_range(model.splats, choice.cameras, model.near_plane);
     }
     if (!options.video.empty()) {
       video_.emplace(options.video, frame_size(choice.cameras), options.video_of == "alpha" ? 1 : 3,
@@ -128,7 +128,7 @@ class Output {
     }
     if (options.writes_images() && options.depth && options.depth_format == "png16") {
       // Half the near end of the range: only what is much nearer than the scene, such as floaters, is out of range.
-      inverse_depth_scale_ = 65535 * std::max(0.5 * range_.near, model.config.near_plane);
+      inverse_depth_scale_ = 65535 * unit_ * std::max(0.5 * range_.near, model.near_plane);
     }
   }
 
@@ -168,7 +168,7 @@ class Output {
     }
     for (const std::string& note : choice.notes) std::cout << note << "\n";
     if (options_.colors_depth()) {
-      std::cout << "depth colours: red " << range_.near << " to blue " << range_.far
+      std::cout << "depth colours: red " << unit_ * range_.near << " to blue " << unit_ * range_.far
                 << " world units, linear in 1/depth\n";
     }
     if (inverse_depth_scale_ > 0) {
@@ -183,7 +183,8 @@ class Output {
  private:
   void write_depth_numbers(fs::path file, const RenderedView& rendered) {
     const ImageSize size{static_cast<int>(rendered.depth.size(1)), static_cast<int>(rendered.depth.size(0))};
-    const std::vector<float> depths = mean_depths(rendered.depth, rendered.alpha);
+    std::vector<float> depths = mean_depths(rendered.depth, rendered.alpha);
+    for (float& depth : depths) depth = static_cast<float>(unit_ * depth);
     if (options_.depth_format == "exr") {
       write_exr(file.replace_extension(".exr"), size, depths.data());
       return;
@@ -195,6 +196,7 @@ class Output {
 
   const RenderOptions& options_;
   fs::path folder_;
+  double unit_;  // world units per unit of depth
   DepthRange range_;
   double inverse_depth_scale_ = 0;     // 0: no such maps
   std::int64_t n_too_near_ = 0;        // pixels

@@ -55,13 +55,15 @@ std::array<double, 3> quantiles(std::vector<double> values) {
   return result;
 }
 
-void print_bounds(const std::vector<float>& positions) {
+/// Of world coordinates, [N, 3].
+void print_bounds(const std::vector<double>& positions) {
   constexpr const char* kAxes[3] = {"x", "y", "z"};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
     for (std::size_t i = axis; i < positions.size(); i += 3) values.push_back(positions[i]);
     const std::array<double, 3> q = quantiles(std::move(values));
-    print_line(kAxes[axis], "%.4g  (%.4g to %.4g)", q[1], q[0], q[2]);
+    const bool is_far = std::abs(q[1]) > 1000 * (q[2] - q[0]);
+    print_line(kAxes[axis], is_far ? "%.10g  (%.10g to %.10g)" : "%.4g  (%.4g to %.4g)", q[1], q[0], q[2]);
   }
 }
 
@@ -76,10 +78,10 @@ void describe_splats(const std::string& path) {
     opacities.push_back(1 / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[i]))));
     const float* s = &cloud.log_scales[3 * i];
     const auto [least, most] = std::minmax({s[0], s[1], s[2]});
-    scales.push_back(std::exp(static_cast<double>(most)));
+    scales.push_back(cloud.frame.unit * std::exp(static_cast<double>(most)));
     shapes.push_back(std::exp(static_cast<double>(most) - least));
   }
-  print_bounds(cloud.means);
+  print_bounds(world_positions(cloud));
   const auto print = [](const char* name, std::vector<double> values) {
     const std::array<double, 3> q = quantiles(std::move(values));
     print_line(name, "%.3g  (%.3g to %.3g)", q[1], q[0], q[2]);
@@ -90,7 +92,7 @@ void describe_splats(const std::string& path) {
 }
 
 void describe_points(const std::string& path) {
-  const PointCloud points = read_point_ply(path);
+  const WorldPoints points = read_point_ply(path);
   std::printf("%s: points; median (1st to 99th percentile)\n", path.c_str());
   print_line("points", "%s", format_count(points.size()).c_str());
   if (points.size() > 0) print_bounds(points.positions);

@@ -36,10 +36,11 @@ std::uint8_t to_byte(double share) {
   return static_cast<std::uint8_t>(std::lround(255 * std::clamp(share, 0.0, 1.0)));
 }
 
-void paint_depth(const RenderedView& rendered, Frame& frame) {
+void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
   const DepthRange range = depth_range(rendered.depth, rendered.alpha);
   frame.image = color_depth(rendered.depth, rendered.alpha, range);
-  frame.legend = print_to_string("inverse depth: red %.4g to blue %.4g world units", range.near, range.far);
+  frame.legend =
+      print_to_string("inverse depth: red %.4g to blue %.4g world units", unit * range.near, unit * range.far);
 }
 
 void paint_difference(const Image8& photograph, Frame& frame) {
@@ -107,7 +108,7 @@ Frame FramePainter::paint(const FrameRequest& request, const GaussianTensors& ga
     frame.image = to_image8(rendered.alpha);
     frame.legend = "alpha: black 0, white 1";
   } else if (request.mode == FrameMode::kDepth) {
-    paint_depth(rendered, frame);
+    paint_depth(rendered, unit_, frame);
   } else {
     frame.image = to_image8(rendered.color);
   }

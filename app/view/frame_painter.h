@@ -10,7 +10,8 @@ namespace b3dgs {
 
 class FramePainter {
  public:
-  explicit FramePainter(torch::Device device) : rasterizer_(device) {}
+  /// `unit`: world units per unit of the Gaussians' frame, for legends.
+  FramePainter(torch::Device device, double unit) : rasterizer_(device), unit_(unit) {}
 
   /// Fills the image, the legend and the time; `background`: coefficients for add_background(), or undefined.
   /// @throws InvalidGaussianError naming the first Gaussian that cannot be rendered
@@ -19,6 +20,7 @@ class FramePainter {
 
  private:
   Rasterizer rasterizer_;  // its own, so that a training's keeps what it needs
+  double unit_;
 };
 
 }  // namespace b3dgs

@@ -35,6 +35,7 @@ Middle middle_of(std::vector<double> values) {
 ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, const std::string& title) {
   ViewedScene viewed;
   viewed.title = title;
+  viewed.frame = scene.frame;
   for (const auto* views : {&scene.train, &scene.test}) {
     for (const View& view : *views) {
       viewed.views.push_back({view.name, view.camera, views == &scene.test, view.image != nullptr});

@@ -7,7 +7,10 @@
 namespace b3dgs {
 
 WatchedModel::WatchedModel(ModelAtRest model, const Scene& scene, ViewedScene viewed)
-    : model_(std::move(model)), source_(scene), viewed_(std::move(viewed)), painter_(model_.gaussians.means.device()) {}
+    : model_(std::move(model)),
+      source_(scene),
+      viewed_(std::move(viewed)),
+      painter_(model_.gaussians.means.device(), viewed_.frame.unit) {}
 
 void WatchedModel::run(const std::atomic<int>& stop_signal) {
   const auto paint = [this](const FrameRequest& request) {

@@ -37,7 +37,7 @@ WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, 
         return viewed;
       }()),
       stop_(std::move(stop)),
-      painter_(choose_device(config.device)),
+      painter_(choose_device(config.device), scene.frame.unit),
       budget_(kShare),
       eta_({config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians}) {
   state_.iterations = config.iterations;

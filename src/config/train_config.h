@@ -52,7 +52,7 @@ struct TrainConfig {
   std::string background = "auto";
   bool antialiasing = false;
   bool pose_opt = false;
-  double near_plane = 0.2;  // world units
+  double near_plane = 0.2;  // kTypicalDepth (scene/cameras/scene_frame.h) is 5
 
   // Schedule
   std::string preset = kPresetNames[0];
@@ -208,7 +208,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "learned: one colour; sky: a colour by viewing direction; auto: black, -w: white");
   field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
         "filter Gaussians, for renders at other sizes and distances than the photographs'");
-  field(Option{"near_plane"}, c.near_plane, Above{0}, "ignore Gaussians closer to the camera than this, world units");
+  field(Option{"near_plane"}, c.near_plane, Above{0},
+        "ignore Gaussians closer to the camera than this; 5 is the typical depth of the scene");
 
   OneOf presets;
   for (const char* name : kPresetNames) presets.values.emplace_back(name);

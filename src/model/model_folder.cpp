@@ -121,16 +121,16 @@ void ModelFolder::write_training_id(const std::string& id) const {
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
-  write_point_ply(root_ / "input.ply", scene.points);
-  write_json(cameras(), cameras_to_json(scene.test, scene.train), -1);
+  write_point_ply(root_ / "input.ply", scene.points, scene.frame);
+  write_json(cameras(), cameras_to_json(scene.test, scene.train, scene.frame), -1);
   write_json(photographs(), photograph_fingerprints(scene), -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json(root_ / "config.json", config_to_json(config), 2);
 }
 
 void ModelFolder::write_poses(const Scene& scene, const std::vector<View>& refined_train) const {
-  write_json(cameras(), cameras_to_json(scene.test, refined_train), -1);
-  write_json(poses(), poses_to_json(scene.train, refined_train), 1);
+  write_json(cameras(), cameras_to_json(scene.test, refined_train, scene.frame), -1);
+  write_json(poses(), poses_to_json(scene.train, refined_train, scene.frame), 1);
 }
 
 void ModelFolder::remove_poses() const {

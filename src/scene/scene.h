@@ -9,8 +9,9 @@
 #include <vector>
 
 #include "scene/cameras/camera.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
-#include "scene/point_cloud.h"
+#include "scene/points/point_cloud.h"
 
 namespace b3dgs {
 
@@ -43,8 +44,10 @@ struct SceneOptions {
   bool invert_masks = false;      // white is left out instead of black
   bool empty_background = false;  // see View::empty
   bool load_images = true;        // false: cameras and points only
+  bool seed_points = true;        // make points from the photographs if the scene has none
   double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;              // trainings and evaluations that prefetch images at the same time
+  std::optional<CoordinateFrame> frame;  // of a training to resume; empty: choose_frame()
 };
 
 struct Scene {
@@ -52,8 +55,9 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
+  CoordinateFrame frame;                // of cameras, points and extent
   std::optional<SceneOptions> options;  // that load_scene() has read it with
-  double extent = 0;                    // world units; scene_extent() of the training views
+  double extent = 0;                    // scene_extent() of the training views
   std::vector<std::string> summary;     // about a dozen lines that describe the scene
   std::vector<std::string> warnings;    // one line for each thing that is missing
 };
@@ -61,14 +65,17 @@ struct Scene {
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a scene of COLMAP or in transforms.json files. Only the headers of the photographs are read; ViewImage decodes
-/// them. `summary` mentions choices made for the user (one of several models, images reduced because images_N is
-/// missing) and missing photographs.
+/// Reads a scene of COLMAP or in transforms.json files, and moves it to a frame of its own (scene_frame.h). Only the
+/// headers of the photographs are read; ViewImage decodes them. `summary` mentions choices made for the user (one of
+/// several models, images reduced because images_N is missing) and missing photographs.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 
-/// 1.1 x the largest distance of a camera centre from the mean of the centres (world units); 1 if that is 0.
+/// 1.1 x the largest distance of a camera centre from the mean of the centres; 1 if that is 0.
 double scene_extent(const std::vector<View>& views);
+
+/// Moves cameras and extent of the scene to another frame, but not its points.
+void change_frame_of_views(const CoordinateFrame& to, Scene& scene);
 
 /// Last part of the path: "bonsai" for "/data/bonsai/".
 std::string scene_name(const std::string& source_path);

@@ -6,8 +6,7 @@
 #include "core/check.h"
 #include "scene/colmap/model_search.h"
 #include "scene/images/image_io.h"
-#include "scene/point_ply.h"
-#include "scene/random_points.h"
+#include "scene/points/point_ply.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {
@@ -15,14 +14,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kRandomPoints = 100000;
-
-PointCloud points_of(const ColmapModel& model) {
-  PointCloud points;
+WorldPoints points_of(const ColmapModel& model) {
+  WorldPoints points;
   points.positions.reserve(3 * model.points.size());
   points.colors.reserve(3 * model.points.size());
   for (const ColmapPoint& point : model.points) {
-    for (const double value : point.position) points.positions.push_back(static_cast<float>(value));
+    points.positions.insert(points.positions.end(), point.position.begin(), point.position.end());
     points.colors.insert(points.colors.end(), point.color.begin(), point.color.end());
   }
   return points;
@@ -56,12 +53,6 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
     scene.camera_places[id] = detail::concat(found.folder.string(), ": camera ", id);
   }
   return scene;
-}
-
-std::array<double, 3> center_of(const ColmapImage& image) {
-  Camera camera;
-  camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
-  return camera.center();
 }
 
 bool lies_in(const fs::path& folder, const fs::path& file) {
@@ -100,23 +91,6 @@ std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& 
     found[name] = file;
   }
   return found;
-}
-
-void add_initial_points(const TransformsModel& transforms, SceneModel& scene) {
-  if (!transforms.points.empty()) {
-    scene.points = read_point_ply(transforms.points);
-    scene.points_description = transforms.points.filename().string();
-    return;
-  }
-  std::vector<std::array<double, 3>> centers;
-  for (const ColmapImage& image : scene.model.images) {
-    if (scene.held_out.count(image.name) == 0) centers.push_back(center_of(image));
-  }
-  if (centers.empty()) {  // all are held out; without --eval, all are used for training
-    for (const ColmapImage& image : scene.model.images) centers.push_back(center_of(image));
-  }
-  scene.points = random_points_around(centers, kRandomPoints);
-  scene.points_description = "random, in the box of the cameras; give better ones with --init_ply";
 }
 
 void choose_held_out(const TransformsModel& transforms, const TransformsFiles& files, std::size_t n_train, bool eval,
@@ -181,7 +155,10 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
     check_reach(transforms.points, options.source_path, files.train.string() + ": ply_file_path");
   }
   choose_held_out(transforms, files, n_train, options.eval, scene);
-  add_initial_points(transforms, scene);
+  if (!transforms.points.empty()) {
+    scene.points = read_point_ply(transforms.points);
+    scene.points_description = transforms.points.filename().string();
+  }
   return scene;
 }
 

@@ -10,14 +10,14 @@
 
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_folder.h"
-#include "scene/point_cloud.h"
+#include "scene/points/point_cloud.h"
 #include "scene/scene.h"
 
 namespace b3dgs {
 
 struct SceneModel {
   ColmapModel model;  // without its points
-  PointCloud points;
+  WorldPoints points;
   std::string description;                             // for the summary: "sparse/0, binary"
   std::string points_description;                      // where points come from, if it is not the model; or ""
   std::vector<std::string> notes;                      // choices made for the user

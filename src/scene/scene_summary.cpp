@@ -149,8 +149,7 @@ void add_notes(const Scene& scene, const SceneOrigin& origin, Lines& lines) {
     lines.add("note",
               concat("aspect ratio differs from the camera's (cropped or rotated images?): ", join(other_aspect)));
   }
-  if (scene.points.size() == 0)
-    lines.add("note", "the model has no points, which training needs; give some with --init_ply");
+  if (scene.points.size() == 0) lines.add("note", "the scene has no points; training finds some in the photographs");
 }
 
 }  // namespace
@@ -167,7 +166,7 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   lines.add("memory", describe_memory(scene, origin));
   const std::string& points = origin.model.points_description;
   lines.add("points", points.empty() ? std::to_string(scene.points.size()) : concat(scene.points.size(), ": ", points));
-  lines.add("extent", rounded(scene.extent, "%.4g"));
+  lines.add("extent", rounded(scene.extent * scene.frame.unit, "%.4g"));
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
   lines.add("training", count_views(scene.train.size()));
   const std::string rule = origin.model.has_split ? "the views of " + origin.model.split_description

@@ -62,6 +62,14 @@ void ViewImage::decode_into(std::uint8_t* rgb) const {
   resize_image_into(image, size_, rgb);
 }
 
+std::optional<Image8> ViewImage::read_alpha() const {
+  if (!shared_) return std::nullopt;
+  std::optional<Image8> alpha = b3dgs::read_alpha(source_.file);
+  if (!alpha) return std::nullopt;
+  if (source_.lens_group >= 0) alpha = shared_->undistorters->get(source_.lens_group)->apply_to_mask(*alpha);
+  return source_.is_reduced() ? resize_image(*alpha, size_.width, size_.height) : *alpha;
+}
+
 Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
   const ImageSize photograph = shared_ ? source_.file_size : size_;
   Depth16 map = read_depth_map(file);

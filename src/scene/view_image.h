@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "scene/images/image.h"
@@ -35,6 +36,9 @@ class ViewImage {
   std::shared_ptr<const Image8> read() const;
   /// The same, written to n_bytes() bytes: RGB, row by row.
   void read_into(std::uint8_t* rgb) const;
+
+  /// The photograph's alpha channel, undistorted and of size(); nothing if it has none. @throws InputError as read()
+  std::optional<Image8> read_alpha() const;
 
   /// The depth map in a file, which belongs to this photograph: undistorted like it, and of size(). The file may have
   /// any size of the photograph's aspect ratio. @throws InputError with the file's name if it cannot be used

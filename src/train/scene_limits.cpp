@@ -31,20 +31,6 @@ void check_same(const char* name, const Value& of_scene, const Value& of_config)
               " as in TrainConfig, found ", quoted(of_scene), " in SceneOptions); load it with scene_options(config)");
 }
 
-/// Distance along the viewing direction, or nothing if the point is not in the image.
-double depth_in(const View& view, const float* point) {
-  const Pose& pose = view.camera.cam_from_world;
-  double at[3];
-  for (int row = 0; row < 3; ++row) {
-    at[row] = pose.translation[row];
-    for (int axis = 0; axis < 3; ++axis) at[row] += pose.rotation[3 * row + axis] * point[axis];
-  }
-  if (!(at[2] > 0)) return -1;
-  const double x = view.camera.fx * at[0] / at[2] + view.camera.cx, y = view.camera.fy * at[1] / at[2] + view.camera.cy;
-  const bool is_inside = x >= 0 && y >= 0 && x < view.camera.width && y < view.camera.height;
-  return is_inside ? at[2] : -1;
-}
-
 }  // namespace
 
 SceneOptions scene_options(const TrainConfig& config) {
@@ -59,6 +45,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.invert_masks = config.invert_masks;
   options.empty_background = config.mask_mode == "segment";
   options.host_memory_gb = config.host_memory_gb;
+  options.seed_points = config.init_ply.empty();
   return options;
 }
 
@@ -108,11 +95,11 @@ std::string near_plane_warning(const std::vector<float>& points, const std::vect
   for (std::size_t i = 0; i < n_points; i += point_step) {
     std::int64_t n_views = 0, n_nearer = 0;
     for (std::size_t v = 0; v < views.size(); v += view_step) {
-      const double depth = depth_in(views[v], &points[3 * i]);
-      if (depth <= 0) continue;
+      const auto place = views[v].camera.project(&points[3 * i]);
+      if (!place) continue;
       ++n_views;
-      n_nearer += depth < near_plane ? 1 : 0;
-      depths.push_back(depth);
+      n_nearer += place->depth < near_plane ? 1 : 0;
+      depths.push_back(place->depth);
     }
     n_seen += n_views > 0 ? 1 : 0;
     n_near += 2 * n_nearer > n_views ? 1 : 0;
@@ -127,8 +114,8 @@ std::string near_plane_warning(const std::vector<float>& points, const std::vect
   const auto nearest = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 100);
   std::nth_element(depths.begin(), nearest, depths.end());
   return print_to_string(
-      "%s of %s points are nearer than --near_plane %g (world units) in the views that see them, and "
-      "are not rendered there; give a smaller one, such as --near_plane %.1g",
+      "%s of %s points are nearer than --near_plane %g in the views that see them, and are not rendered "
+      "there; give a smaller one, such as --near_plane %.1g",
       format_count(n_near).c_str(), format_count(n_seen).c_str(), near_plane, 0.1 * *nearest);
 }
 

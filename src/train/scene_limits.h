@@ -34,8 +34,8 @@ int decay_start(const TrainConfig& config, const Scene& scene);
 /// among them: limit_epochs() (config/schedule.h) has to know which options were given, so commands apply it before.
 TrainConfig with_scene_limits(TrainConfig config, const Scene& scene);
 
-/// A warning if many of the points ([N, 3], world) that training views see are nearer than the near plane (world
-/// units), which leaves them out, or if no view sees any point; otherwise empty.
+/// A warning if many of the points ([N, 3]) that training views see are nearer than the near plane, which leaves them
+/// out, or if no view sees any point; otherwise empty. Both are in the frame of the scene.
 std::string near_plane_warning(const std::vector<float>& points, const std::vector<View>& views, double near_plane);
 
 }  // namespace b3dgs

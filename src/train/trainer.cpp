@@ -79,7 +79,7 @@ Trainer::Impl::Impl(const TrainConfig& config, const Scene& scene, ModelFolder f
       timer(make_stage_clock(device)),
       time(this->hooks.clock_s ? this->hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       poses(this->config, scene, state.poses),
-      recorder({this->config, this->folder, this->hooks, state, time, *memory, timer},
+      recorder({this->config, this->folder, this->hooks, state, time, *memory, timer, scene.frame},
                is_distributed() ? torch::Device(torch::kCPU) : device) {  // gathered rows are in host memory
   if (is_distributed()) splats.emplace(*ranks);
   if (config.antialiasing) {

@@ -148,10 +148,10 @@ void Trainer::Impl::warn_of_empty_views() {
   if (n == 0 || (n <= n_warned_empty && 2 * n < empty_views.size())) return;
   n_warned_empty = n;
   const auto first = std::find(empty_views.begin(), empty_views.end(), true) - empty_views.begin();
-  recorder.warn(detail::concat(
-      "after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ", images.size(),
-      " training views (first: ", scene.train[static_cast<std::size_t>(first)].name,
-      "); check their poses, --near_plane (", config.near_plane, " world units) and the learning rates"));
+  recorder.warn(detail::concat("after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ",
+                               images.size(),
+                               " training views (first: ", scene.train[static_cast<std::size_t>(first)].name,
+                               "); check their poses, --near_plane (", config.near_plane, ") and the learning rates"));
 }
 
 void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {

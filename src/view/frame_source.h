@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "scene/cameras/coordinate_frame.h"
 #include "view/frame.h"
 
 namespace b3dgs {
@@ -19,13 +20,14 @@ struct ViewedCamera {
   bool has_photograph = false;
 };
 
-/// What does not change while the page is open. World units.
+/// What does not change while the page is open.
 struct ViewedScene {
   std::string title;
   std::vector<ViewedCamera> views;
   std::array<double, 3> center{};  // of what there is to see
   double radius = 1;               // about it
   bool is_training = false;
+  CoordinateFrame frame{};  // of cameras and centre; files have world coordinates
 };
 
 struct CurvePoint {

@@ -143,10 +143,8 @@ Json cameras_json(const ViewedScene& scene) {
                      {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
                      {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
-  return {{"title", scene.title},
-          {"training", scene.is_training},
-          {"center", scene.center},
-          {"radius", scene.radius},
+  return {{"title", scene.title},   {"training", scene.is_training}, {"center", scene.center},
+          {"radius", scene.radius}, {"origin", scene.frame.origin},  {"unit", scene.frame.unit},
           {"views", views}};
 }
 

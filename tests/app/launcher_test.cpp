@@ -115,6 +115,28 @@ TEST(ComparePresets, HasColumnsOfWhatOnlySomeTrainingsMeasure) {
   EXPECT_NE(out.find("| 0.7500 ± 0.0000 | 21.50 ± 0.50 | 19.00 ± 0.00 |\n"), std::string::npos) << out;
 }
 
+TEST(ComparePresets, SaysHowFarEachIsBelowTheBestOfItsScene) {
+  const test::TempDir folder;
+  std::string runs;
+  const auto add = [&](const std::string& scene, const std::string& configuration, int seed, const std::string& psnr) {
+    runs += R"({"scene": ")" + scene + R"(", "scene_path": "/x", "configuration": ")" + configuration +
+            R"(", "options": "", "iterations": 20, "seconds": 1, "gaussians": 10, "ssim": 0.75, "psnr": )" + psnr +
+            R"(, "seed": )" + std::to_string(seed) + "}\n";
+  };
+  add("fox", "a", 0, "20"), add("fox", "a", 1, "21"), add("fox", "b", 0, "24"), add("fox", "c", 0, "null");
+  add("lego", "a", 0, "30");
+  test::write_bytes(folder / "results/.made_by_compare_presets", "");
+  test::write_bytes(folder / "results/results.jsonl", runs);
+  const std::string command = B3DGS_SOURCE "/scripts/compare_presets.sh b3dgs '" + (folder / "results").string() + "'";
+  EXPECT_EQ(run_shell(folder.path(), command), 0);
+  const std::string out = test::read_bytes(folder / "out");
+  for (const char* end : {"| fox | a | 20 | 2 | 1.00 ± 0.00 | 10 ± 0 | 20.50 ± 0.50 | 3.50 |",
+                          "| fox | b | 20 | 1 | 1.00 | 10 | 24.00 | 0.00 |", "| fox | c | 20 | 1 | 1.00 | 10 | - | - |",
+                          "| lego | a | 20 | 1 | 1.00 | 10 | 30.00 | 0.00 |"}) {
+    EXPECT_NE(out.find(end), std::string::npos) << out;
+  }
+}
+
 TEST(ComparePresets, TakesTimesFromTrainingsThatRanAlone) {
   const test::TempDir folder;
   const auto run = [](const std::string& configuration, const std::string& more) {

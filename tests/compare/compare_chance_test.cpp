@@ -13,7 +13,8 @@ namespace b3dgs {
 namespace {
 
 constexpr int kSimulations = 4000;
-/// A 95 % interval excludes 0 for 5 % of equals. Of 4000 simulations, that is 5 % with a standard error of 0.34 %, of
+/// A 95 % interval excludes 0 for 5 % of equals (of 60,000 simulations, the worst row below had 5.11 %, with a standard
+/// error of 0.09 %). Of 4000 simulations, that is 5 % with a standard error of 0.34 %, of
 /// which three are allowed.
 constexpr double kAtMost = 0.05 + 3 * 0.0034;
 

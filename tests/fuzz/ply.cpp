@@ -9,7 +9,7 @@
 namespace b3dgs::fuzz {
 namespace {
 
-void check_points(const PointCloud& points) {
+void check_points(const WorldPoints& points) {
   B3DGS_CHECK(points.positions.size() == points.colors.size(), "positions and colours differ in length");
   for (const float value : points.positions)
     B3DGS_CHECK(std::isfinite(value), "expected a finite value, found ", value);
@@ -26,7 +26,7 @@ void read_input(std::string_view bytes) {
     refused = error;
   }
   FileReader file("a.ply", bytes);
-  PointCloud points;
+  WorldPoints points;
   try {
     points = read_point_ply(file);
   } catch (const InputError&) {

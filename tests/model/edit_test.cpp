@@ -163,16 +163,16 @@ TEST(RotationBetween, TurnsOneDirectionIntoTheOther) {
 
 TEST(Crop, IsABoxBetweenAnyTwoCornersOrASphere) {
   const CropRegion box = parse_crop("1,2,-3,-1,0,3");
-  for (const std::array<float, 3>& inside : {std::array<float, 3>{0, 1, 0}, {1, 2, 3}, {-1, 0, -3}}) {
-    EXPECT_TRUE(box.contains(inside.data()));
+  for (const std::array<double, 3>& inside : {std::array<double, 3>{0, 1, 0}, {1, 2, 3}, {-1, 0, -3}}) {
+    EXPECT_TRUE(box.contains(inside));
   }
-  for (const std::array<float, 3>& outside : {std::array<float, 3>{1.1f, 1, 0}, {0, -0.1f, 0}, {0, 1, 4}}) {
-    EXPECT_FALSE(box.contains(outside.data()));
+  for (const std::array<double, 3>& outside : {std::array<double, 3>{1.1, 1, 0}, {0, -0.1, 0}, {0, 1, 4}}) {
+    EXPECT_FALSE(box.contains(outside));
   }
   const CropRegion sphere = parse_crop("1,0,0,0.5");
-  const std::array<float, 3> inside{1.3f, 0.3f, 0}, outside{1.4f, 0.4f, 0};
-  EXPECT_TRUE(sphere.contains(inside.data()));
-  EXPECT_FALSE(sphere.contains(outside.data()));
+  const std::array<double, 3> inside{1.3, 0.3, 0}, outside{1.4, 0.4, 0};
+  EXPECT_TRUE(sphere.contains(inside));
+  EXPECT_FALSE(sphere.contains(outside));
 }
 
 TEST(Crop, RefusesOtherTexts) {

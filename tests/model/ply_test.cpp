@@ -75,7 +75,7 @@ class SplatPly : public testing::Test {
 TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
   const SplatCloud whole = numbered_cloud(7, 2);
   write_splat_ply(folder_ / "whole.ply", whole);
-  SplatPlyWriter writer(folder_ / "blocks.ply", 7, 2, /*antialiased=*/false);
+  SplatPlyWriter writer(folder_ / "blocks.ply", 7, 2, /*antialiased=*/false, {});
   for (const auto& [begin, end] : {std::pair(0, 3), std::pair(3, 3), std::pair(3, 7)}) {
     SplatCloud rows;
     rows.sh_degree = 2;
@@ -93,8 +93,32 @@ TEST_F(SplatPly, WrittenInBlocksIsTheSameFile) {
   EXPECT_FALSE(fs::exists(folder_ / "blocks.ply"));
   writer.commit();
   EXPECT_TRUE(read_bytes(folder_ / "blocks.ply") == read_bytes(folder_ / "whole.ply"));
-  SplatPlyWriter short_one(folder_ / "short.ply", 7, 2, /*antialiased=*/false);
+  SplatPlyWriter short_one(folder_ / "short.ply", 7, 2, /*antialiased=*/false, {});
   EXPECT_THROW(short_one.commit(), LogicError);
+}
+
+TEST_F(SplatPly, CoordinatesAreThoseOfTheWorld) {
+  for (const CoordinateFrame& frame : {CoordinateFrame{{1e6, -2e6, 5}, 0.25}, CoordinateFrame{{3, 4, 5}, 2}}) {
+    SplatCloud cloud = numbered_cloud(7, 1);
+    cloud.frame = frame;
+    write_splat_ply(folder_ / "a.ply", cloud);
+    const bool is_far = frame.is_far();
+    const std::string bytes = read_bytes(folder_ / "a.ply");
+    EXPECT_EQ(bytes.find("property double z") != std::string::npos, is_far);
+    SplatCloud back = read_splat_ply(folder_ / "a.ply");
+    EXPECT_EQ(back.frame != CoordinateFrame{}, is_far);
+    const std::vector<double> before = world_positions(cloud), after = world_positions(back);
+    ASSERT_EQ(after.size(), before.size());
+    for (std::size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-5);
+    change_frame(frame, back);
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      EXPECT_NEAR(back.means[i], cloud.means[i], 1e-5);
+      EXPECT_NEAR(back.log_scales[i], cloud.log_scales[i], 1e-5);
+    }
+    EXPECT_EQ(back.quats, cloud.quats);
+    EXPECT_EQ(back.shN, cloud.shN);
+    EXPECT_EQ(back.logit_opacities, cloud.logit_opacities);
+  }
 }
 
 TEST_F(SplatPly, SaysWhetherGaussiansAreAntialiased) {
@@ -298,8 +322,8 @@ TEST(PointPly, ReadsBackPoints) {
   TempDir folder;
   const PointCloud points{{1, 2, 3, -4.5f, 5, 6e-9f}, {0, 128, 255, 1, 2, 3}};
   write_point_ply(folder / "p.ply", points);
-  const PointCloud back = read_point_ply(folder / "p.ply");
-  EXPECT_EQ(back.positions, points.positions);
+  const WorldPoints back = read_point_ply(folder / "p.ply");
+  EXPECT_EQ(in_frame({}, back).positions, points.positions);
   EXPECT_EQ(back.colors, points.colors);
   const std::string bytes = read_bytes(folder / "p.ply");
   EXPECT_EQ(bytes.substr(0, bytes.find("end_header")),

@@ -27,7 +27,10 @@ class SceneFolder : public testing::Test {
  protected:
   SceneFolder() { options_.source_path = folder_.path().string(); }
 
-  Scene load() { return load_scene(options_); }
+  Scene load() {
+    options_.frame = CoordinateFrame{};  // coordinates are compared with those of the files
+    return load_scene(options_);
+  }
   testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
     return fails_with<InputError>(parts, [this] { load(); });
   }

@@ -65,7 +65,10 @@ class LoadScene : public testing::Test {
     write(line_model(n));
     write_images(line_model(n));
   }
-  Scene load() { return load_scene(options_); }
+  Scene load() {
+    options_.frame = CoordinateFrame{};  // coordinates are compared with those of the files
+    return load_scene(options_);
+  }
   testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
     return fails_with<InputError>(parts, [this] { load(); });
   }
@@ -370,14 +373,18 @@ TEST_F(LoadScene, MixesSizesAndOrientations) {
   EXPECT_EQ(scene.train[1].image->size().height, kWidth);
 }
 
-TEST_F(LoadScene, NotesThatTheModelHasNoPoints) {
+TEST_F(LoadScene, FindsPointsInThePhotographsIfTheModelHasNone) {
   ColmapModel model = line_model(1);
   model.points.clear();
   write(model);
   write_images(model);
+  const Scene found = load();
+  EXPECT_GT(found.points.size(), 0);
+  EXPECT_TRUE(says(found, "found in the photographs"));
+  options_.seed_points = false;
   const Scene scene = load();
   EXPECT_EQ(scene.points.size(), 0);
-  EXPECT_TRUE(says(scene, "--init_ply"));
+  EXPECT_TRUE(says(scene, "the scene has no points"));
 }
 
 }  // namespace

@@ -31,6 +31,7 @@ class RealScene : public testing::TestWithParam<OddScene> {};
 SceneOptions options_for(const std::string& folder) {
   SceneOptions options;
   options.source_path = (fs::path(B3DGS_SHARED_DATA) / folder).string();
+  options.seed_points = false;
   return options;
 }
 
@@ -67,7 +68,7 @@ INSTANTIATE_TEST_SUITE_P(
                     OddScene{"bonsai", 88, 53730, 1, false, "PINHOLE 3118x2078"},
                     OddScene{"kitti_street", 24, 60393, 1, false, "1242x375"},
                     OddScene{"odd/text_simple_pinhole", 4, 1039, 1, false, "SIMPLE_PINHOLE 1919x1079"},
-                    OddScene{"odd/text_fisheye_rig_commas", 6, 0, 1, true, "--init_ply"},
+                    OddScene{"odd/text_fisheye_rig_commas", 6, 0, 1, true, "the scene has no points"},
                     OddScene{"odd/text_radial_ids_from_0", 3, 1721, 1, true, "3 registered, 3 found"},
                     OddScene{"odd/text_pinhole_no_images", 0, 0, 0, false, "none of the 11 registered images"},
                     OddScene{"odd/text_unsorted_ids", 0, 0, 0, false, "none of the 3 registered images"},

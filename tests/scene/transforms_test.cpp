@@ -6,8 +6,7 @@
 #include <cmath>
 
 #include "scene/images/image_io.h"
-#include "scene/point_ply.h"
-#include "scene/random_points.h"
+#include "scene/points/point_ply.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
@@ -231,26 +230,13 @@ TEST_F(Transforms, KeysOfAFrameComeBeforeThoseOfTheFile) {
   EXPECT_TRUE(says(scene, "2: 2 x PINHOLE 40x30"));
 }
 
-TEST_F(Transforms, ReadsPointsOrMakesThemInTheBoxOfTheCameras) {
+TEST_F(Transforms, ReadsPointsOrFindsSomeInThePhotographs) {
   Json json = line(5);
   write(json);
-  const Scene random = load();
-  ASSERT_EQ(random.points.size(), 100000);
-  std::array<float, 3> low{1e9f, 1e9f, 1e9f}, high{-1e9f, -1e9f, -1e9f};
-  for (std::size_t i = 0; i < random.points.positions.size(); ++i) {
-    low[i % 3] = std::min(low[i % 3], random.points.positions[i]);
-    high[i % 3] = std::max(high[i % 3], random.points.positions[i]);
-  }
-  // Cameras from x = 0 to 4; the other sides have half that length.
-  const std::array<float, 3> expected_low{0, -1, -1}, expected_high{4, 1, 1};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    EXPECT_GE(low[axis], expected_low[axis]);
-    EXPECT_LE(high[axis], expected_high[axis]);
-    EXPECT_NEAR(low[axis], expected_low[axis], 0.01);
-    EXPECT_NEAR(high[axis], expected_high[axis], 0.01);
-  }
-  EXPECT_EQ(load().points.positions, random.points.positions);
-  EXPECT_TRUE(says(random, "random"));
+  const Scene found = load();
+  EXPECT_GT(found.points.size(), 0);
+  EXPECT_EQ(load().points.positions, found.points.positions);
+  EXPECT_TRUE(says(found, "found in the photographs"));
 
   const PointCloud points{{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}};
   write_point_ply(folder_ / "sparse_pc.ply", points);

@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
+#include "scene/cameras/scene_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -13,8 +14,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kMaxNumber = 1e12;  // px or world units; squares are finite in single precision
 
-Json camera_to_json(std::size_t id, const View& view) {
-  const Camera& camera = view.camera;
+Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& frame) {
+  const Camera camera = change_frame(frame, {}, view.camera);
   const std::array<double, 9>& r = camera.cam_from_world.rotation;
   return {{"id", id},
           {"img_name", view.name},
@@ -70,11 +71,12 @@ std::string camera_fault(const Camera& camera) {
   return "";
 }
 
-nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train) {
+nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train,
+                                       const CoordinateFrame& frame) {
   Json cameras = Json::array();
   for (const std::vector<View>* views : {&test, &train}) {
     for (const View& view : *views) {
-      cameras.push_back(camera_to_json(cameras.size(), view));
+      cameras.push_back(camera_to_json(cameras.size(), view, frame));
       if (views == &test) cameras.back()["held_out"] = true;
     }
   }

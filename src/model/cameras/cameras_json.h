@@ -17,8 +17,9 @@ struct NamedCamera {
 };
 
 /// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
-/// the image. Test views come first, with "held_out": true.
-nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train);
+/// the image. Test views come first, with "held_out": true. `frame` is that of the views.
+nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train,
+                                       const CoordinateFrame& frame = {});
 
 inline constexpr int kMaxCameraSide = 1 << 20;  // px
 

@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
+#include "scene/cameras/scene_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -48,23 +49,24 @@ bool is_same(const Pose& a, const Pose& b) {
 
 }  // namespace
 
-Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined) {
+Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined, const CoordinateFrame& frame) {
   B3DGS_CHECK(given.size() == refined.size(), given.size(), " given views, ", refined.size(), " refined ones");
   Json poses = Json::array();
   for (std::size_t i = 0; i < given.size(); ++i) {
-    const Pose &from = given[i].camera.cam_from_world, &to = refined[i].camera.cam_from_world;
+    const Camera before = change_frame(frame, {}, given[i].camera), after = change_frame(frame, {}, refined[i].camera);
+    const Pose &from = before.cam_from_world, &to = after.cam_from_world;
     poses.push_back({{"img_name", given[i].name},
                      {"qvec", quaternion_from_rotation(to.rotation)},
                      {"tvec", to.translation},
                      {"given_qvec", quaternion_from_rotation(from.rotation)},
                      {"given_tvec", from.translation},
                      {"turned_degrees", angle_between(from, to)},
-                     {"moved", distance_between(given[i].camera, refined[i].camera)}});
+                     {"moved", distance_between(before, after)}});
   }
   return poses;
 }
 
-void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views) {
+void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views, const CoordinateFrame& frame) {
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened (expected the poses.json of a model folder)");
   const Json json = parse_json(file);
@@ -77,8 +79,11 @@ void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& v
       const auto found = by_name.find(json[i].at("img_name").get<std::string>());
       const Pose given = pose_from_json(json[i], "given_", place), refined = pose_from_json(json[i], "", place);
       if (found == by_name.end()) continue;
-      Pose& pose = found->second->camera.cam_from_world;
-      if (is_same(pose, given)) pose = refined;
+      Camera& camera = found->second->camera;
+      Camera world = change_frame(frame, {}, camera);
+      if (!is_same(world.cam_from_world, given)) continue;
+      world.cam_from_world = refined;
+      camera = change_frame({}, frame, world);
     } catch (const Json::exception&) {
       input_error(place, ": expected img_name, qvec[4], tvec[3], given_qvec[4] and given_tvec[3]");
     }

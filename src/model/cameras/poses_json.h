@@ -14,11 +14,13 @@ namespace b3dgs {
 ///   qvec, tvec             refined: unit quaternion w x y z, translation (world units)
 ///   given_qvec, given_tvec the same, as in the scene
 ///   turned_degrees, moved  by how much the refined camera differs: angle, distance of its centre (world units)
-/// `given` and `refined` are the same views.
-nlohmann::ordered_json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined);
+/// `given` and `refined` are the same views, in `frame`.
+nlohmann::ordered_json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined,
+                                     const CoordinateFrame& frame = {});
 
 /// Sets the refined poses of those views that have the name and the given pose of an entry; other views, such as those
-/// of another scene, stay. @throws InputError if the file is damaged
-void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views);
+/// of another scene, stay. `frame` is that of the views. @throws InputError if the file is damaged
+void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views,
+                         const CoordinateFrame& frame = {});
 
 }  // namespace b3dgs

@@ -97,6 +97,9 @@ void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud) {
   const Mat3<double> matrix = to_matrix(rotation);
   const std::array<double, kRest* kRest> sh_matrix = sh_rotation(rotation);
   const auto n_rest = static_cast<std::size_t>(sh_coefficient_count(cloud.sh_degree) - 1);
+  const std::array<double, 3> from = cloud.frame.origin;
+  const Vec origin = matrix * Vec{from[0], from[1], from[2]};
+  cloud.frame.origin = {origin.x, origin.y, origin.z};
   constexpr std::int64_t kGrain = 4096;
   parallel_chunks(cloud.size(), kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (auto row = static_cast<std::size_t>(begin); row < static_cast<std::size_t>(end); ++row) {

@@ -16,7 +16,8 @@ UnitQuat rotation_between(const std::array<double, 3>& from, const std::array<do
 /// The opposite rotation.
 UnitQuat inverse(const UnitQuat& rotation);
 
-/// Rotates means, orientations and SH coefficients: the Gaussians look from the rotated viewpoint as they did before.
+/// Rotates means, orientations and SH coefficients about the origin of the world: the Gaussians look from the rotated
+/// viewpoint as they did before.
 void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud);
 
 /// The matrix [15, 15] that turns SH coefficients of degree 1 to 3, in the order of SplatCloud::shN, into those of the

@@ -34,7 +34,7 @@ void visit_arrays(SplatCloud& cloud, Visit&& visit) {
 
 }  // namespace
 
-bool CropRegion::contains(const float* position) const {
+bool CropRegion::contains(const std::array<double, 3>& position) const {
   double squared = 0;
   bool is_inside = true;
   for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -17,7 +17,7 @@ struct CropRegion {
   std::array<double, 3> center{};       // of a sphere
   double radius = 0;                    // 0: a box
 
-  bool contains(const float* position) const;
+  bool contains(const std::array<double, 3>& position) const;
 };
 
 /// "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere.

@@ -3,6 +3,7 @@
 #include "model/formats/ply.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -10,6 +11,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/ply_reader.h"
+#include "scene/cameras/scene_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -95,19 +97,30 @@ void check_splat_row(const PlyReader& reader, const std::vector<std::string>& co
   }
 }
 
+/// The world's, unless it is too far from the Gaussians for single precision.
+CoordinateFrame frame_of_file(const std::vector<double>& positions) {
+  CoordinateFrame around = choose_frame({}, positions);
+  double largest = 0;
+  for (const double value : positions) largest = std::max(largest, std::abs(value));
+  around.unit = std::max(around.unit, 1e-30 * largest);  // outliers stay finite
+  return around.is_far() ? around : CoordinateFrame{};
+}
+
 }  // namespace
 
-SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree, bool antialiased)
-    : count_(count), sh_degree_(sh_degree), file_(path) {
+SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t count, int sh_degree, bool antialiased,
+                               const CoordinateFrame& frame)
+    : count_(count), sh_degree_(sh_degree), frame_(frame), file_(path) {
   B3DGS_CHECK(sh_degree >= 0 && sh_degree <= kMaxShDegree, "SH degree ", sh_degree);
   std::vector<std::pair<std::string, const char*>> properties;
   SplatCloud none;
   none.sh_degree = sh_degree;
   visit_fields(none, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-    for (const std::string& name : names) properties.emplace_back(name, "float");
-    if (&values == &none.means) {
-      for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
-    }
+    const bool are_means = &values == &none.means;
+    for (const std::string& name : names)
+      properties.emplace_back(name, are_means && frame.is_far() ? "double" : "float");
+    if (!are_means) return;
+    for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
   });
   file_.write(header(count, properties, antialiased ? kAntialiasedComment : ""));
 }
@@ -117,28 +130,47 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
   const std::int64_t n = rows.size();
   B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "expected ", count_, " rows of SH degree ",
               sh_degree_, ", found ", n_written_ + n, " of SH degree ", rows.sh_degree);
-  std::size_t n_properties = kNormals;
+  std::size_t n_floats = kNormals;  // beside the means
   visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
     B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), n, " Gaussians have ", values.size(),
                 " values of ", names.size(), " properties");
-    n_properties += names.size();
+    if (&values != &rows.means) n_floats += names.size();
   });
-  std::vector<float> block;
+  const bool is_far = frame_.is_far();
+  const std::size_t mean_bytes = 3 * (is_far ? sizeof(double) : sizeof(float));
+  const std::size_t row_bytes = mean_bytes + n_floats * sizeof(float);
+  const double log_unit = std::log(frame_.unit);
+  std::vector<char> block;
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
     const std::int64_t end = std::min(n, begin + kRowsPerBlock);
-    block.assign(static_cast<std::size_t>(end - begin) * n_properties, 0.0f);
-    std::size_t column = 0;
-    visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-      const auto width = static_cast<int>(names.size());
-      for (int i = 0; i < width; ++i, ++column) {
-        const int source = &values == &rows.shN ? memory_index(i, sh_degree_) : i;
-        for (std::int64_t row = begin; row < end; ++row) {
-          block[static_cast<std::size_t>(row - begin) * n_properties + column] = values[row * width + source];
+    block.assign(static_cast<std::size_t>(end - begin) * row_bytes, 0);  // normals stay 0
+    const auto put = [&](std::int64_t row, std::size_t offset, auto value) {
+      std::memcpy(block.data() + static_cast<std::size_t>(row - begin) * row_bytes + offset, &value, sizeof value);
+    };
+    for (std::int64_t row = begin; row < end; ++row) {
+      const std::array<double, 3> world = frame_.to_world(&rows.means[static_cast<std::size_t>(3 * row)]);
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        if (is_far) {
+          put(row, axis * sizeof(double), world[axis]);
+        } else {
+          put(row, axis * sizeof(float), static_cast<float>(world[axis]));
         }
       }
-      if (&values == &rows.means) column += kNormals;  // normals stay 0
+    }
+    std::size_t offset = mean_bytes + kNormals * sizeof(float);
+    visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
+      if (&values == &rows.means) return;
+      const bool are_scales = &values == &rows.log_scales;
+      const auto width = static_cast<int>(names.size());
+      for (int i = 0; i < width; ++i, offset += sizeof(float)) {
+        const int source = &values == &rows.shN ? memory_index(i, sh_degree_) : i;
+        for (std::int64_t row = begin; row < end; ++row) {
+          const float value = values[row * width + source];
+          put(row, offset, are_scales ? static_cast<float>(value + log_unit) : value);
+        }
+      }
     });
-    file_.write(block.data(), block.size() * sizeof(float));
+    file_.write(block.data(), block.size());
   }
   n_written_ += n;
 }
@@ -149,7 +181,7 @@ void SplatPlyWriter::commit() {
 }
 
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
-  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree, cloud.antialiased);
+  SplatPlyWriter file(path, cloud.size(), cloud.sh_degree, cloud.antialiased, cloud.frame);
   file.append(cloud);
   file.commit();
 }
@@ -178,6 +210,7 @@ SplatCloud read_splat_ply(FileReader& file) {
   const std::vector<std::string>& comments = reader.comments();
   cloud.antialiased = std::find(comments.begin(), comments.end(), kAntialiasedComment) != comments.end();
   const std::uint64_t n = reader.vertices().count;
+  std::vector<double> positions(3 * n);
   std::vector<std::string> columns;
   visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {
     columns.insert(columns.end(), names.begin(), names.end());
@@ -192,6 +225,10 @@ SplatCloud read_splat_ply(FileReader& file) {
         const int target = &values == &cloud.shN ? memory_index(k, cloud.sh_degree) : k;
         for (std::uint64_t i = 0; i < n_rows; ++i) {
           const double value = rows[i * columns.size() + column];
+          if (&values == &cloud.means) {
+            positions[3 * (first + i) + static_cast<std::size_t>(k)] = value;
+            continue;
+          }
           const bool is_infinite = std::isinf(static_cast<float>(value));  // only of an opacity
           values[(first + i) * width + target] =
               static_cast<float>(is_infinite ? std::copysign(kLargestLogit, value) : value);
@@ -199,6 +236,13 @@ SplatCloud read_splat_ply(FileReader& file) {
       }
     });
   });
+  cloud.frame = frame_of_file(positions);
+  for (std::size_t i = 0; i < positions.size(); i += 3) {
+    const std::array<double, 3> local = cloud.frame.from_world(&positions[i]);
+    for (std::size_t axis = 0; axis < 3; ++axis) cloud.means[i + axis] = static_cast<float>(local[axis]);
+  }
+  const double log_unit = std::log(cloud.frame.unit);
+  for (float& scale : cloud.log_scales) scale = static_cast<float>(scale - log_unit);
   return cloud;
 }
 

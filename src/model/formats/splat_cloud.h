@@ -1,9 +1,12 @@
-// The stored (pre-activation) parameters of Gaussians in host memory: the contents of a PLY, and what training starts
-// from.
+// The stored (pre-activation) parameters of Gaussians in host memory: the contents of a PLY, in a frame of their own,
+// and what training starts from.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
+
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 
@@ -17,8 +20,9 @@ struct SplatCloud {
   // Trained with anti-aliasing: scales and opacities include the 3D filter, and a renderer has to apply the 2D filter
   // (RenderSettings::antialiasing).
   bool antialiased = false;
-  std::vector<float> means;            // [N, 3] world
-  std::vector<float> log_scales;       // [N, 3] natural log of world units
+  CoordinateFrame frame;               // of means and scales
+  std::vector<float> means;            // [N, 3]
+  std::vector<float> log_scales;       // [N, 3] natural log
   std::vector<float> quats;            // [N, 4] w, x, y, z, any length but 0
   std::vector<float> logit_opacities;  // [N]
   std::vector<float> sh0;              // [N, 3] RGB
@@ -26,5 +30,11 @@ struct SplatCloud {
 
   std::int64_t size() const { return static_cast<std::int64_t>(logit_opacities.size()); }
 };
+
+/// World coordinates of the centres of every k-th Gaussian, fewer than twice `at_most`: [N, 3].
+std::vector<double> world_positions(const SplatCloud& cloud, std::size_t at_most = static_cast<std::size_t>(-1));
+
+/// Expresses the same Gaussians in another frame.
+void change_frame(const CoordinateFrame& to, SplatCloud& cloud);
 
 }  // namespace b3dgs

@@ -175,7 +175,7 @@ float decode_opacity(std::uint8_t byte) {
   return static_cast<float>(std::log(opacity / (1 - opacity)));
 }
 
-void encode_fixed(const float* xyz, int fractional_bits, std::uint8_t* bytes) {
+void encode_fixed(const std::array<double, 3>& xyz, int fractional_bits, std::uint8_t* bytes) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double scaled = std::ldexp(static_cast<double>(kAxisSigns[axis]) * xyz[axis], fractional_bits);
     const auto fixed = static_cast<std::uint32_t>(std::lround(scaled));
@@ -231,9 +231,11 @@ void write_header(GzipWriter& gzip, const Header& header) {
 
 int spz_fractional_bits(const SplatCloud& cloud) {
   double extent = 0;
-  for (const float value : cloud.means) {
-    B3DGS_CHECK(std::isfinite(value), "expected finite positions, found ", value);
-    extent = std::max(extent, std::abs(static_cast<double>(value)));
+  for (std::size_t i = 0; i < cloud.means.size(); i += 3) {
+    for (const double value : cloud.frame.to_world(&cloud.means[i])) {
+      B3DGS_CHECK(std::isfinite(value), "expected finite positions, found ", value);
+      extent = std::max(extent, std::abs(value));
+    }
   }
   if (std::round(extent) > kMaxFixed) {
     input_error("a Gaussian has the coordinate ", extent, ", and SPZ holds coordinates up to ", kMaxFixed,
@@ -247,7 +249,8 @@ int spz_fractional_bits(const SplatCloud& cloud) {
     constexpr double kStepsPerScale = 8;
     const auto middle = scales.begin() + static_cast<std::ptrdiff_t>(scales.size() / 2);
     std::nth_element(scales.begin(), middle, scales.end());
-    const double bits = std::ceil(std::log2(kStepsPerScale) - *middle / std::log(2.0));
+    const double world = *middle + std::log(cloud.frame.unit);
+    const double bits = std::ceil(std::log2(kStepsPerScale) - world / std::log(2.0));
     wanted = static_cast<int>(std::clamp<double>(bits, kDefaultFractionalBits, kPositionBits - 1));
   }
   while (std::round(std::ldexp(extent, wanted)) > kMaxFixed) --wanted;
@@ -263,11 +266,12 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
   B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
   B3DGS_CHECK(header.count <= 0xffffffffu, header.count, " Gaussians");
   B3DGS_CHECK(sh_bits >= 1 && sh_bits <= kSpzShBits, sh_bits, " bits");
+  const double log_unit = std::log(cloud.frame.unit);
   AtomicFile file(path);
   GzipWriter gzip(file);
   write_header(gzip, header);
   write_array(gzip, header.count, 9, [&](std::uint64_t row, std::uint8_t* bytes) {
-    encode_fixed(&cloud.means[3 * row], header.fractional_bits, bytes);
+    encode_fixed(cloud.frame.to_world(&cloud.means[3 * row]), header.fractional_bits, bytes);
   });
   write_array(gzip, header.count, 1, [&](std::uint64_t row, std::uint8_t* bytes) {
     *bytes = to_byte(255 / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[row]))));
@@ -276,7 +280,7 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
     for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.sh0[3 * row + k] * kColorScale + 0.5) * 255);
   });
   write_array(gzip, header.count, 3, [&](std::uint64_t row, std::uint8_t* bytes) {
-    for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.log_scales[3 * row + k] + 10.0) * 16);
+    for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.log_scales[3 * row + k] + log_unit + 10.0) * 16);
   });
   write_array(gzip, header.count, header.rotation_bytes(),
               [&](std::uint64_t row, std::uint8_t* bytes) { encode_smallest_three(&cloud.quats[4 * row], bytes); });

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <optional>
 
 namespace b3dgs {
 
@@ -17,6 +19,11 @@ std::array<double, 9> rotation_from_quaternion(const std::array<double, 4>& wxyz
 /// Unit quaternion w, x, y, z with w >= 0 of a rotation matrix (row-major).
 std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& rotation);
 
+/// Where a point is in an image, px, and its distance along the viewing direction.
+struct ImagePoint {
+  double x = 0, y = 0, depth = 0;
+};
+
 /// Pinhole camera. The centre of the upper left pixel is at (0.5, 0.5), as in COLMAP.
 struct Camera {
   int width = 0, height = 0;  // px
@@ -27,8 +34,24 @@ struct Camera {
   /// Camera centre in world coordinates.
   std::array<double, 3> center() const;
 
+  /// The point's place in the image; nothing if the image does not show it.
+  template <class Value>
+  std::optional<ImagePoint> project(const Value* position) const;
+
   /// The same camera for an image of another size; the intrinsics are scaled per axis.
   Camera scaled_to(int new_width, int new_height) const;
 };
+
+template <class Value>
+std::optional<ImagePoint> Camera::project(const Value* position) const {
+  std::array<double, 3> at = cam_from_world.translation;
+  for (std::size_t row = 0; row < 3; ++row) {
+    for (std::size_t axis = 0; axis < 3; ++axis) at[row] += cam_from_world.rotation[3 * row + axis] * position[axis];
+  }
+  if (!(at[2] > 0)) return std::nullopt;
+  const ImagePoint place{fx * at[0] / at[2] + cx, fy * at[1] / at[2] + cy, at[2]};
+  if (!(place.x >= 0 && place.x < width && place.y >= 0 && place.y < height)) return std::nullopt;
+  return place;
+}
 
 }  // namespace b3dgs

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstdint>
 #include <cstdlib>
+#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
@@ -134,6 +135,16 @@ void read_image_into(const fs::path& path, bool white_background, ImageSize size
                 "; the file is damaged or was replaced");
   }
   convert(path, decoded, white_background, rgb);
+}
+
+std::optional<Image8> read_alpha(const fs::path& path) {
+  FileReader file(path);
+  const cv::Mat image = reduce_to_8_bits(path, decode(path, read_bytes(file, file.remaining())));
+  if (image.channels() != 4) return std::nullopt;
+  Image8 alpha(image.cols, image.rows, 1);
+  cv::Mat to(image.rows, image.cols, CV_8UC1, alpha.pixels.data());
+  cv::extractChannel(image, to, 3);
+  return alpha;
 }
 
 ImageSize read_image_size(const fs::path& path) {

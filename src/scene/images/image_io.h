@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 
 #include "scene/images/image.h"
 
@@ -16,6 +17,9 @@ Image8 read_image(const std::filesystem::path& path, bool white_background);
 /// The same, written to 3 x width x height bytes; `size` is that of read_image_size(). @throws InputError also if the
 /// file's size has changed
 void read_image_into(const std::filesystem::path& path, bool white_background, ImageSize size, std::uint8_t* rgb);
+
+/// The alpha channel, 8 bits; nothing if the image has none. @throws InputError as read_image()
+std::optional<Image8> read_alpha(const std::filesystem::path& path);
 
 /// Width and height of an image file, from its header where possible. @throws InputError
 ImageSize read_image_size(const std::filesystem::path& path);

@@ -260,7 +260,8 @@ Json scene_fingerprint(const Scene& scene) {
     photographs.push_back(photograph_fingerprint(view.file));
     masks.push_back(photograph_fingerprint(view.mask_file));
   }
-  return {{"extent", scene.extent},
+  return {{"frame", {{"origin", scene.frame.origin}, {"unit", scene.frame.unit}}},
+          {"extent", scene.extent},
           {"train_views", describe_views(scene)},
           {"camera_crc32s", camera_crcs(scene)},
           {"points_crc32", points_crc(scene.points)},
@@ -268,8 +269,33 @@ Json scene_fingerprint(const Scene& scene) {
           {"masks", std::move(masks)}};
 }
 
+CoordinateFrame checkpoint_frame(const Json& header, const std::string& place) {
+  CoordinateFrame frame;
+  try {
+    const Json& scene = header.at("scene");
+    if (scene.find("frame") == scene.end()) return frame;
+    scene.at("frame").at("origin").get_to(frame.origin);
+    scene.at("frame").at("unit").get_to(frame.unit);
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": invalid checkpoint header: ", error.what());
+  }
+  for (const double value : frame.origin) {
+    if (!std::isfinite(value)) input_error(place, ": invalid checkpoint header: scene.frame.origin");
+  }
+  if (!(frame.unit > 0) || !std::isfinite(frame.unit)) {
+    input_error(place, ": invalid checkpoint header: scene.frame.unit must be above 0, found ", frame.unit);
+  }
+  return frame;
+}
+
+CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint) {
+  return checkpoint_frame(read_checkpoint_header(checkpoint), checkpoint.string());
+}
+
 void check_scene(const Json& header, const Scene& scene, const std::string& place) {
   const std::string remedy = "; resume with the same -s, -i, -r and --eval";
+  B3DGS_CHECK(checkpoint_frame(header, place) == scene.frame, place,
+              ": the scene is in another frame; load it with SceneOptions::frame = checkpoint_frame()");
   try {
     const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
     const std::string difference = describe_difference(before, after, scene);

@@ -36,6 +36,11 @@ std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const Trai
 /// Bytes of these tensors, with the rows of all ranks.
 std::int64_t checkpoint_bytes(const TrainState& state);
 
+/// The frame of a checkpoint's Gaussians, in which the scene has to be loaded (SceneOptions::frame): that of the world
+/// for checkpoints of early versions. @throws InputError
+CoordinateFrame checkpoint_frame(const nlohmann::ordered_json& header, const std::string& place);
+CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint);
+
 /// @throws InputError if a checkpoint with this header was trained on other views than the scene's, or with other poses
 /// or intrinsics. Images need not be loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);

@@ -51,21 +51,13 @@ std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, c
   std::vector<double> values, inverse_depths;
   for (const std::int32_t point : view.points) {
     const float* const position = points.positions.data() + 3 * static_cast<std::size_t>(point);
-    double at[3];
-    for (std::size_t row = 0; row < 3; ++row) {
-      at[row] = camera.cam_from_world.translation[row];
-      for (std::size_t i = 0; i < 3; ++i) {
-        at[row] += camera.cam_from_world.rotation[3 * row + i] * static_cast<double>(position[i]);
-      }
-    }
-    if (!(at[2] > 0)) continue;
-    const double x = camera.fx * at[0] / at[2] + camera.cx, y = camera.fy * at[1] / at[2] + camera.cy;
-    if (!(x >= 0 && x < camera.width && y >= 0 && y < camera.height)) continue;
-    const std::size_t pixel =
-        static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(x);
+    const auto place = camera.project(position);
+    if (!place) continue;
+    const std::size_t pixel = static_cast<std::size_t>(place->y) * static_cast<std::size_t>(camera.width) +
+                              static_cast<std::size_t>(place->x);
     if (view.valid && view.valid->pixels[pixel] == 0) continue;
-    values.push_back(sample(map, x, y));
-    inverse_depths.push_back(1 / at[2]);
+    values.push_back(sample(map, place->x, place->y));
+    inverse_depths.push_back(1 / place->depth);
   }
   return align_depth(values, inverse_depths);
 }

@@ -3,7 +3,7 @@
 
 #include "model/formats/splat_cloud.h"
 #include "raster/torch/gaussian_tensors.h"
-#include "scene/point_cloud.h"
+#include "scene/points/point_cloud.h"
 
 namespace b3dgs {
 

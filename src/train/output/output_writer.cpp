@@ -63,12 +63,13 @@ class CheckpointContent final : public FileContent {
 
 class PlyContent final : public FileContent {
  public:
-  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians, std::filesystem::path obsolete)
+  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians, const CoordinateFrame& frame,
+             std::filesystem::path obsolete)
       : n_(gaussians.size()),
         sh_degree_(sh_degree_of(gaussians)),
         has_filters_(gaussians.filters.defined()),
         obsolete_(std::move(obsolete)),
-        file_(path, n_, sh_degree_, has_filters_) {}
+        file_(path, n_, sh_degree_, has_filters_, frame) {}
 
   void fill(const std::vector<Bytes>& arrays, const ReadPieces& read) override {
     constexpr std::int64_t kBlock = 16384;
@@ -270,13 +271,13 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_j
   }
 }
 
-void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
-                             const std::filesystem::path& obsolete) {
+void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
+                             bool may_copy, const std::filesystem::path& obsolete) {
   std::vector<Bytes> arrays;
   for (const torch::Tensor* tensor : gaussians.all()) arrays.push_back(bytes_of(*tensor));
   if (gaussians.filters.defined()) arrays.push_back(bytes_of(gaussians.filters));
   impl_->write(
-      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians, obsolete); }, arrays, may_copy);
+      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians, frame, obsolete); }, arrays, may_copy);
 }
 
 bool OutputWriter::is_busy() const {

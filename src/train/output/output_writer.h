@@ -16,6 +16,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "model/formats/splat_cloud.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/checkpoint/checkpoint_file.h"
 
@@ -51,7 +52,8 @@ class OutputWriter {
   void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
                         const std::vector<TensorPieces>& tensors);
   /// Removes `obsolete`, a file that belongs to an older PLY of that name, once this one is in its place.
-  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, bool may_copy,
+  /// `frame` is that of the Gaussians.
+  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame, bool may_copy,
                  const std::filesystem::path& obsolete = {});
 
   bool is_busy() const;

@@ -135,8 +135,8 @@ void TrainRecorder::write_ply(const GaussianTensors& gaussians, const Background
   // One from an earlier session at this iteration belongs to that session's PLY.
   const std::filesystem::path obsolete = background.is_defined() ? std::filesystem::path() : background_file;
   outputs_.n_saved = gaussians.size();
-  writer_.write_ply(file, gaussians, has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)),
-                    obsolete);
+  writer_.write_ply(file, gaussians, source_.frame,
+                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)), obsolete);
   if (!is_end()) return;
   writer_.wait();
   collect_files();

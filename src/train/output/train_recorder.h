@@ -35,6 +35,7 @@ class TrainRecorder {
     const TimeAccount& time;
     MemorySource& memory;
     StageTimer& timer;
+    const CoordinateFrame& frame;  // of the Gaussians
   };
 
   TrainRecorder(const Source& source, torch::Device device) : source_(source), writer_(device) {}

@@ -22,12 +22,13 @@ class CameraPath {
 
   seconds(between) { return Math.max(0, this.keys.length - 1) * between; }
 
-  /// In the form of nerfstudio's camera paths.
-  file(between, width, height, fps) {
+  /// In the form of nerfstudio's camera paths, in world coordinates: origin + unit * those of the page.
+  file(between, width, height, fps, origin, unit) {
     const seconds = this.seconds(between), n = Math.max(1, Math.round(seconds * fps) + 1);
     const frames = [];
     for (let i = 0; i < n; ++i) {
       const camera = Object.assign(new PageCamera(), this.at(n > 1 ? i / (n - 1) * (this.keys.length - 1) : 0));
+      camera.position = add(origin, mul(camera.position, unit));
       frames.push({camera_to_world: camera.matrix(), fov: camera.fov, aspect: width / height});
     }
     return {camera_type: "perspective", render_width: width, render_height: height, fps, seconds: n / fps,

@@ -31,6 +31,7 @@ class Render : public ::testing::Test {
     SceneOptions options;
     options.source_path = path("scene");
     options.load_images = false;
+    options.frame = CoordinateFrame{};
     views_ = load_scene(options).train;
     test::write_bytes(folder_ / "cameras.json", cameras_to_json({}, views_).dump());
   }

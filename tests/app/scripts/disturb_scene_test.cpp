@@ -46,6 +46,7 @@ class DisturbScene : public testing::TestWithParam<std::string> {
     SceneOptions options;
     options.source_path = folder.string();
     options.eval = true;
+    options.frame = CoordinateFrame{};
     return load_scene(options);
   }
 

@@ -45,7 +45,7 @@ TEST(NearPlane, PointsThatAreTooNearAreCounted) {
   const Scene small = scaled_scene(0.01);
   const std::string warning = near_plane_warning(small.points.positions, small.train, 0.2);
   const std::string n = std::to_string(small.points.size());
-  EXPECT_EQ(warning.rfind(n + " of " + n + " points are nearer than --near_plane 0.2 (world units)", 0), 0u) << warning;
+  EXPECT_EQ(warning.rfind(n + " of " + n + " points are nearer than --near_plane 0.2 in the views", 0), 0u) << warning;
   const std::string advice = "such as --near_plane ";
   ASSERT_NE(warning.find(advice), std::string::npos) << warning;
   const double smaller = std::stod(warning.substr(warning.find(advice) + advice.size()));

@@ -28,10 +28,12 @@ TEST(TransformsTraining, ResultIsThatOfTheColmapScene) {
   write_file(temp / "scene/transforms.json", json.dump());
   SceneOptions colmap_options;
   colmap_options.source_path = source.string();
+  colmap_options.frame = CoordinateFrame{};
   const Scene colmap = load_scene(colmap_options);
   write_point_ply(temp / "scene/points.ply", colmap.points);
   SceneOptions transforms_options;
   transforms_options.source_path = (temp / "scene").string();
+  transforms_options.frame = CoordinateFrame{};
   const Scene transforms = load_scene(transforms_options);
   ASSERT_EQ(colmap.train.size(), transforms.train.size());
   EXPECT_EQ(colmap.points.positions, transforms.points.positions);

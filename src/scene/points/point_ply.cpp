@@ -1,4 +1,4 @@
-#include "scene/point_ply.h"
+#include "scene/points/point_ply.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,10 +14,30 @@ namespace {
 
 constexpr std::int64_t kRowsPerBlock = 4096;
 
-std::string header(std::int64_t count) {
-  return detail::concat("ply\nformat binary_little_endian 1.0\nelement vertex ", count,
-                        "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
-                        "property uchar green\nproperty uchar blue\nend_header\n");
+std::string header(std::int64_t count, const char* type) {
+  std::string text = detail::concat("ply\nformat binary_little_endian 1.0\nelement vertex ", count, "\n");
+  for (const char* name : {"x", "y", "z"}) text += detail::concat("property ", type, " ", name, "\n");
+  return text + "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+}
+
+template <class Value>
+void write_rows(AtomicFile& file, const WorldPoints& points) {
+  constexpr std::size_t kRowBytes = 3 * sizeof(Value) + 3;
+  const std::int64_t n = points.size();
+  file.write(header(n, sizeof(Value) == sizeof(float) ? "float" : "double"));
+  std::vector<char> block;
+  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
+    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
+    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
+    char* to = block.data();
+    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
+      const double* const from = points.positions.data() + 3 * row;
+      const Value position[3]{static_cast<Value>(from[0]), static_cast<Value>(from[1]), static_cast<Value>(from[2])};
+      std::memcpy(to, position, sizeof position);
+      std::memcpy(to + sizeof position, points.colors.data() + 3 * row, 3);
+    }
+    file.write(block.data(), block.size());
+  }
 }
 
 }  // namespace
@@ -37,33 +57,21 @@ void refuse_other_ply(const PlyReader& reader) {
   }
 }
 
-void write_point_ply(const std::filesystem::path& path, const PointCloud& points) {
-  const std::int64_t n = points.size();
+void write_point_ply(const std::filesystem::path& path, const PointCloud& points, const CoordinateFrame& frame) {
   B3DGS_CHECK(points.positions.size() == points.colors.size(), points.positions.size(), " coordinates, ",
               points.colors.size(), " colour values");
-  constexpr std::size_t kPositionBytes = 3 * sizeof(float), kRowBytes = kPositionBytes + 3;
   AtomicFile file(path);
-  file.write(header(n));
-  std::vector<char> block;
-  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
-    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
-    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
-    char* to = block.data();
-    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
-      std::memcpy(to, points.positions.data() + 3 * row, kPositionBytes);
-      std::memcpy(to + kPositionBytes, points.colors.data() + 3 * row, 3);
-    }
-    file.write(block.data(), block.size());
-  }
+  const WorldPoints world = in_world(frame, points);
+  frame.is_far() ? write_rows<double>(file, world) : write_rows<float>(file, world);
   file.commit();
 }
 
-PointCloud read_point_ply(const std::filesystem::path& path) {
+WorldPoints read_point_ply(const std::filesystem::path& path) {
   FileReader file(path);
   return read_point_ply(file);
 }
 
-PointCloud read_point_ply(FileReader& file) {
+WorldPoints read_point_ply(FileReader& file) {
   PlyReader reader(file);
   refuse_other_ply(reader);
   const PlyElement& vertices = reader.vertices();
@@ -74,7 +82,7 @@ PointCloud read_point_ply(FileReader& file) {
     for (const char* name : {"red", "green", "blue"}) columns.emplace_back(name);
     to_8_bits = red->type >= PlyType::kFloat32 ? 255.0 : red->type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
   }
-  PointCloud points;
+  WorldPoints points;
   points.positions.resize(vertices.count * 3);
   points.colors.assign(vertices.count * 3, 128);
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
@@ -87,7 +95,7 @@ PointCloud read_point_ply(FileReader& file) {
         }
         const std::uint64_t at = (first + i) * 3;
         if (k < 3) {
-          points.positions[at + k] = static_cast<float>(row[k]);
+          points.positions[at + k] = row[k];
         } else {
           points.colors[at + k - 3] =
               static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));

@@ -1,0 +1,401 @@
+#!/usr/bin/env python3
+"""Renders scenes with known geometry, to judge presets on scenes that nobody tuned them on. Path-traced by Cycles on a
+CPU (Debian: apt install blender).
+
+Usage: blender -b -P scripts/make_scenes.py -- OUTPUT [--scenes toy,room] [--views N] [--size PX] [--samples N]
+
+Each scene is a folder OUTPUT/NAME with images/, transforms.json and points.ply, and OUTPUT/NAME_no_points with the same
+photographs and no points. points.ply has 20,000 places that rays through random pixels hit, with noise of 0.2 % of their
+distance. A scene whose NAME_no_points/transforms.json exists is skipped, and images that exist are kept, whatever the
+options: delete the folders to change them.
+
+  toy        an object with alpha, seen from all around; nothing behind it
+  wires      a bicycle of thin bars before a fence
+  glossy     mirrors and varnish under a sky
+  room       a furnished room, seen from inside
+  street     houses, trees and a sky, seen by somebody who walks
+  exposure   the room from other cameras; the exposure of each photograph differs by up to one stop either way
+"""
+import argparse
+import json
+import math
+import os
+import random
+import struct
+import sys
+
+import bpy
+from mathutils import Matrix, Vector
+
+POINTS = 20000
+NOISE = 0.002  # standard deviation of a point's coordinates, as a share of its distance from the camera
+
+
+# ---------------------------------------------------------------------------------------------------- materials
+
+def material(name, color, other, scale=8.0, texture="ShaderNodeTexNoise", roughness=0.8, metallic=0.0):
+    """Two colours in a pattern."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    nodes, links = made.node_tree.nodes, made.node_tree.links
+    shader = nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = roughness
+    shader.inputs["Metallic"].default_value = metallic
+    pattern = nodes.new(texture)
+    pattern.inputs["Scale"].default_value = scale
+    if texture == "ShaderNodeTexNoise":
+        pattern.inputs["Detail"].default_value = 8
+    ramp = nodes.new("ShaderNodeValToRGB")
+    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[1].position = 0.4, 0.6
+    ramp.color_ramp.elements[0].color = (*color, 1)
+    ramp.color_ramp.elements[1].color = (*other, 1)
+    place = nodes.new("ShaderNodeTexCoord")
+    links.new(place.outputs["Object"], pattern.inputs["Vector"])
+    links.new(pattern.outputs[0 if texture != "ShaderNodeTexChecker" else 1], ramp.inputs["Fac"])
+    links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
+    return made
+
+
+def lamp_material(strength):
+    made = bpy.data.materials.new("lamp")
+    made.use_nodes = True
+    nodes, links = made.node_tree.nodes, made.node_tree.links
+    light = nodes.new("ShaderNodeEmission")
+    light.inputs["Strength"].default_value = strength
+    links.new(light.outputs[0], nodes["Material Output"].inputs["Surface"])
+    return made
+
+
+# ------------------------------------------------------------------------------------------------------ objects
+
+def put(made_of, **_):
+    thing = bpy.context.object
+    thing.data.materials.append(made_of)
+    return thing
+
+
+def box(made_of, at, size, turn=0.0):
+    bpy.ops.mesh.primitive_cube_add(size=1, location=at, rotation=(0, 0, turn))
+    thing = put(made_of)
+    thing.scale = size
+    return thing
+
+
+def ball(made_of, at, radius):
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=at, segments=48, ring_count=24)
+    thing = put(made_of)
+    bpy.ops.object.shade_smooth()
+    return thing
+
+
+def bar(made_of, start, end, radius):
+    start, end = Vector(start), Vector(end)
+    along = end - start
+    bpy.ops.mesh.primitive_cylinder_add(radius=radius, depth=along.length, location=(start + end) / 2, vertices=16)
+    thing = put(made_of)
+    thing.rotation_mode = "QUATERNION"
+    thing.rotation_quaternion = along.to_track_quat("Z", "Y")
+    return thing
+
+
+def ring(made_of, at, radius, thickness, turn=(0, 0, 0)):
+    bpy.ops.mesh.primitive_torus_add(location=at, rotation=turn, major_radius=radius, minor_radius=thickness)
+    return put(made_of)
+
+
+def head(made_of, at, size, turn):
+    bpy.ops.mesh.primitive_monkey_add(size=size, location=at, rotation=turn)
+    thing = put(made_of)
+    thing.modifiers.new("smooth", "SUBSURF").render_levels = 2
+    return thing
+
+
+def floor(made_of, size, hills=0.0):
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=120, y_subdivisions=120, size=size)
+    thing = put(made_of)
+    for vertex in thing.data.vertices:
+        x, y = vertex.co.x, vertex.co.y
+        vertex.co.z = hills * (math.sin(0.7 * x) * math.cos(0.5 * y) + 0.3 * math.sin(2.1 * x + 1.3 * y))
+    return thing
+
+
+def lamp(at, energy, size):
+    bpy.ops.object.light_add(type="AREA", location=at)
+    bpy.context.object.data.energy = energy
+    bpy.context.object.data.size = size
+
+
+def sky():
+    world = bpy.data.worlds[0] if bpy.data.worlds else bpy.data.worlds.new("world")
+    bpy.context.scene.world = world
+    world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    texture = nodes.new("ShaderNodeTexSky")
+    texture.sky_type = "NISHITA"
+    texture.sun_elevation, texture.sun_intensity = 0.6, 0.3
+    links.new(texture.outputs[0], nodes["Background"].inputs[0])
+    nodes["Background"].inputs[1].default_value = 0.12
+
+
+def grey_world(strength):
+    world = bpy.data.worlds[0] if bpy.data.worlds else bpy.data.worlds.new("world")
+    bpy.context.scene.world = world
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs[0].default_value = (1, 1, 1, 1)
+    world.node_tree.nodes["Background"].inputs[1].default_value = strength
+
+
+# ------------------------------------------------------------------------------------------------------- scenes
+# Each builds its objects and returns for view i of n: (position, target).
+
+def around(radius, low, high, target=(0, 0, 0.6)):
+    def camera(i, n, chance):
+        turn = 2 * math.pi * (i * 0.618034 % 1)
+        up = low + (high - low) * (i + 0.5) / n
+        r = radius * chance.uniform(0.9, 1.1)
+        return ((r * math.cos(up) * math.cos(turn), r * math.cos(up) * math.sin(turn), r * math.sin(up) + target[2]),
+                target)
+    return camera
+
+
+def toy():
+    grey_world(1.0)
+    lamp((3, -2, 5), 400, 2)
+    box(material("body", (0.8, 0.1, 0.05), (0.9, 0.7, 0.1), 12, "ShaderNodeTexVoronoi"), (0, 0, 0.5), (1.4, 0.8, 0.5))
+    box(material("cabin", (0.1, 0.3, 0.7), (0.8, 0.9, 1), 20), (-0.3, 0, 0.95), (0.6, 0.7, 0.45))
+    tyre = material("tyre", (0.02, 0.02, 0.02), (0.15, 0.15, 0.15), 30)
+    for x in (-0.5, 0.5):
+        for y in (-0.45, 0.45):
+            ring(tyre, (x, y, 0.25), 0.2, 0.08, (math.pi / 2, 0, 0))
+    rod = material("rod", (0.9, 0.8, 0.1), (0.3, 0.2, 0.1), 30)
+    for i in range(12):
+        bar(rod, (0.2 + 0.04 * i, -0.35, 0.75), (0.2 + 0.04 * i, 0.35, 0.95), 0.012)
+    head(material("head", (0.2, 0.6, 0.2), (0.9, 0.9, 0.5), 6), (0.45, 0, 1.05), 0.3, (0, 0, 1.2))
+    return around(3.6, -0.1, 1.3, (0, 0, 0.5))
+
+
+def wires():
+    sky()
+    floor(material("ground", (0.25, 0.2, 0.15), (0.5, 0.5, 0.4), 3), 14)
+    steel = material("steel", (0.5, 0.5, 0.55), (0.2, 0.2, 0.25), 40, roughness=0.4)
+    for i in range(21):
+        bar(steel, (-2 + 0.2 * i, 1.2, 0), (-2 + 0.2 * i, 1.2, 1.1), 0.012)
+    for z in (0.2, 1.0):
+        bar(steel, (-2, 1.2, z), (2, 1.2, z), 0.02)
+    red = material("red", (0.7, 0.05, 0.05), (0.9, 0.3, 0.2), 40)
+    for x in (-0.55, 0.55):
+        ring(red, (x, 0, 0.4), 0.38, 0.02, (math.pi / 2, 0, 0))
+        for i in range(14):
+            a = 2 * math.pi * i / 14
+            bar(steel, (x, 0, 0.4), (x + 0.37 * math.cos(a), 0, 0.4 + 0.37 * math.sin(a)), 0.004)
+    for start, end in (((-0.55, 0, 0.4), (-0.2, 0, 0.85)), ((-0.2, 0, 0.85), (0.4, 0, 0.9)), ((0.55, 0, 0.4), (0.4, 0, 0.9)),
+                       ((0, 0, 0.35), (-0.2, 0, 0.85)), ((0, 0, 0.35), (0.4, 0, 0.9)), ((-0.55, 0, 0.4), (0, 0, 0.35))):
+        bar(red, start, end, 0.02)
+    return around(3.2, 0.15, 0.9, (0, 0, 0.5))
+
+
+def glossy():
+    sky()
+    floor(material("tiles", (0.85, 0.85, 0.8), (0.15, 0.2, 0.3), 2, "ShaderNodeTexChecker", roughness=0.3), 12)
+    ball(material("mirror", (0.95, 0.95, 0.95), (0.9, 0.9, 0.9), 1, roughness=0.03, metallic=1), (0, 0, 0.6), 0.6)
+    ball(material("gold", (1, 0.7, 0.3), (0.9, 0.6, 0.2), 4, roughness=0.2, metallic=1), (1.2, 0.5, 0.35), 0.35)
+    ball(material("varnish", (0.6, 0.05, 0.1), (0.1, 0.1, 0.5), 6, roughness=0.08), (-1.1, 0.6, 0.4), 0.4)
+    head(material("bronze", (0.5, 0.3, 0.1), (0.3, 0.4, 0.3), 5, roughness=0.25, metallic=1), (0.3, -1.2, 0.5), 0.7,
+         (0, 0, -0.6))
+    box(material("wood", (0.4, 0.2, 0.08), (0.25, 0.12, 0.05), 15, roughness=0.15), (-0.9, -0.9, 0.3), (0.6, 0.6, 0.6), 0.4)
+    return around(4.0, 0.15, 1.0)
+
+
+def furnish():
+    grey_world(0.0)
+    lamp((0, 0, 2.55), 120, 1.5)
+    wall = material("wall", (0.75, 0.7, 0.6), (0.7, 0.68, 0.62), 1.5)
+    for at, size in (((0, 2.5, 1.3), (6, 0.1, 2.6)), ((0, -2.5, 1.3), (6, 0.1, 2.6)), ((3, 0, 1.3), (0.1, 5, 2.6)),
+                     ((-3, 0, 1.3), (0.1, 5, 2.6)), ((0, 0, 2.65), (6, 5, 0.1))):
+        box(wall, at, size)
+    box(material("parquet", (0.45, 0.25, 0.1), (0.3, 0.17, 0.07), 6, "ShaderNodeTexChecker"), (0, 0, -0.05), (6, 5, 0.1))
+    chance = random.Random(5)
+    shelf = material("shelf", (0.5, 0.35, 0.2), (0.4, 0.28, 0.15), 20)
+    for row in range(4):
+        box(shelf, (-2.75, 0, 0.4 + 0.5 * row), (0.4, 3, 0.04))
+        y = -1.4
+        while y < 1.4:
+            width, height = chance.uniform(0.04, 0.12), chance.uniform(0.2, 0.4)
+            color = [chance.random() for _ in range(3)]
+            book = material("book", color, [0.5 * c for c in color], 60)
+            box(book, (-2.75, y, 0.42 + 0.5 * row + height / 2), (0.25, width * 0.9, height))
+            y += width
+    box(material("table", (0.5, 0.3, 0.15), (0.35, 0.2, 0.1), 8, roughness=0.3), (0.6, 0.3, 0.72), (1.4, 0.8, 0.05))
+    for x in (0.0, 1.2):
+        for y in (0.0, 0.6):
+            bar(shelf, (x, y, 0), (x, y, 0.7), 0.03)
+    head(material("vase", (0.1, 0.4, 0.6), (0.9, 0.9, 0.9), 8), (0.5, 0.3, 0.95), 0.4, (0, 0, 2))
+    ball(material("bowl", (0.9, 0.5, 0.1), (0.8, 0.2, 0.1), 10, roughness=0.2), (1.0, 0.4, 0.85), 0.12)
+    box(material("sofa", (0.2, 0.3, 0.25), (0.25, 0.4, 0.3), 40), (0.5, -1.9, 0.35), (2.2, 0.8, 0.7))
+    box(material("rug", (0.6, 0.1, 0.1), (0.2, 0.1, 0.3), 10, "ShaderNodeTexVoronoi"), (0.5, 0, 0.005), (2.6, 1.8, 0.01))
+    for x in (-1.5, 0.2, 1.9):
+        picture = material("picture", [chance.random() for _ in range(3)], [chance.random() for _ in range(3)], 7,
+                           "ShaderNodeTexVoronoi")
+        box(picture, (x, 2.43, 1.6), (0.9, 0.03, 0.7))
+
+
+def room():
+    furnish()
+
+    def camera(i, n, chance):
+        turn = 2 * math.pi * i / n
+        at = (1.3 * math.cos(turn) + chance.uniform(-0.3, 0.3), 1.1 * math.sin(turn) + chance.uniform(-0.3, 0.3),
+              chance.uniform(1.1, 1.9))
+        look = turn + chance.choice((0.0, 0.7, -0.7, math.pi))
+        return at, (at[0] + 2 * math.cos(look), at[1] + 2 * math.sin(look), at[2] + chance.uniform(-0.9, 0.2))
+    return camera
+
+
+def street():
+    sky()
+    floor(material("meadow", (0.1, 0.25, 0.05), (0.3, 0.3, 0.1), 0.8), 120, hills=0.15)
+    box(material("road", (0.15, 0.15, 0.15), (0.22, 0.22, 0.2), 3), (0, 0, 0.16), (120, 4, 0.1))
+    chance = random.Random(3)
+    bark = material("bark", (0.2, 0.12, 0.06), (0.3, 0.2, 0.1), 10)
+    leaf = material("leaf", (0.05, 0.2, 0.03), (0.2, 0.4, 0.08), 5)
+    roof = material("roof", (0.4, 0.12, 0.07), (0.3, 0.08, 0.05), 8, "ShaderNodeTexChecker")
+    for i in range(9):
+        for side in (-1, 1):
+            x = -24 + 6 * i + chance.uniform(-1, 1)
+            if (i + side) % 3 == 0:
+                color = [chance.uniform(0.3, 0.9) for _ in range(3)]
+                height = chance.uniform(3, 5)
+                box(material("house", color, [0.8 * c for c in color], 3), (x, 8 * side, height / 2), (4, 4, height))
+                bpy.ops.mesh.primitive_cone_add(vertices=4, radius1=3.2, depth=1.8, location=(x, 8 * side, height + 0.9),
+                                                rotation=(0, 0, math.pi / 4))
+                put(roof)
+                glass = material("glass", (0.05, 0.08, 0.1), (0.1, 0.15, 0.2), 2, roughness=0.1)
+                for window in (-1, 1):
+                    box(glass, (x + window, 5.97 * side, 1.8), (0.8, 0.06, 1.1))
+            else:
+                y = side * chance.uniform(3.5, 7)
+                bar(bark, (x, y, 0), (x, y, 2), 0.15)
+                for _ in range(7):
+                    ball(leaf, (x + chance.uniform(-0.7, 0.7), y + chance.uniform(-0.7, 0.7), chance.uniform(2, 3.6)),
+                         chance.uniform(0.4, 0.8))
+
+    def camera(i, n, chance):
+        at = (-9 + 18 * i / n, chance.uniform(-1.5, 1.5), chance.uniform(1.5, 2.2))
+        look = chance.choice((0.0, 0.6, -0.6, 1.3, -1.3))
+        return at, (at[0] + math.cos(look), at[1] + math.sin(look), at[2] + chance.uniform(-0.15, 0.1))
+    return camera
+
+
+SCENES = {"toy": (toy, 100), "wires": (wires, 100), "glossy": (glossy, 100), "room": (room, 160), "street": (street, 120),
+          "exposure": (room, 120)}
+
+
+# ------------------------------------------------------------------------------------------------------ rendering
+
+def empty_scene(size, samples, has_alpha):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.device, scene.cycles.samples = "CPU", samples
+    scene.cycles.use_denoising = False  # Debian builds Blender without a denoiser
+    scene.cycles.max_bounces = 6
+    scene.render.resolution_x, scene.render.resolution_y = size, size if has_alpha else round(0.75 * size)
+    scene.render.film_transparent = has_alpha
+    scene.render.image_settings.file_format = "PNG"
+    scene.render.image_settings.color_mode = "RGBA" if has_alpha else "RGB"
+    scene.view_settings.view_transform = "Standard"
+    scene.render.use_persistent_data = True
+    return scene
+
+
+def points_of(views, folder, scene, has_alpha, chance):
+    """Where rays through random pixels hit, with the colours of the photographs there."""
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    graph = bpy.context.evaluated_depsgraph_get()
+    points = []
+    for name, matrix, focal in views:
+        image = bpy.data.images.load(os.path.join(folder, name))
+        pixels = image.pixels[:]
+        origin = matrix.translation
+        for _ in range(4 * POINTS // len(views)):
+            if len(points) * len(views) >= POINTS * (views.index((name, matrix, focal)) + 1):
+                break
+            x, y = chance.uniform(0, width), chance.uniform(0, height)
+            ray = matrix.to_3x3() @ Vector(((x - width / 2) / focal, (height / 2 - y) / focal, -1))
+            hit, place, _, _, _, _ = scene.ray_cast(graph, origin, ray)
+            if not hit:
+                continue
+            distance = (place - origin).length
+            noisy = [value + chance.gauss(0, NOISE * distance) for value in place]
+            at = 4 * ((height - 1 - int(y)) * width + int(x))
+            points.append((noisy, [min(255, round(255 * value)) for value in pixels[at:at + 3]]))
+        bpy.data.images.remove(image)
+    return points
+
+
+def write_ply(path, points):
+    with open(path, "wb") as file:
+        file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nproperty float y\n"
+                   b"property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+                   % len(points))
+        for place, color in points:
+            file.write(struct.pack("<3f3B", *place, *color))
+
+
+def make(name, output, views_wanted, size, samples):
+    folder, bare = os.path.join(output, name), os.path.join(output, name + "_no_points")
+    if os.path.exists(os.path.join(bare, "transforms.json")):
+        return
+    build, n = SCENES[name]
+    n = views_wanted or n
+    has_alpha = name == "toy"
+    scene = empty_scene(size, samples, has_alpha)
+    place = build()
+    lens = bpy.data.cameras.new("camera")
+    camera = bpy.data.objects.new("camera", lens)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36, 35 if not has_alpha else 50
+    focal = lens.lens / lens.sensor_width * scene.render.resolution_x
+    chance = random.Random(name)
+    views = []
+    for i in range(n):
+        at, target = place(i, n, chance)
+        turn = (Vector(target) - Vector(at)).to_track_quat("-Z", "Y")
+        camera.matrix_world = Matrix.Translation(at) @ turn.to_matrix().to_4x4()
+        scene.view_settings.exposure = chance.uniform(-1, 1) if name == "exposure" else 0
+        file = f"images/{i:04}.png"
+        scene.render.filepath = os.path.join(folder, file)
+        if not os.path.exists(scene.render.filepath):
+            bpy.ops.render.render(write_still=True)
+        views.append((file, camera.matrix_world.copy(), focal))
+    points = points_of(views, folder, scene, has_alpha, chance)
+    write_ply(os.path.join(folder, "points.ply"), points)
+    json_of_scene = {"w": scene.render.resolution_x, "h": scene.render.resolution_y, "fl_x": focal, "fl_y": focal,
+                     "cx": scene.render.resolution_x / 2, "cy": scene.render.resolution_y / 2,
+                     "frames": [{"file_path": file, "transform_matrix": [list(row) for row in matrix]}
+                                for file, matrix, _ in views]}
+    os.makedirs(bare, exist_ok=True)
+    if not os.path.lexists(os.path.join(bare, "images")):
+        os.symlink(os.path.join("..", name, "images"), os.path.join(bare, "images"))
+    with open(os.path.join(folder, "transforms.json"), "w") as file:
+        json.dump({"ply_file_path": "points.ply", **json_of_scene}, file, indent=1)
+    with open(os.path.join(bare, "transforms.json"), "w") as file:
+        json.dump(json_of_scene, file, indent=1)
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="make_scenes.py")
+    parser.add_argument("output")
+    parser.add_argument("--scenes", default=",".join(SCENES))
+    parser.add_argument("--views", type=int, default=0)
+    parser.add_argument("--size", type=int, default=400)
+    parser.add_argument("--samples", type=int, default=100)
+    options = parser.parse_args(sys.argv[sys.argv.index("--") + 1:] if "--" in sys.argv else [])
+    for name in options.scenes.split(","):
+        if name not in SCENES:
+            parser.error(f"unknown scene: {name} (expected some of {', '.join(SCENES)})")
+        make(name, options.output, options.views, options.size, options.samples)
+
+
+main()

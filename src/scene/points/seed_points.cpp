@@ -1,0 +1,304 @@
+#include "scene/points/seed_points.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "core/parallel.h"
+#include "core/random.h"
+#include "scene/cameras/scene_frame.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr int kDepths = 128;                                                       // of the sweep
+constexpr double kNearest = 0.25 * kTypicalDepth, kFarthest = 20 * kTypicalDepth;  // of the sweep
+constexpr double kLeastDepth = 0.1 * kTypicalDepth;                                // of a point in any view
+constexpr std::size_t kNeighbours = 6;
+constexpr int kPatch = 3, kPatchStep = 2;  // px
+constexpr std::size_t kPatchPixels = kPatch * kPatch;
+constexpr float kClearCost = 12, kClearShare = 0.6f, kLeastContrast = 4;  // of 255
+constexpr float kUnseen = std::numeric_limits<float>::max();
+
+using Vec = std::array<double, 3>;
+
+Vec rotated(const std::array<double, 9>& r, const Vec& v) {
+  Vec result{};
+  for (std::size_t row = 0; row < 3; ++row)
+    result[row] = r[3 * row] * v[0] + r[3 * row + 1] * v[1] + r[3 * row + 2] * v[2];
+  return result;
+}
+
+Vec rotated_back(const std::array<double, 9>& r, const Vec& v) {
+  Vec result{};
+  for (std::size_t row = 0; row < 3; ++row) result[row] = r[row] * v[0] + r[3 + row] * v[1] + r[6 + row] * v[2];
+  return result;
+}
+
+/// Direction of a pixel in the camera's frame, with z = 1.
+Vec direction(const Camera& camera, double x, double y) {
+  return {(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1};
+}
+
+Vec point_at(const Camera& camera, double x, double y, double depth) {
+  Vec point = direction(camera, x, y);
+  for (std::size_t i = 0; i < 3; ++i) point[i] = depth * point[i] - camera.cam_from_world.translation[i];
+  return rotated_back(camera.cam_from_world.rotation, point);
+}
+
+const std::uint8_t* pixel(const Image8& image, double x, double y) {
+  const auto column = static_cast<std::size_t>(x), row = static_cast<std::size_t>(y);
+  return &image.pixels[(row * static_cast<std::size_t>(image.width) + column) *
+                       static_cast<std::size_t>(image.channels)];
+}
+
+/// Of a mask without pixels: everywhere.
+bool is_set(const Image8& mask, double x, double y) {
+  return mask.pixels.empty() || *pixel(mask, x, y) != 0;
+}
+
+/// Whether no view rules the point out: as empty there, or too close to its camera.
+bool may_be(const std::vector<SeedView>& views, const Vec& point) {
+  return std::all_of(views.begin(), views.end(), [&](const SeedView& view) {
+    const auto place = view.camera.project(point.data());
+    return !place || (place->depth >= kLeastDepth && is_set(view.content, place->x, place->y));
+  });
+}
+
+/// The views that see the most of the same from another place: those with the nearest centres, but for those at almost
+/// the same place, whose rays are too parallel to tell a depth, and those turned by more than 60 degrees.
+std::vector<std::size_t> neighbours_of(const std::vector<SeedView>& views, std::size_t view) {
+  constexpr double kLeastDistance = 0.03 * kTypicalDepth, kLeastCosine = 0.5;
+  const Vec center = views[view].camera.center();
+  const std::array<double, 9>& own = views[view].camera.cam_from_world.rotation;
+  std::vector<std::pair<double, std::size_t>> others;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const Vec other = views[i].camera.center();
+    const std::array<double, 9>& r = views[i].camera.cam_from_world.rotation;
+    const double cosine = own[6] * r[6] + own[7] * r[7] + own[8] * r[8];
+    const double distance = std::hypot(other[0] - center[0], other[1] - center[1], other[2] - center[2]);
+    if (i == view || distance < kLeastDistance || cosine < kLeastCosine) continue;
+    others.emplace_back(distance, i);
+  }
+  std::sort(others.begin(), others.end());
+  std::vector<std::size_t> chosen;
+  for (std::size_t i = 0; i < std::min(kNeighbours, others.size()); ++i) chosen.push_back(others[i].second);
+  return chosen;
+}
+
+/// The pixels around one, as another view sees them at some depth: depth * direction + offset, in pixels times depth.
+struct Sight {
+  const Image8* image = nullptr;
+  std::array<Vec, kPatchPixels> directions{};
+  Vec offset{};
+};
+
+Vec in_pixels(const Camera& camera, const Vec& v) {
+  return {camera.fx * v[0] + camera.cx * v[2], camera.fy * v[1] + camera.cy * v[2], v[2]};
+}
+
+/// A pixel whose depth is looked for.
+struct Pixel {
+  std::size_t view = 0;
+  double x = 0, y = 0;
+};
+
+using Patch = std::array<std::array<float, 3>, kPatchPixels>;
+
+Sight sight(const SeedView& from, const SeedView& to, const Pixel& at) {
+  Sight result;
+  result.image = &to.image;
+  const Pose &own = from.camera.cam_from_world, &other = to.camera.cam_from_world;
+  const auto turned = [&](const Vec& v) { return rotated(other.rotation, rotated_back(own.rotation, v)); };
+  for (std::size_t i = 0; i < kPatchPixels; ++i) {
+    const double dx = kPatchStep * (static_cast<int>(i) % kPatch - kPatch / 2);
+    const double dy = kPatchStep * (static_cast<int>(i) / kPatch - kPatch / 2);
+    result.directions[i] = in_pixels(to.camera, turned(direction(from.camera, at.x + dx, at.y + dy)));
+  }
+  Vec offset = turned(own.translation);
+  for (std::size_t i = 0; i < 3; ++i) offset[i] = other.translation[i] - offset[i];
+  result.offset = in_pixels(to.camera, offset);
+  return result;
+}
+
+/// Bilinear between pixel centres at (i + 0.5, j + 0.5); edges continue outwards.
+std::array<float, 3> color_at(const Image8& image, float x, float y) {
+  const float column = std::clamp(x - 0.5f, 0.0f, static_cast<float>(image.width - 1));
+  const float row = std::clamp(y - 0.5f, 0.0f, static_cast<float>(image.height - 1));
+  const int left = std::min(static_cast<int>(column), std::max(0, image.width - 2));
+  const int above = std::min(static_cast<int>(row), std::max(0, image.height - 2));
+  const float u = column - static_cast<float>(left), v = row - static_cast<float>(above);
+  const std::size_t stride = 3 * static_cast<std::size_t>(image.width);
+  const std::uint8_t* const a =
+      &image.pixels[static_cast<std::size_t>(above) * stride + 3 * static_cast<std::size_t>(left)];
+  const std::size_t right = image.width > 1 ? 3 : 0, below = image.height > 1 ? stride : 0;
+  std::array<float, 3> color{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    const float upper = (1 - u) * a[c] + u * a[right + c], lower = (1 - u) * a[below + c] + u * a[below + right + c];
+    color[c] = (1 - v) * upper + v * lower;
+  }
+  return color;
+}
+
+/// The patch at a depth in the other view; nothing if a part of it is outside.
+bool look(const Sight& sight, double depth, Patch& patch) {
+  for (std::size_t i = 0; i < kPatchPixels; ++i) {
+    const Vec& d = sight.directions[i];
+    const double z = depth * d[2] + sight.offset[2];
+    if (!(z > kLeastDepth)) return false;
+    const double x = (depth * d[0] + sight.offset[0]) / z, y = (depth * d[1] + sight.offset[1]) / z;
+    if (!(x >= 0 && x < sight.image->width && y >= 0 && y < sight.image->height)) return false;
+    patch[i] = color_at(*sight.image, static_cast<float>(x), static_cast<float>(y));
+  }
+  return true;
+}
+
+/// Mean absolute difference of two patches, 0 to 255. The mean difference of each channel counts a third: exposures
+/// vary.
+float difference(const Patch& a, const Patch& b) {
+  float sum = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    float mean = 0;
+    for (std::size_t i = 0; i < kPatchPixels; ++i) mean += (b[i][c] - a[i][c]) / kPatchPixels;
+    for (std::size_t i = 0; i < kPatchPixels; ++i) sum += std::abs(b[i][c] - a[i][c] - mean) / kPatchPixels;
+    sum += std::abs(mean) / 3;
+  }
+  return sum / 3;
+}
+
+/// The mean over the better half of the views: in the others, something else may hide the point.
+float cost_at(const std::vector<Sight>& sights, const Patch& own, double depth) {
+  std::array<float, kNeighbours> costs{};
+  std::size_t n = 0;
+  Patch seen;
+  for (const Sight& sight : sights) {
+    if (!look(sight, depth, seen)) continue;
+    const float cost = difference(own, seen);
+    std::size_t place = n++;
+    for (; place > 0 && costs[place - 1] > cost; --place) costs[place] = costs[place - 1];
+    costs[place] = cost;  // ascending
+  }
+  // Two views may look alike by chance.
+  if (n < std::min<std::size_t>(3, sights.size()) || n < 2) return kUnseen;
+  const std::size_t half = std::max<std::size_t>(2, (n + 1) / 2);
+  float sum = 0;
+  for (std::size_t i = 0; i < half; ++i) sum += costs[i];
+  return sum / static_cast<float>(half);
+}
+
+double depth_of_step(double step) {
+  const double share = step / (kDepths - 1);
+  return 1 / ((1 - share) / kNearest + share / kFarthest);
+}
+
+/// Nothing if no depth is clearly better than others.
+std::optional<double> sweep(const std::vector<SeedView>& views, const std::vector<std::size_t>& neighbours,
+                            const Pixel& at) {
+  const SeedView& own = views[at.view];
+  Patch patch;
+  Sight itself = sight(own, own, at);
+  if (!look(itself, kTypicalDepth, patch)) return std::nullopt;
+  std::vector<Sight> sights;
+  for (const std::size_t other : neighbours) sights.push_back(sight(own, views[other], at));
+  std::array<float, kDepths> costs{};
+  std::size_t best = 0, n_seen = 0;
+  for (std::size_t i = 0; i < kDepths; ++i) {
+    costs[i] = cost_at(sights, patch, depth_of_step(static_cast<double>(i)));
+    if (costs[i] < costs[best]) best = i;
+    n_seen += costs[i] < kUnseen ? 1 : 0;
+  }
+  if (n_seen < 2 || costs[best] > kClearCost) return std::nullopt;
+  std::array<float, kDepths> sorted = costs;
+  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(n_seen / 2), sorted.end());
+  const float usual = sorted[n_seen / 2];
+  if (usual < kLeastContrast || costs[best] > kClearShare * usual) return std::nullopt;
+  double finest = static_cast<double>(best);
+  float least = costs[best];
+  for (const double shift : {-0.75, -0.5, -0.25, 0.25, 0.5, 0.75}) {
+    const double step = std::clamp(static_cast<double>(best) + shift, 0.0, kDepths - 1.0);
+    const float cost = cost_at(sights, patch, depth_of_step(step));
+    if (cost < least) {
+      least = cost;
+      finest = step;
+    }
+  }
+  return depth_of_step(finest);
+}
+
+/// A pixel and what was found for it.
+struct Seed {
+  Pixel at;
+  std::optional<double> depth;
+};
+
+std::vector<Seed> seeds_of(const std::vector<SeedView>& views, std::size_t view, std::int64_t n) {
+  const std::vector<std::size_t> neighbours = neighbours_of(views, view);
+  const RandomKey key{0, RandomStream::kScenePoints, static_cast<std::uint32_t>(view)};
+  const SeedView& own = views[view];
+  std::vector<Seed> seeds;
+  for (std::int64_t i = 0; i < 4 * n && static_cast<std::int64_t>(seeds.size()) < n; ++i) {
+    const std::array<float, 4> random = random_uniform(key, static_cast<std::uint64_t>(i));
+    const Pixel at{view, double{random[0]} * own.camera.width, double{random[1]} * own.camera.height};
+    if (!is_set(own.content, at.x, at.y) || !is_set(own.valid, at.x, at.y)) continue;
+    Seed seed{at, sweep(views, neighbours, at)};
+    if (seed.depth && !may_be(views, point_at(own.camera, at.x, at.y, *seed.depth))) seed.depth.reset();
+    seeds.push_back(seed);
+  }
+  return seeds;
+}
+
+/// Gives the others the depth of the nearest pixel that has one or, if that is ruled out, one at random.
+void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
+  std::vector<Seed> clear;
+  std::copy_if(seeds.begin(), seeds.end(), std::back_inserter(clear), [](const Seed& seed) { return !!seed.depth; });
+  for (std::size_t i = 0; i < seeds.size(); ++i) {
+    Seed& seed = seeds[i];
+    if (seed.depth) continue;
+    const auto distance = [&](const Seed& other) { return std::hypot(other.at.x - seed.at.x, other.at.y - seed.at.y); };
+    const auto nearest = std::min_element(clear.begin(), clear.end(),
+                                          [&](const Seed& a, const Seed& b) { return distance(a) < distance(b); });
+    const Camera& camera = views[seed.at.view].camera;
+    const auto try_depth = [&](double depth) {
+      if (may_be(views, point_at(camera, seed.at.x, seed.at.y, depth))) seed.depth = depth;
+    };
+    if (nearest != clear.end()) try_depth(*nearest->depth);
+    constexpr std::uint64_t kTries = 16;
+    const RandomKey key{1, RandomStream::kScenePoints, static_cast<std::uint32_t>(seed.at.view)};
+    for (std::uint64_t attempt = 0; attempt < kTries && !seed.depth; ++attempt) {
+      const double u = 2.0 * random_uniform(key, kTries * i + attempt)[0] - 1;
+      try_depth(kTypicalDepth * std::exp2(u));  // half to twice
+    }
+  }
+}
+
+}  // namespace
+
+PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n) {
+  std::vector<std::vector<Seed>> of_views(views.size());
+  const std::int64_t of_each =
+      (n + static_cast<std::int64_t>(views.size()) - 1) / static_cast<std::int64_t>(views.size());
+  parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t view, int) {
+    std::vector<Seed>& seeds = of_views[static_cast<std::size_t>(view)];
+    seeds = seeds_of(views, static_cast<std::size_t>(view), of_each);
+    fill(views, seeds);
+  });
+  PointCloud points;
+  for (const std::vector<Seed>& seeds : of_views) {
+    for (const Seed& seed : seeds) {
+      if (!seed.depth) continue;
+      const SeedView& view = views[seed.at.view];
+      for (const double value : point_at(view.camera, seed.at.x, seed.at.y, *seed.depth)) {
+        points.positions.push_back(static_cast<float>(value));
+      }
+      const std::uint8_t* const color = pixel(view.image, seed.at.x, seed.at.y);
+      points.colors.insert(points.colors.end(), color, color + 3);
+    }
+  }
+  return points;
+}
+
+}  // namespace b3dgs

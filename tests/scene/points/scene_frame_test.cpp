@@ -1,0 +1,143 @@
+// The frame of a scene: neither its unit of length nor its place in the world changes the cameras' pictures.
+#include "scene/cameras/scene_frame.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "core/random.h"
+#include "scene/points/point_cloud.h"
+
+namespace b3dgs {
+namespace {
+
+using Vec = std::array<double, 3>;
+
+/// Eight cameras on a circle of radius 4 that look at its centre, and points around it.
+struct Ring {
+  std::vector<Camera> cameras;
+  std::vector<double> points;
+};
+
+Camera camera_at(const Vec& center, double angle) {
+  Camera camera;
+  camera.width = 64;
+  camera.height = 48;
+  camera.fx = camera.fy = 60;
+  camera.cx = 32;
+  camera.cy = 24;
+  const double s = std::sin(angle), c = std::cos(angle);
+  camera.cam_from_world.rotation = {s, 0, -c, 0, 1, 0, c, 0, s};  // forward (c, 0, s)
+  const std::array<double, 9>& r = camera.cam_from_world.rotation;
+  for (std::size_t row = 0; row < 3; ++row) {
+    camera.cam_from_world.translation[row] =
+        -(r[3 * row] * center[0] + r[3 * row + 1] * center[1] + r[3 * row + 2] * center[2]);
+  }
+  return camera;
+}
+
+/// Coordinates are x' = scale * x + shift.
+Ring ring(double scale = 1, const Vec& shift = {}) {
+  Ring result;
+  for (int i = 0; i < 8; ++i) {
+    const double angle = 0.785398163397448 * i;
+    result.cameras.push_back(
+        camera_at({shift[0] - 4 * scale * std::cos(angle), shift[1], shift[2] - 4 * scale * std::sin(angle)}, angle));
+  }
+  for (std::uint64_t i = 0; i < 500; ++i) {
+    const std::array<float, 4> u = random_uniform({3, RandomStream::kScenePoints, 0}, i);
+    for (std::size_t axis = 0; axis < 3; ++axis) result.points.push_back(shift[axis] + scale * (2.0 * u[axis] - 1));
+  }
+  return result;
+}
+
+TEST(SceneFrame, TheTypicalDepthHasTheSameLengthInEveryScene) {
+  for (const double scale : {1e-4, 0.03, 1.0, 1e4}) {
+    for (const Vec& shift : {Vec{}, Vec{1e6, -2e6, 3e5}}) {
+      const Ring scene = ring(scale, shift);
+      const CoordinateFrame frame = choose_frame(scene.cameras, scene.points);
+      EXPECT_NEAR(frame.unit * kTypicalDepth, 4 * scale, 0.1 * scale);
+      for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(frame.origin[axis], shift[axis], 1e-6 * scale + 1e-9);
+      EXPECT_EQ(frame.is_far(), shift[0] > 1000 * scale);
+    }
+  }
+}
+
+TEST(SceneFrame, CoordinatesInItDoNotDependOnUnitAndPlace) {
+  const Ring scene = ring();
+  const CoordinateFrame frame = choose_frame(scene.cameras, scene.points);
+  const PointCloud points = in_frame(frame, {scene.points, {}});
+  for (const double scale : {1e-4, 1e4}) {
+    for (const Vec& shift : {Vec{}, Vec{1e6, -2e6, 3e5}}) {
+      const Ring other = ring(scale, shift);
+      const CoordinateFrame own = choose_frame(other.cameras, other.points);
+      const PointCloud others = in_frame(own, {other.points, {}});
+      // 1e6 in double precision has steps of 1e-10.
+      const double tolerance = 1e-6 + 1e-9 * std::abs(shift[0]) / scale / 1e6;
+      ASSERT_EQ(others.positions.size(), points.positions.size());
+      for (std::size_t i = 0; i < points.positions.size(); ++i) {
+        ASSERT_NEAR(others.positions[i], points.positions[i], tolerance + 1e-5 * (scale < 1 && shift[0] != 0));
+      }
+      for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+        const Camera a = change_frame({}, frame, scene.cameras[i]), b = change_frame({}, own, other.cameras[i]);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          EXPECT_NEAR(a.center()[axis], b.center()[axis], tolerance + 1e-5 * (scale < 1 && shift[0] != 0));
+        }
+      }
+    }
+  }
+}
+
+TEST(SceneFrame, ACameraSeesThePointsWhereItSawThem) {
+  const Ring scene = ring(0.5, {10, 20, 30});
+  const CoordinateFrame frame = choose_frame(scene.cameras, scene.points), elsewhere{{1, 2, 3}, 7};
+  for (const Camera& camera : scene.cameras) {
+    const Camera moved = change_frame({}, frame, camera), further = change_frame(frame, elsewhere, moved);
+    const Camera back = change_frame(elsewhere, {}, further);
+    for (std::size_t i = 0; i < scene.points.size(); i += 30) {
+      const double* const world = &scene.points[i];
+      const auto before = camera.project(world);
+      const auto after = moved.project(frame.from_world(world).data());
+      const auto later = further.project(elsewhere.from_world(world).data());
+      ASSERT_EQ(before.has_value(), after.has_value());
+      ASSERT_EQ(before.has_value(), later.has_value());
+      if (!before) continue;
+      EXPECT_NEAR(after->x, before->x, 1e-9);
+      EXPECT_NEAR(later->y, before->y, 1e-9);
+      EXPECT_NEAR(after->depth * frame.unit, before->depth, 1e-9);
+    }
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_NEAR(back.cam_from_world.translation[i], camera.cam_from_world.translation[i], 1e-12);
+    }
+  }
+}
+
+TEST(SceneFrame, WithoutPointsWhatTheCamerasLookAtCounts) {
+  const Ring scene = ring(2, {100, 0, 0});
+  EXPECT_NEAR(choose_frame(scene.cameras, {}).unit * kTypicalDepth, 8, 1e-6);
+  // Side by side, looking ahead: the length of their path.
+  const std::vector<Camera> row{camera_at({0, 0, 0}, 0), camera_at({0, 0, 3}, 0), camera_at({0, 0, 6}, 0)};
+  EXPECT_NEAR(choose_frame(row, {}).unit * kTypicalDepth, 3, 1e-9);
+  // Looking outwards, away from where the axes meet.
+  std::vector<Camera> outwards;
+  for (int i = 0; i < 4; ++i) {
+    const double angle = 1.5707963267948966 * i;
+    outwards.push_back(camera_at({std::cos(angle), 0, std::sin(angle)}, angle));
+  }
+  EXPECT_NEAR(choose_frame(outwards, {}).unit * kTypicalDepth, 1, 1e-9);
+  EXPECT_EQ(choose_frame({scene.cameras[0]}, {}).unit, 1) << "one camera says nothing";
+  EXPECT_EQ(choose_frame({}, {}), CoordinateFrame{});
+}
+
+TEST(SceneFrame, WithoutCamerasThePointsCount) {
+  const Ring scene = ring(3, {5e5, 0, 0});
+  const CoordinateFrame frame = choose_frame({}, scene.points);
+  EXPECT_NEAR(frame.origin[0], 5e5, 0.5);
+  EXPECT_TRUE(frame.is_far());
+  EXPECT_NEAR(frame.unit / choose_frame({}, ring(1).points).unit, 3, 1e-6);
+}
+
+}  // namespace
+}  // namespace b3dgs
