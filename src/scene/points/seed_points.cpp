@@ -115,9 +115,9 @@ Sight sight(const SeedView& from, const SeedView& to, const Pixel& at) {
   const Pose &own = from.camera.cam_from_world, &other = to.camera.cam_from_world;
   const auto turned = [&](const Vec& v) { return rotated(other.rotation, rotated_back(own.rotation, v)); };
   for (std::size_t i = 0; i < kPatchPixels; ++i) {
-    const double dx = kPatchStep * (static_cast<int>(i) % kPatch - kPatch / 2);
-    const double dy = kPatchStep * (static_cast<int>(i) / kPatch - kPatch / 2);
-    result.directions[i] = in_pixels(to.camera, turned(direction(from.camera, at.x + dx, at.y + dy)));
+    const int column = static_cast<int>(i) % kPatch - kPatch / 2, row = static_cast<int>(i) / kPatch - kPatch / 2;
+    const Vec ray = direction(from.camera, at.x + kPatchStep * column, at.y + kPatchStep * row);
+    result.directions[i] = in_pixels(to.camera, turned(ray));
   }
   Vec offset = turned(own.translation);
   for (std::size_t i = 0; i < 3; ++i) offset[i] = other.translation[i] - offset[i];
@@ -203,6 +203,7 @@ std::optional<double> sweep(const std::vector<SeedView>& views, const std::vecto
   Sight itself = sight(own, own, at);
   if (!look(itself, kTypicalDepth, patch)) return std::nullopt;
   std::vector<Sight> sights;
+  sights.reserve(neighbours.size());
   for (const std::size_t other : neighbours) sights.push_back(sight(own, views[other], at));
   std::array<float, kDepths> costs{};
   std::size_t best = 0, n_seen = 0;
