@@ -144,7 +144,7 @@ void refine_poses(LoadedModel& model) {
 
 /// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. Where no scene is loaded,
 /// its unit is estimated from the Gaussians, and may differ a little from that of the training.
-void join(LoadedModel& model) {
+void use_frame_of_gaussians(LoadedModel& model) {
   constexpr std::size_t kSamples = 20000;
   Scene& scene = model.scene;
   if (!scene.options) {  // not of load_scene(), which chooses a frame: cameras of a file, or none
@@ -201,7 +201,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
   model.splats = read_splats(file);
   model.background = read_background_json(background_path(file));
   apply_options(model, options);
-  join(model);
+  use_frame_of_gaussians(model);
   return model;
 }
 
@@ -210,7 +210,7 @@ LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) 
   LoadedModel model = load_gaussians(options);
   warn_of_missing_background(model, status);
   apply_options(model, options);
-  join(model);
+  use_frame_of_gaussians(model);
   return model;
 }
 
@@ -218,14 +218,14 @@ void add_scene(LoadedModel& model, StatusLine& status) {
   require_scene_folder(model);
   model.scene = open_photographs(model.config, status);
   refine_poses(model);
-  join(model);
+  use_frame_of_gaussians(model);
 }
 
 bool add_saved_cameras(LoadedModel& model) {
   if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return false;
   model.scene = scene_of_cameras(model);
   refine_poses(model);
-  join(model);
+  use_frame_of_gaussians(model);
   return true;
 }
 
@@ -244,7 +244,7 @@ LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) 
   if (!is_as_trained || !has_cameras) require_scene_folder(model);
   model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
   refine_poses(model);
-  join(model);
+  use_frame_of_gaussians(model);
   return model;
 }
 
@@ -252,7 +252,7 @@ LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options,
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.scene = open_cameras(model.config, status);
-  join(model);
+  use_frame_of_gaussians(model);
   return model;
 }
 
@@ -261,7 +261,7 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
   model.scene = open_photographs(model.config, status);
-  join(model);
+  use_frame_of_gaussians(model);
   return model;
 }
 

@@ -125,6 +125,14 @@ TEST(ViewJson, NamesThatAreNotUtf8AreSentAllTheSame) {
   EXPECT_EQ(nlohmann::json::parse(text)["views"].size(), 2u);
 }
 
+TEST(ViewJson, ThePageIsToldWhereItsFrameIs) {
+  ViewedScene scene = scene_of_two();
+  scene.frame = {{1e6, -2, 0.5}, 0.25};
+  const nlohmann::ordered_json json = cameras_json(scene);
+  EXPECT_EQ(json["origin"], (std::array<double, 3>{1e6, -2, 0.5}));
+  EXPECT_EQ(json["unit"], 0.25);
+}
+
 TEST(ViewJson, Commands) {
   EXPECT_EQ(parse_command(R"({"command":"pause"})"), ViewCommand::kPause);
   EXPECT_EQ(parse_command(R"({"command":"stop"})"), ViewCommand::kStop);

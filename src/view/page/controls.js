@@ -90,7 +90,8 @@ function listen_to_panel() {
 
 function save_path() {
   const [width, height] = $("path_size").value.split("x").map(Number);
-  const text = JSON.stringify(path.file(Number($("key_seconds").value) || 2, width, height, 30, scene.origin, scene.unit), null, 1);
+  const between = Number($("key_seconds").value) || 2;
+  const text = JSON.stringify(path.file(between, width, height, 30, scene.origin, scene.unit), null, 1);
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], {type: "application/json"}));
   link.download = "camera_path.json";
