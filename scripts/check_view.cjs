@@ -58,8 +58,8 @@ const look = (page) => page.evaluate(() => {
 const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
 const spread = (a) => difference(a, a.map(() => a.reduce((sum, x) => sum + x, 0) / a.length));
 
-/// A page whose program has ended cannot reach it any more. A frame gets 503 if training has no time for it, and the page
-/// asks again, or if the program ends meanwhile.
+/// For a page that was open when its program ended, and is closed now: it could not reach the program any more. A frame
+/// gets 503 if training has no time for it, and the page asks again, or if the program ends meanwhile.
 function forgive_the_end() {
   const is_expected = (text) => /ERR_CONNECTION|Failed to fetch|status of 503/.test(text);
   errors.splice(0, errors.length, ...errors.filter((text) => !is_expected(text)));
@@ -156,10 +156,10 @@ async function check_training(browser) {
   await page.click("#stop");
   assert.equal(await training.ended, 130, training.child.text);
   assert.match(training.child.text, /resume with/);
-  forgive_the_end();
   await page.waitForFunction(() => state.activity === "ended", null, kPatience);
   await picture_of(page, "ended");
   await page.close();
+  forgive_the_end();
 }
 
 async function check_model(browser) {
@@ -186,8 +186,8 @@ async function check_model(browser) {
   await picture_of(page, "model");
   view.child.kill("SIGINT");
   assert.equal(await view.ended, 0, view.child.text);
-  forgive_the_end();
   await page.close();
+  forgive_the_end();
 }
 
 async function main() {
