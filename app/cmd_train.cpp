@@ -108,8 +108,13 @@ void report_quality(const TrainResult& result) {
   }
 }
 
-void report_overfitting(const ModelFolder& folder) {
-  const std::optional<Overfitting> found = find_overfitting(read_train_log(folder.log()));
+void report_history(const ModelFolder& folder) {
+  const TrainHistory history = read_train_log(folder.log());
+  const std::string floaters = floaters_text(history);
+  if (!floaters.empty()) {
+    std::printf("%-12s%s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
+  }
+  const std::optional<Overfitting> found = find_overfitting(history);
   if (!found) return;
   std::printf(
       "%-12sPSNR was %.2f dB higher after iteration %d, as happens with few photographs or things that move; see "
@@ -271,7 +276,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   try {
     record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
     if (is_first) {
-      report_overfitting(folder);
+      report_history(folder);
       std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
     }
   } catch (const IoError& error) {

@@ -150,10 +150,10 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   part.points.colors.resize(3 * n);
   part.train.resize(std::min<std::size_t>(1, part.train.size()));
   part.test.clear();
-  const WorkFolder folder(plan.root());
   TrainHooks hooks;
   hooks.resume_command = resume_command(plan);
   const auto train = [&](const Configuration& configuration) {
+    const WorkFolder folder(plan.root());
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
     config.iterations = 5;

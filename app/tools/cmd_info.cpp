@@ -19,6 +19,7 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
+#include "report/train_report.h"
 #include "scene/scene.h"
 #include "scene/scene_model.h"
 
@@ -129,6 +130,8 @@ void describe_model(const std::string& path) {
   print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
   print_line("test views", "%s", config.eval ? "held out (--eval)" : "none");
   print_options(config);
+  const std::string floaters = floaters_text(read_train_log(folder.log()));
+  if (!floaters.empty()) print_line("floaters", "%s; see docs/recipes.md#floaters", floaters.c_str());
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
 

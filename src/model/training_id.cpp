@@ -30,6 +30,12 @@ void check_training_id(const ModelFolder& folder, const fs::path& checkpoint, co
               "; choose another folder with -m, or replace the model with --overwrite");
 }
 
+void check_holds_no_model(const ModelFolder& folder) {
+  if (!folder.holds_model()) return;
+  input_error(folder.root().string(), ": holds the model of another training; resume that one, or train into another ",
+              "folder");
+}
+
 std::string training_id_for(const ModelFolder& folder) {
   const std::string own = folder.training_id();
   return own.empty() || !folder.holds_model() ? new_training_id() : own;

@@ -22,6 +22,9 @@ bool may_continue_in(const ModelFolder& folder, const std::filesystem::path& che
 void check_training_id(const ModelFolder& folder, const std::filesystem::path& checkpoint,
                        const std::string& training_id);
 
+/// For a training that begins. @throws InputError if the folder holds a model
+void check_holds_no_model(const ModelFolder& folder);
+
 /// The ID of a training that is resumed in `folder`: the folder's own, or a new one if the folder holds no model or has
 /// no ID.
 std::string training_id_for(const ModelFolder& folder);

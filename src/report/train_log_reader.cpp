@@ -183,6 +183,9 @@ TrainHistory parse_train_log(std::istream& lines) {
     } else if (event == "load_statistics") {
       history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
                                parse_load(json, "pixel_contributing")});
+    } else if (event == "floaters") {
+      const auto count = [&](const char* name) { return whole_number<std::int64_t>(json, name).value_or(0); };
+      history.floaters.push_back({iteration, count("unseen"), count("one_view"), count("close"), count("large")});
     } else if (event == "resumed") {
       history.resumes.push_back(
           {iteration, text(json, "kernel"), text(json, "backward_kernel"), texts(json, "changed_options")});

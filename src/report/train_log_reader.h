@@ -83,6 +83,12 @@ struct ResumeEvent {
   std::vector<std::string> changed_options;  // "name: old -> new"
 };
 
+/// Gaussians that may be floaters, after the last iteration (count_floaters()).
+struct FloaterEvent {
+  int iteration = 0;
+  std::int64_t unseen = 0, one_view = 0, close = 0, large = 0;
+};
+
 struct TrainHistory {
   std::vector<LogPoint> points;  // ascending by iteration, like all lists here
   std::vector<KernelCheckEvent> checks;
@@ -90,6 +96,7 @@ struct TrainHistory {
   std::vector<LoadEvent> loads;
   std::vector<HoldEvent> holds;
   std::vector<ResumeEvent> resumes;
+  std::vector<FloaterEvent> floaters;
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
 };

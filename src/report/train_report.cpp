@@ -81,6 +81,11 @@ std::string overfitting_text(const TrainHistory& history) {
                          "See docs/recipes.md, Few photographs.");
 }
 
+std::string floaters_paragraph(const TrainHistory& history) {
+  const std::string text = floaters_text(history);
+  return text.empty() ? "" : html::paragraph("At the end, " + text + ". See docs/recipes.md, Floaters.");
+}
+
 std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
   const std::vector<ChartSeries> psnr = curves({run}, &LogPoint::test_psnr);
   const std::string no_psnr = run.info.held_out ? "The test views have not been evaluated yet."
@@ -92,7 +97,7 @@ std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
          curve_figure({"SSIM", "", "SSIM, mean over the test views.", false}, curves({run}, &LogPoint::test_ssim)) +
          curve_figure({"Loss", "", "Training loss, running average over steps."}, curves({run}, &LogPoint::loss)) +
          curve_figure({"Gaussians", "", "Number of Gaussians."}, count_curves({run})) + limit_text(run.history) +
-         (config.train_test_exp ? html::paragraph(kMeasuredHalf, "soft") : "");
+         floaters_paragraph(run.history) + (config.train_test_exp ? html::paragraph(kMeasuredHalf, "soft") : "");
 }
 
 /// 0 if GPU memory was not measured.
@@ -127,6 +132,14 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
 }
 
 }  // namespace
+
+std::string floaters_text(const TrainHistory& history) {
+  if (history.floaters.empty() || history.floaters.back().iteration < history.last_iteration()) return "";
+  const FloaterEvent& found = history.floaters.back();
+  return format_count(found.unseen) + " Gaussians are seen by no training view and " + format_count(found.one_view) +
+         " by one; " + format_count(found.close) + " are close to a camera and " + format_count(found.large) +
+         " large in an image";
+}
 
 std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
   constexpr double kClear = 0.2;  // dB; PSNR also goes up and down where it has no trend

@@ -250,6 +250,8 @@ void Trainer::Impl::iterate() {
       // count the part of the step that runs meanwhile.
       time.train([&] { write_outputs(plan); });
     }
+    // Of several ranks, none holds the whole model on its device.
+    if (state.iteration == config.iterations && !is_distributed()) time.output([&] { log_floaters(); });
     if (state.iteration == config.iterations && (hooks.on_result || is_distributed())) {
       time.output([&] {
         on_first_rank([&] {

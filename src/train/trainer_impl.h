@@ -254,6 +254,7 @@ struct Trainer::Impl {
   void write_outputs(const OutputPlan& plan);
   void log_load();
   void log_kernel_times();
+  void log_floaters();
   /// No value if no test view has a valid pixel.
   std::optional<ImageQuality> evaluate_test_views();
   void write_ply();

@@ -9,6 +9,7 @@
 #include "model/training_id.h"
 #include "train/appearance/exposure_json.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/gaussians/floaters.h"
 #include "train/ranks/scene_agreement.h"
 #include "train/trainer_impl.h"
 
@@ -28,6 +29,7 @@ void Trainer::Impl::claim_folder() {
   if (!writes_files()) return;
   own_files.emplace(folder.root());
   if (resumed.empty()) {
+    check_holds_no_model(folder);
     state.training_id = new_training_id();
   } else {
     check_training_id(folder, resumed, state.training_id);
@@ -106,6 +108,24 @@ void Trainer::Impl::log_kernel_times() {
   recorder.report_progress("timing kernels");
   for (const CandidateTiming& timing : kernels.time_candidates(kernel_check_input())) {
     recorder.log_event(state.iteration, "kernel_times", to_json(timing));
+  }
+}
+
+void Trainer::Impl::log_floaters() {
+  recorder.report_progress("evaluating");
+  std::vector<PinholeView> views;
+  for (const View& view : with_refined_poses(scene.train, scene.train, state.poses)) {
+    views.push_back(to_pinhole_view(view.camera));
+  }
+  try {
+    const FloaterCount count = without_invalid_gaussians([&] {
+      return count_floaters(rasterizer, flushed_state().gaussians, views, evaluation_settings(config, state.sh_degree));
+    });
+    recorder.log_event(
+        state.iteration, "floaters",
+        {{"unseen", count.unseen}, {"one_view", count.one_view}, {"close", count.close}, {"large", count.large}});
+  } catch (const OutOfMemoryError&) {  // a trained model matters more than a count
+    recorder.say("floaters are not counted: GPU memory");
   }
 }
 

@@ -111,6 +111,21 @@ TEST_F(TrainReport, SaysThatTestViewsWereBetterBefore) {
                        "Overfitting: after iteration 60, PSNR on the test views was 0.50 dB higher"));
 }
 
+TEST_F(TrainReport, SaysHowManyGaussiansMayBeFloaters) {
+  EXPECT_FALSE(contains(page(60, true), "no training view"));
+  std::ofstream(folder_.log(), std::ios::app)
+      << R"({"iteration": 60, "event": "floaters", "unseen": 1234, "one_view": 5, "close": 6, "large": 7})"
+      << "\n";
+  const std::string text =
+      "1,234 Gaussians are seen by no training view and 5 by one; 6 are close to a camera and 7 large in an image";
+  EXPECT_EQ(floaters_text(read_train_log(folder_.log())), text);
+  EXPECT_TRUE(contains(test::read_bytes(write_train_report(folder_)), "At the end, " + text));
+
+  std::ofstream(folder_.log(), std::ios::app) << R"({"iteration": 70, "loss": 0.1})"
+                                              << "\n";
+  EXPECT_EQ(floaters_text(read_train_log(folder_.log())), "") << "of a training that has been continued since";
+}
+
 TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
   EXPECT_FALSE(contains(page(60, true), "<h2>Ranks")) << "one process";
   std::ofstream log(folder_.log(), std::ios::app);

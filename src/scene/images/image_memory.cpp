@@ -25,6 +25,16 @@ void ImageMemory::divide() {
   if (plan_.photographs > left) hold_limit_ -= plan_.n_readers * n_buffers_ * plan_.largest;
 }
 
+std::int64_t ImageMemory::fixed() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return plan_.fixed;
+}
+
+int ImageMemory::n_buffers() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return n_buffers_;
+}
+
 bool ImageMemory::try_reserve(std::int64_t bytes) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const std::int64_t buffers = std::max(buffers_, plan_.n_readers * plan_.largest);

@@ -31,9 +31,9 @@ class ImageMemory {
   explicit ImageMemory(const Plan& plan);
 
   std::int64_t limit() const { return plan_.limit; }
-  std::int64_t fixed() const { return plan_.fixed; }
+  std::int64_t fixed() const;
   /// Buffers for one reader, 1 to kMaxBuffers.
-  int n_buffers() const { return n_buffers_; }
+  int n_buffers() const;
 
   /// Reserves memory for something else that stays, before photographs are cached: it counts as Plan::fixed. False if
   /// it would leave readers less than a buffer each.

@@ -87,8 +87,12 @@ struct Trained {
   std::string ply, checkpoint;  // file contents; the checkpoint without times
 };
 
+/// Without `resume`, replaces the model in the folder.
 inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
                      const std::filesystem::path& resume = {}, const TrainHooks& hooks = {}) {
+  if (resume.empty()) {
+    for (const char* part : {"point_cloud", "checkpoints"}) std::filesystem::remove_all(folder / part);
+  }
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Trained run;

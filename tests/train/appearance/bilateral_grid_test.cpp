@@ -203,9 +203,10 @@ TEST(BilateralGridTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThre
   config.coarse_until = 40;
   const Trained whole = train(config, scene, temp / "whole");
   for (const int stop : {3, 10, 14}) {
-    Trainer first(config, scene, ModelFolder(temp / "stopped"), {});
+    const std::filesystem::path own = temp / ("stopped" + std::to_string(stop));
+    Trainer first(config, scene, ModelFolder(own), {});
     first.run_until(stop);
-    const Trained second = train(config, scene, temp / "stopped", first.write_checkpoint());
+    const Trained second = train(config, scene, own, first.write_checkpoint());
     EXPECT_TRUE(second.ply == whole.ply) << stop;
     EXPECT_TRUE(second.checkpoint == whole.checkpoint) << stop;
   }

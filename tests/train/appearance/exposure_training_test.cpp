@@ -52,10 +52,11 @@ TEST(ExposureTraining, ResumesExactlyWhileTheRateFallsAndGaussiansAreScored) {
   config.exposure = true;
   const Trained whole = train(config, scene, temp / "whole");
   for (const int stop : {4, 14}) {
-    Trainer first(config, scene, ModelFolder(temp / "stopped"), {});
+    const std::filesystem::path own = temp / ("stopped" + std::to_string(stop));
+    Trainer first(config, scene, ModelFolder(own), {});
     first.run_until(stop);
     const std::filesystem::path checkpoint = first.write_checkpoint();
-    const Trained second = train(config, scene, temp / "stopped", checkpoint);
+    const Trained second = train(config, scene, own, checkpoint);
     EXPECT_TRUE(second.ply == whole.ply) << stop;
     EXPECT_TRUE(second.checkpoint == whole.checkpoint) << stop;
   }

@@ -63,6 +63,9 @@ TEST_F(TrainingId, KeepsTrainingsOutOfEachOthersFolders) {
   EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "another training", "--overwrite"},
                                            [&] { resume(a.checkpoint(8), b.root()); }));
   EXPECT_TRUE(files_of(b.root()) == before) << "the refused training changed files";
+  EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "holds the model of another training"},
+                                           [&] { Trainer(config(), scene, b, {}).run(); }));
+  EXPECT_TRUE(files_of(b.root()) == before) << "a training from the beginning changed files";
 
   // In an empty folder the training continues under a new ID.
   resume(a.checkpoint(8), temp / "c");

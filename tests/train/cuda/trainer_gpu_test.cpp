@@ -9,6 +9,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "model/raster_input.h"
 #include "raster/cuda/passes.h"
 #include "raster/torch/torch_memory.h"
 #include "support/approx.h"
@@ -25,6 +26,8 @@
 #include "train/density/row_edit.h"
 #include "train/density/strategies/default_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
+#include "train/gaussians/floaters.h"
+#include "train/gaussians/gaussian_model.h"
 #include "train/images/image_store.h"
 
 namespace b3dgs {
@@ -45,6 +48,24 @@ TrainConfig deterministic_config() {
   config.iterations = 40;
   config.deterministic = true;
   return config;
+}
+
+TEST(FloatersOnGpu, AreThoseOfTheCpu) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
+  gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // seen by no view
+  std::vector<PinholeView> views;
+  for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
+  Rasterizer on_cpu(torch::kCPU), on_gpu(torch::kCUDA);
+  const FloaterCount expected = count_floaters(on_cpu, gaussians, views, RenderSettings{});
+  for (torch::Tensor* tensor : gaussians.all()) *tensor = tensor->cuda();
+  const FloaterCount found = count_floaters(on_gpu, gaussians, views, RenderSettings{});
+  EXPECT_GE(expected.unseen, 1);
+  EXPECT_EQ(found.unseen, expected.unseen);
+  EXPECT_EQ(found.one_view, expected.one_view);
+  EXPECT_EQ(found.close, expected.close);
+  EXPECT_EQ(found.large, expected.large);
 }
 
 TEST(TrainerOnGpu, LearnsAsOnTheCpu) {
