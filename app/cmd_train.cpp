@@ -112,7 +112,7 @@ void report_history(const ModelFolder& folder) {
   const TrainHistory history = read_train_log(folder.log());
   const std::string floaters = floaters_text(history);
   if (!floaters.empty()) {
-    std::printf("%-12s%s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
+    std::printf("%-12spossible: %s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
   }
   const std::optional<Overfitting> found = find_overfitting(history);
   if (!found) return;

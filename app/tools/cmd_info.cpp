@@ -131,7 +131,7 @@ void describe_model(const std::string& path) {
   print_line("test views", "%s", config.eval ? "held out (--eval)" : "none");
   print_options(config);
   const std::string floaters = floaters_text(read_train_log(folder.log()));
-  if (!floaters.empty()) print_line("floaters", "%s; see docs/recipes.md#floaters", floaters.c_str());
+  if (!floaters.empty()) print_line("floaters", "possible: %s; see docs/recipes.md#floaters", floaters.c_str());
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
 

@@ -83,7 +83,8 @@ std::string overfitting_text(const TrainHistory& history) {
 
 std::string floaters_paragraph(const TrainHistory& history) {
   const std::string text = floaters_text(history);
-  return text.empty() ? "" : html::paragraph("At the end, " + text + ". See docs/recipes.md, Floaters.");
+  return text.empty() ? ""
+                      : html::paragraph("Gaussians that may be floaters: " + text + ". See docs/recipes.md, Floaters.");
 }
 
 std::string quality_section(const TrainConfig& config, const LabeledRun& run) {
@@ -136,9 +137,8 @@ std::vector<html::Row> settings(const ModelFolder& folder, const TrainConfig& co
 std::string floaters_text(const TrainHistory& history) {
   if (history.floaters.empty() || history.floaters.back().iteration < history.last_iteration()) return "";
   const FloaterEvent& found = history.floaters.back();
-  return format_count(found.unseen) + " Gaussians are seen by no training view and " + format_count(found.one_view) +
-         " by one; " + format_count(found.close) + " are close to a camera and " + format_count(found.large) +
-         " large in an image";
+  return format_count(found.unseen) + " in no training view, " + format_count(found.one_view) + " in one only, " +
+         format_count(found.close) + " close to a camera, " + format_count(found.large) + " large in an image";
 }
 
 std::optional<Overfitting> find_overfitting(const TrainHistory& history) {

@@ -13,8 +13,7 @@ namespace b3dgs {
 /// Writes MODEL/report.html and returns its path. @throws InputError if the folder holds no training; IoError
 std::filesystem::path write_train_report(const ModelFolder& folder);
 
-/// How many Gaussians may be floaters, as the beginning of a sentence; "" if they were not counted after the last
-/// iteration.
+/// How many Gaussians may be floaters; "" if they were not counted after the last iteration.
 std::string floaters_text(const TrainHistory& history);
 
 /// The test views were clearly better after an earlier iteration than at the last evaluation: what was added since fits

@@ -250,8 +250,6 @@ void Trainer::Impl::iterate() {
       // count the part of the step that runs meanwhile.
       time.train([&] { write_outputs(plan); });
     }
-    // Of several ranks, none holds the whole model on its device.
-    if (state.iteration == config.iterations && !is_distributed()) time.output([&] { log_floaters(); });
     if (state.iteration == config.iterations && (hooks.on_result || is_distributed())) {
       time.output([&] {
         on_first_rank([&] {
@@ -267,6 +265,10 @@ void Trainer::Impl::iterate() {
     const bool is_due = is_distributed() ? agreed.write_checkpoint : recorder.is_checkpoint_due();
     if (plan.checkpoint || result.interrupted || is_due) time.output([&] { write_checkpoint(); });
     if (result.interrupted && !plan.save) time.output([&] { write_ply(); });
+    // Of several ranks, none holds the whole model on its device.
+    if (state.iteration == config.iterations && !is_distributed() && !is_stopped()) {
+      time.output([&] { log_floaters(); });
+    }
     if (hooks.wait_for_files) recorder.wait_for_files();
     recorder.collect_files();
   } catch (const LossError&) {

@@ -112,20 +112,23 @@ void Trainer::Impl::log_kernel_times() {
 }
 
 void Trainer::Impl::log_floaters() {
-  recorder.report_progress("evaluating");
+  recorder.report_progress("counting floaters");
   std::vector<PinholeView> views;
   for (const View& view : with_refined_poses(scene.train, scene.train, state.poses)) {
     views.push_back(to_pinhole_view(view.camera));
   }
   try {
-    const FloaterCount count = without_invalid_gaussians([&] {
+    const FloaterCount count = with_remedies({wait_for_files(), free_scratch()}, [&] {
       return count_floaters(rasterizer, flushed_state().gaussians, views, evaluation_settings(config, state.sh_degree));
     });
     recorder.log_event(
         state.iteration, "floaters",
         {{"unseen", count.unseen}, {"one_view", count.one_view}, {"close", count.close}, {"large", count.large}});
-  } catch (const OutOfMemoryError&) {  // a trained model matters more than a count
-    recorder.say("floaters are not counted: GPU memory");
+  } catch (const OutOfMemoryError&) {  // the model that has been trained is worth more than this count
+    recorder.say("floaters were not counted: not enough memory");
+  } catch (const std::exception& error) {
+    const std::string text = error.what();
+    recorder.say("floaters were not counted: " + text.substr(0, text.find('\n')));
   }
 }
 

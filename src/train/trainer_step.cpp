@@ -39,7 +39,9 @@ void Trainer::Impl::initialize_model() {
   const std::string warning = near_plane_warning(cloud.means, scene.train, config.near_plane);
   if (!warning.empty()) recorder.warn(warning);
   if (scene.train.size() == 1) {
-    recorder.warn("one photograph shows too little of a scene for other views to look right; expected 20 or more");
+    recorder.warn(
+        "only one training view: other views will look wrong; a scene needs 20 photographs or more, each overlapping "
+        "its neighbours");
   }
   if (config.max_gaussians > 0 && state.n_gaussians() > config.max_gaussians) {
     recorder.warn(detail::concat("training starts with ", state.n_gaussians(), " Gaussians, more than --max_gaussians ",

@@ -52,16 +52,17 @@ TEST(NearPlane, PointsThatAreTooNearAreCounted) {
   EXPECT_EQ(near_plane_warning(small.points.positions, small.train, smaller), "") << smaller;
 }
 
-TEST(OnePhotograph, IsSaidAtTheStart) {
+TEST(OneTrainingView, IsSaidAtTheStart) {
   TrainConfig config = test::eventful_config();
   config.iterations = 1;
   Scene scene = test::make_tiny_scene();
   scene.train.resize(2);
   EXPECT_EQ(warnings_of_training(scene, config), std::vector<std::string>{});
   scene.train.resize(1);
-  EXPECT_EQ(warnings_of_training(scene, config),
-            std::vector<std::string>{"one photograph shows too little of a scene for other views to look right; "
-                                     "expected 20 or more"});
+  EXPECT_EQ(
+      warnings_of_training(scene, config),
+      std::vector<std::string>{"only one training view: other views will look wrong; a scene needs 20 photographs "
+                               "or more, each overlapping its neighbours"});
 }
 
 TEST(NearPlane, CamerasThatAllLookElsewhereAreSaid) {
