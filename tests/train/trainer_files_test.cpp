@@ -95,7 +95,7 @@ TEST_F(TrainerFiles, ASaveWithoutItsPlyHasSucceeded) {
 
 TEST_F(TrainerFiles, ACompleteModelWithoutItsCheckpointIsSaidToBeComplete) {
   for (const bool has_earlier : {false, true}) {
-    std::filesystem::remove_all(folder.root());
+    remove_tree(folder.root());
     TrainConfig config = eventful_config();
     if (has_earlier) config.checkpoint_iterations = {16};
     TrainHooks hooks;

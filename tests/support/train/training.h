@@ -6,6 +6,7 @@
 #include <initializer_list>
 #include <string>
 
+#include "core/files/remove_tree.h"
 #include "support/files.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/trainer.h"
@@ -91,7 +92,7 @@ struct Trained {
 inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
                      const std::filesystem::path& resume = {}, const TrainHooks& hooks = {}) {
   if (resume.empty()) {
-    for (const char* part : {"point_cloud", "checkpoints"}) std::filesystem::remove_all(folder / part);
+    for (const char* part : {"point_cloud", "checkpoints"}) remove_tree(folder / part);
   }
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);

@@ -151,7 +151,7 @@ TEST(TrainerOnGpu, ResumedEqualsUninterruptedIfDeterministic) {
 
 /// The running average of the loss after each step.
 std::vector<double> losses(const TrainConfig& config, const Scene& scene, const fs::path& folder) {
-  fs::remove_all(folder);
+  remove_tree(folder);
   std::vector<double> values;
   TrainHooks hooks;
   hooks.on_progress = [&](const TrainProgress& progress) { values.push_back(progress.loss); };
