@@ -78,8 +78,8 @@ std::string describe_slow_transport(const Communicator& ranks) {
 }
 
 std::string describe_limit(const TrainConfig& config) {
-  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--pixels_per_gaussian ",
-                        config.pixels_per_gaussian, ")");
+  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--gaussians_per_pixel ",
+                        config.gaussians_per_pixel, ")");
 }
 
 std::string describe_decay(const TrainConfig& config) {

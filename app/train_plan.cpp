@@ -72,7 +72,7 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
   TrainConfig config;
   if (!header.contains("config"))
     input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
-  config_from_json(config, header["config"], checkpoint.string());
+  stored_config_from_json(config, header["config"], checkpoint.string());
   config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();

@@ -133,7 +133,7 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   } else {
     const Json header = read_checkpoint_header(options.checkpoint);
     if (!header.contains("config")) input_error(options.checkpoint, ": not a checkpoint (it has no config)");
-    config_from_json(config, header["config"], options.checkpoint);
+    stored_config_from_json(config, header["config"], options.checkpoint);
     config.device = TrainConfig{}.device;  // chosen again on this machine
     apply_at_resume(config, given);
   }

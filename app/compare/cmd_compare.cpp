@@ -90,6 +90,10 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   if (options.resume) plan = read_plan(root);
+  if (plan.is_of_earlier_version) {
+    input_error(root, ": this comparison was begun by an earlier version of b3dgs, whose defaults differ; finish it ",
+                "with that version, or compare anew in another folder (-m); b3dgs report shows what it holds");
+  }
   const std::int64_t planned_seed = plan.base.seed;
   const std::string planned_preset = plan.base.preset;
   GivenOptions& given = plan.given;

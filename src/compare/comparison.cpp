@@ -7,6 +7,7 @@
 #include "compare/compare_report.h"
 #include "compare/compare_results.h"
 #include "compare/compare_verdict.h"
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/config_file.h"
@@ -254,7 +255,8 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.reading_s = own.at("reading_s").get<double>();
     plan.has_repetition = own.value("noise", false);  // missing in files of early versions
     plan.loading_ms = own.value("loading_ms", 0.0);
-    config_from_json(plan.base, own.at("config"), path.string());
+    stored_config_from_json(plan.base, own.at("config"), path.string());
+    plan.is_of_earlier_version = has_removed_options(own.at("config"));
     // Files of early versions have the options in use only.
     plan.given = own.contains("given") ? own.at("given") : config_to_json(plan.base);
     // Comparisons of versions without --max_epochs have no such limit.

@@ -28,6 +28,8 @@ struct ComparisonPlan {
   // times of all configurations that choose their kernel: `train` spends it in each process, but here all share one.
   double loading_ms = 0;
 
+  bool is_of_earlier_version = false;  // whose defaults differ
+
   std::filesystem::path root() const { return base.model_path; }
   std::vector<Configuration> configurations() const;
   /// Applies --max_epochs, to `base` as well.

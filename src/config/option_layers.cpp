@@ -37,12 +37,28 @@ void add_lines(std::vector<std::string>& lines, const std::string& label, const 
   lines.push_back(line);
 }
 
+nlohmann::ordered_json without_removed_options(nlohmann::ordered_json options) {
+  if (!has_removed_options(options)) return options;
+  options.erase("pixels_per_gaussian");
+  options.emplace("feature_rest_divisor", 20);  // it could not be chosen
+  return options;
+}
+
 }  // namespace
+
+bool has_removed_options(const nlohmann::ordered_json& options) {
+  return options.contains("pixels_per_gaussian");
+}
+
+void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place) {
+  config_from_json(config, without_removed_options(options), place);
+}
 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
-  const nlohmann::ordered_json file =
-      config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  // A whole config.json: its limit is max_gaussians.
+  if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_removed_options(std::move(file));
   TrainConfig checked;
   if (!config_file.empty()) config_from_json(checked, file, config_file);
   visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {

@@ -53,6 +53,13 @@ void apply_at_resume(TrainConfig& config, const GivenOptions& given);
 /// them is what the user, or the scene, has changed.
 TrainConfig preset_options(const TrainConfig& config);
 
+/// Whether the options, of a file that a training wrote, are those of a version that had an option which is gone.
+bool has_removed_options(const nlohmann::ordered_json& options);
+
+/// config_from_json() for the options of a model's config.json or a checkpoint, also of an earlier version. What
+/// options that are gone led to is there as well: pixels_per_gaussian had set max_gaussians.
+void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place);
+
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
 std::string option_value_text(const nlohmann::ordered_json& value);
 

@@ -22,10 +22,18 @@ Integer scaled(Integer steps, double factor) {
   return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
 }
 
-/// Iterations that use each photograph --max_epochs times; any number of photographs does not overflow.
-std::int64_t most_iterations(const TrainConfig& config, std::size_t n_photographs) {
+/// Iterations that use each photograph so often; any number of photographs does not overflow.
+std::int64_t iterations_of(int uses, std::size_t n_photographs) {
   constexpr std::size_t kMost = std::numeric_limits<int>::max();
-  return static_cast<std::int64_t>(std::min(n_photographs, kMost)) * config.max_epochs;
+  return static_cast<std::int64_t>(std::min(n_photographs, kMost)) * uses;
+}
+
+/// How often each of few photographs is used, where --max_epochs is not given.
+int uses_of_few(int max_epochs, std::size_t n_photographs) {
+  constexpr double kFew = 50, kLeastIterations = 500;
+  const double n = static_cast<double>(std::max<std::size_t>(1, n_photographs));
+  const double share = std::max(n / kFew, kLeastIterations / (n * std::max(1, max_epochs)));
+  return scaled(max_epochs, std::min(1.0, share));
 }
 
 }  // namespace
@@ -51,7 +59,8 @@ void scale_schedule(TrainConfig& config, double factor, const GivenOptions& give
 
 double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given) {
   const int max_epochs = config.max_epochs;
-  const std::int64_t most = most_iterations(config, n_photographs);
+  const int uses = given.contains("max_epochs") ? max_epochs : uses_of_few(max_epochs, n_photographs);
+  const std::int64_t most = iterations_of(uses, n_photographs);
   if (most == 0 || config.iterations <= most) return 1;
   const double factor = static_cast<double>(most) / config.iterations;
   scale_schedule(config, factor, given);
@@ -61,10 +70,12 @@ double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenO
 }
 
 std::string describe_epochs(const TrainConfig& config, std::size_t n_photographs) {
-  if (config.max_epochs == 0 || config.iterations != most_iterations(config, n_photographs)) return "";
-  return detail::concat("schedule    ", format_count(config.iterations), " iterations: each photograph ",
-                        format_count(config.max_epochs), config.max_epochs == 1 ? " time" : " times",
-                        " (--max_epochs)");
+  for (const int uses : {config.max_epochs, uses_of_few(config.max_epochs, n_photographs)}) {
+    if (uses == 0 || config.iterations != iterations_of(uses, n_photographs)) continue;
+    return detail::concat("schedule    ", format_count(config.iterations), " iterations: each photograph ",
+                          format_count(uses), uses == 1 ? " time" : " times", " (--max_epochs)");
+  }
+  return "";
 }
 
 }  // namespace b3dgs

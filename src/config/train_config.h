@@ -80,8 +80,9 @@ struct TrainConfig {
   double lr_final_scale = 1;
   int lr_decay_from_iter = 0;
   int lr_decay_from_epoch = 0;
-  double feature_lr = 0.0025;  // of SH degree 0; 1/20 of it for higher degrees
-  double opacity_lr = 0.025;   // 0.05 in early versions of the original code
+  double feature_lr = 0.0025;  // of SH degree 0
+  double feature_rest_divisor = 20;
+  double opacity_lr = 0.025;  // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
   double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
@@ -120,8 +121,8 @@ struct TrainConfig {
   double prune_screen_size = 0;       // px
   int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
   int sh_increase_interval = 1000;
-  std::int64_t max_gaussians = 0;  // 0 = no limit, unless pixels_per_gaussian sets one
-  double pixels_per_gaussian = 0;
+  std::int64_t max_gaussians = 0;  // 0 = no limit, unless gaussians_per_pixel sets one
+  double gaussians_per_pixel = 0;  // of one photograph
   double init_opacity = 0.1;
   double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
   // Of strategies mcmc and balanced:
@@ -130,9 +131,9 @@ struct TrainConfig {
   // Of strategy mcmc:
   double growth = 0.05;  // of the count, per round
   // Of strategy balanced:
-  int score_views = 20;                // before each round
-  double score_power = 2;              // of the mean difference of a pixel's channels
-  double abs_grad_threshold = 0.0003;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
+  int score_views = 20;           // before each round
+  double score_power = 2;         // of the mean difference of a pixel's channels
+  double abs_grad_threshold = 0;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
   std::string parents = "draw";
   std::string split = "preserve";
   std::string split_moments = "zero";
@@ -254,7 +255,9 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "iteration from which --lr_final_scale lowers rates, until --position_lr_max_steps");
   field(Option{"lr_decay_from_epoch"}.in_steps(), c.lr_decay_from_epoch, AtLeast{0},
         "begin this decay after at most X uses of each photograph (0 = no such limit)");
-  field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0; 1/20 of it for higher degrees");
+  field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0");
+  field(Option{"feature_rest_divisor"}, c.feature_rest_divisor, Above{0},
+        "learning rate of higher SH degrees: --feature_lr / X");
   field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
@@ -315,8 +318,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
-  field(Option{"pixels_per_gaussian"}, c.pixels_per_gaussian, AtLeast{0},
-        "without --max_gaussians: at most one Gaussian per X training pixels (0 = no limit)");
+  field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
+        "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
   field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
         "opacity of the initial Gaussians; not for Gaussians of --init_ply");
   field(Option{"init_scale"}, c.init_scale, Above{0},
@@ -324,7 +327,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
   field(Option{"score_power"}, c.score_power, Above{0}, "balanced: a pixel's error is |difference|^X");
   field(Option{"abs_grad_threshold"}, c.abs_grad_threshold, AtLeast{0},
-        "balanced: split only Gaussians whose mean absolute gradient reaches X");
+        "balanced: split only Gaussians whose mean absolute gradient reaches X (0 = all)");
   field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
         "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
   field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples", "preserve"}},

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
@@ -154,7 +155,7 @@ TrainConfig ModelFolder::read_config() const {
   const Json json = parse_json(file);
   if (json.is_discarded()) input_error(path.string(), ": not valid JSON; the file is damaged");
   TrainConfig config;
-  config_from_json(config, json, path.string());
+  stored_config_from_json(config, json, path.string());
   return config;
 }
 

@@ -77,7 +77,7 @@ std::string overfitting_text(const TrainHistory& history) {
   return html::paragraph("Overfitting: after iteration " + format_count(found->iteration) +
                          print_to_string(", PSNR on the test views was %.2f dB higher", found->lost) +
                          " than at the last evaluation. With few photographs, a lower --max_epochs or fewer Gaussians "
-                         "(a higher --pixels_per_gaussian, or --max_gaussians) may help; if things move, mask them. "
+                         "(a lower --gaussians_per_pixel, or --max_gaussians) may help; if things move, mask them. "
                          "See docs/recipes.md, Few photographs.");
 }
 

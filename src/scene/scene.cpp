@@ -5,12 +5,10 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <mutex>
 #include <optional>
 #include <set>
 
 #include "core/check.h"
-#include "core/parallel.h"
 #include "scene/cameras/scene_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
@@ -18,9 +16,9 @@
 #include "scene/images/image_io.h"
 #include "scene/images/mask_folder.h"
 #include "scene/images/resolution.h"
-#include "scene/points/seed_points.h"
 #include "scene/scene_images.h"
 #include "scene/scene_model.h"
+#include "scene/scene_points.h"
 #include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
@@ -28,8 +26,6 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::int64_t kSeedPoints = 50000;
 
 std::map<std::string, fs::path> find_photographs(const SceneModel& model, const ImageFolder& folder) {
   std::vector<std::string> names;
@@ -94,39 +90,6 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
   view.empty = source.empty;
   view.mask_file = source.mask.string();
   return view;
-}
-
-/// Small copies of the photographs, of at most kMostViews views, evenly spaced in the list; cameras are in `frame`.
-std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, const ProgressFn& progress) {
-  const std::vector<View>& views = scene.train;
-  constexpr std::size_t kMostViews = 120;
-  const std::size_t n = std::min(kMostViews, views.size());
-  std::vector<SeedView> seeds(n);
-  std::mutex mutex;
-  std::size_t n_done = 0;
-  parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
-    const View& view = views[static_cast<std::size_t>(i) * views.size() / n];
-    const int longest = std::max(view.camera.width, view.camera.height);
-    const double scale = std::min(1.0, static_cast<double>(kSeedSide) / longest);
-    const auto side = [&](int full) { return std::max(1, static_cast<int>(std::lround(scale * full))); };
-    SeedView& seed = seeds[static_cast<std::size_t>(i)];
-    seed.camera = change_frame(scene.frame, frame, view.camera);
-    seed.camera = seed.camera.scaled_to(side(view.camera.width), side(view.camera.height));
-    seed.image = resize_image(*view.image->read(), seed.camera.width, seed.camera.height);
-    std::optional<Image8> content = view.image->read_alpha();
-    if (view.empty) {
-      if (!content)
-        content.emplace(view.camera.width, view.camera.height, 1).pixels.assign(view.empty->pixels.size(), 255);
-      for (std::size_t p = 0; p < content->pixels.size(); ++p) {
-        if (view.empty->pixels[p] != 0) content->pixels[p] = 0;
-      }
-    }
-    if (content) seed.content = resize_image(*content, seed.camera.width, seed.camera.height);
-    if (view.valid) seed.valid = shrink_mask(*view.valid, seed.camera.width, seed.camera.height);
-    const std::lock_guard<std::mutex> lock(mutex);
-    if (progress) progress("looking for points in the photographs", ++n_done, n);
-  });
-  return seeds;
 }
 
 }  // namespace
@@ -202,11 +165,15 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   for (const View& view : scene.train) cameras.push_back(view.camera);
   change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras, model.points.positions), scene);
   scene.points = in_frame(scene.frame, model.points);
-  if (scene.points.size() == 0 && options.seed_points && options.load_images) {
-    const CoordinateFrame own = choose_frame(cameras, {});  // whose typical depth seed_points() knows
-    const std::vector<SeedView> views = seed_views(scene, own, progress);
-    scene.points = in_frame(scene.frame, in_world(own, seed_points(views, kSeedPoints)));
-    model.points_description = "found in the photographs, since the scene has none";
+  const bool has_points = scene.points.size() > 0, is_resumed = options.frame.has_value();
+  if (options.seed_points && options.load_images && !(has_points && is_resumed)) {
+    const std::int64_t n_found = add_points_of_photographs(scene, progress);
+    std::string& text = model.points_description;
+    if (!has_points) text = "found in the photographs, since the scene has none";
+    if (has_points && n_found > 0) {
+      text += detail::concat(text.empty() ? "" : "; ", n_found, " found in parts of the photographs without points");
+      scene.n_added_points = n_found;
+    }
   }
   if (!masked_out.empty()) {
     scene.warnings.push_back(detail::concat("masks leave no pixel of ", masked_out.size(), " of ", sources.size(),

@@ -44,7 +44,7 @@ struct SceneOptions {
   bool invert_masks = false;      // white is left out instead of black
   bool empty_background = false;  // see View::empty
   bool load_images = true;        // false: cameras and points only
-  bool seed_points = true;        // make points from the photographs if the scene has none
+  bool seed_points = false;       // add_points_of_photographs()
   double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;              // trainings and evaluations that prefetch images at the same time
   std::optional<CoordinateFrame> frame;  // of a training to resume; empty: choose_frame()
@@ -55,6 +55,7 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
+  std::int64_t n_added_points = 0;      // the last of them: found in the photographs beside the scene's own
   CoordinateFrame frame;                // of cameras, points and extent
   std::optional<SceneOptions> options;  // that load_scene() has read it with
   double extent = 0;                    // scene_extent() of the training views

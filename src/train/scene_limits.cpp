@@ -1,7 +1,9 @@
 #include "train/scene_limits.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
+#include <limits>
 
 #include "core/check.h"
 #include "core/print.h"
@@ -65,11 +67,15 @@ void check_scene_options(const TrainConfig& config, const Scene& scene) {
 }
 
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
-  if (config.max_gaussians > 0 || config.pixels_per_gaussian == 0) return config.max_gaussians;
+  if (config.max_gaussians > 0 || config.gaussians_per_pixel == 0 || scene.train.empty()) return config.max_gaussians;
+  constexpr double kManyViews = 100, kPower = 1.5;
   double pixels = 0;
   for (const View& view : scene.train) pixels += static_cast<double>(view.camera.width) * view.camera.height;
-  return std::max(static_cast<std::int64_t>(pixels / config.pixels_per_gaussian),
-                  static_cast<std::int64_t>(scene.points.size()));
+  const auto n_views = static_cast<double>(scene.train.size());
+  const double few_views = std::pow(std::min(1.0, n_views / kManyViews), kPower);
+  constexpr double kMost = std::numeric_limits<std::int32_t>::max() - 1;  // limit of 32-bit indices
+  const double limit = std::clamp(config.gaussians_per_pixel * few_views * pixels / n_views, 1.0, kMost);
+  return std::max(static_cast<std::int64_t>(limit), static_cast<std::int64_t>(scene.points.size()));
 }
 
 int decay_start(const TrainConfig& config, const Scene& scene) {

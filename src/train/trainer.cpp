@@ -100,7 +100,7 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
-  const bool grows = config.growth > 0 && config.max_gaussians == 0 && config.pixels_per_gaussian == 0;
+  const bool grows = config.growth > 0 && config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
   if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
     input_error(
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",

@@ -356,6 +356,18 @@ TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
   EXPECT_EQ(result()["summary"]["done"], 6);
 }
 
+TEST_F(Compare, AComparisonOfAVersionWithOtherDefaultsIsShownButNotResumed) {
+  ASSERT_EQ(compare({"--iterations", "4", "--quiet"}).exit_code, 0);
+  json older = result();
+  older["plan"]["config"]["pixels_per_gaussian"] = 45;
+  std::ofstream(output() / "compare.json") << older;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 2);
+  EXPECT_NE(resumed.err.find("earlier version"), std::string::npos) << resumed.err;
+  const Outcome shown = run_b3dgs({"report", output().string()});
+  EXPECT_EQ(shown.exit_code, 0) << shown.err;
+}
+
 TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {
   ASSERT_EQ(compare({"--iterations", "20", "--quiet"}).exit_code, 0);
   const std::string before = page();

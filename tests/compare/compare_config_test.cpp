@@ -52,8 +52,8 @@ TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
       resolve_options(given).config, given, 21);
   std::vector<int> iterations;
   for (const Configuration& entry : entries) iterations.push_back(entry.config.iterations);
-  EXPECT_EQ(iterations, (std::vector<int>{8400, 8400, 5000, 24000, 8400, 24000}));
-  EXPECT_EQ(entries[0].config.prune_interval, 840);
+  EXPECT_EQ(iterations, (std::vector<int>{3528, 3528, 3528, 24000, 3528, 24000}));
+  EXPECT_EQ(entries[0].config.prune_interval, 353);
   EXPECT_EQ(entries[0].config.densify_until_iter, 16000) << "given for all";
   EXPECT_EQ(entries[4].config.prune_interval, 2400) << "its own option";
   EXPECT_EQ(parse_configurations("a:naive,b:naive", resolve_options(given).config, given)[0].config.iterations, 24000)

@@ -131,10 +131,10 @@ TEST(CompareReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
 
 TEST(CompareReport, NamesOptionsOfAllOnlyWhereTheyAre) {
   Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
-  comparison.plan.base.pixels_per_gaussian = 45;  // of the default preset, which both configurations override
+  comparison.plan.base.gaussians_per_pixel = 1.5;  // of the default preset, which both configurations override
   comparison.plan.base.lambda_dssim = 0.3;
   for (Configuration& own : comparison.configurations) {
-    own.config.pixels_per_gaussian = 160;
+    own.config.gaussians_per_pixel = 2.5;
     own.config.kernel = "naive";
   }
   comparison.configurations[0].config.lambda_dssim = 0.1;
@@ -145,9 +145,9 @@ TEST(CompareReport, NamesOptionsOfAllOnlyWhereTheyAre) {
   const std::string html = comparison_report(comparison);
   EXPECT_EQ(test::xml_fault(html), "");
   const std::string all = html.substr(html.find("<td>options of all</td>"), 300);
-  EXPECT_TRUE(contains(all, "pixels_per_gaussian 160")) << all;
+  EXPECT_TRUE(contains(all, "gaussians_per_pixel 2.5")) << all;
   EXPECT_FALSE(contains(all.substr(0, all.find("</tr>")), "lambda_dssim")) << all;
-  EXPECT_FALSE(contains(html, "pixels_per_gaussian 45"));
+  EXPECT_FALSE(contains(html, "gaussians_per_pixel 1.5"));
   EXPECT_TRUE(contains(html, "<td>lambda_dssim</td><td>0.1</td><td>0.4</td>")) << all;
   EXPECT_TRUE(contains(html, "<td>lambda_dssim 0.1 → 0.4</td>")) << "few options are named beside the time";
 }

@@ -46,6 +46,20 @@ int nearest_step(double steps) {
   return std::max(1, steps - below >= 0.5 ? below + 1 : below);
 }
 
+TEST(GivenOptions, OfAConfigJsonMayBeOfAnEarlierVersion) {
+  const test::TempDir temp;
+  const std::string path = (temp / "config.json").string();
+  write_file(path, R"({"max_gaussians": 70, "pixels_per_gaussian": 45})");
+  const GivenOptions options = given({}, path);
+  EXPECT_EQ(options.size(), 2u);
+  EXPECT_EQ(options.at("max_gaussians"), 70);
+  EXPECT_EQ(options.at("feature_rest_divisor"), 20) << "as it was";
+  write_file(path, R"({"max_gaussians": 0, "pixels_per_gaussian": 45})");
+  EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
+  write_file(path, R"({"pixels_per_gaussian": 45})");
+  EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
+}
+
 TEST(Presets, HaveARowForEveryName) {
   ASSERT_EQ(presets().size(), std::size(kPresetNames));
   for (std::size_t i = 0; i < presets().size(); ++i) EXPECT_STREQ(presets()[i].name, kPresetNames[i]);
@@ -135,7 +149,7 @@ TEST(OptionLayers, AStrategyThatIsThePresetsOwnChangesNothing) {
   EXPECT_TRUE(
       config_differences(resolved({"--preset", "fast"}), resolved({"--preset", "fast", "--strategy", "balanced"}))
           .empty());
-  EXPECT_EQ(resolved({"--preset", "original", "--strategy", "balanced"}).pixels_per_gaussian, 206);
+  EXPECT_EQ(resolved({"--preset", "original", "--strategy", "balanced"}).gaussians_per_pixel, 1.2);
 }
 
 TEST(OptionLayers, WhatDiffersFromThePresetIsWhatWasGiven) {
@@ -151,7 +165,7 @@ TEST(OptionLayers, WhatDiffersFromThePresetIsWhatWasGiven) {
             (Words{"iterations: 24000 -> 300", "opacity_lr: 0.05 -> 0.5"}));
   TrainConfig limited = resolved({});
   limit_epochs(limited, 21, given({}));
-  EXPECT_EQ(config_differences(preset_options(limited), limited), Words{"iterations: 24000 -> 8400"});
+  EXPECT_EQ(config_differences(preset_options(limited), limited), Words{"iterations: 24000 -> 3528"});
 }
 
 TEST(OptionLayers, GivenOptionsOverrideThePreset) {
@@ -252,9 +266,9 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
 TEST(GivenMaxEpochs, IsOffIfIterationsAreGivenWithoutIt) {
   EXPECT_EQ(resolved({}).max_epochs, 400);
   EXPECT_EQ(resolved({"--strategy", "balanced"}).max_epochs, 400);
-  for (const Words& words : {Words{"--preset", "original"}, Words{"--preset", "fast"}, Words{"--strategy", "mcmc"},
-                             Words{"--iterations", "24000"}, Words{"--strategy", "balanced", "--max_steps", "30000"},
-                             Words{"--max_epochs", "0"}, Words{"--steps_scaler", "2", "--iterations", "500"}}) {
+  for (const Words& words : {Words{"--preset", "original"}, Words{"--strategy", "mcmc"}, Words{"--iterations", "24000"},
+                             Words{"--strategy", "balanced", "--max_steps", "30000"}, Words{"--max_epochs", "0"},
+                             Words{"--steps_scaler", "2", "--iterations", "500"}}) {
     EXPECT_EQ(resolved(words).max_epochs, 0) << testing::PrintToString(words);
   }
   EXPECT_EQ(resolved({"--iterations", "9000", "--max_epochs", "50"}).max_epochs, 50);
@@ -274,12 +288,12 @@ TEST(GivenMaxEpochs, AtResumeFollowsTheSameRules) {
   EXPECT_EQ(config.iterations, 20000);
   EXPECT_EQ(config.densify_until_iter, started.densify_until_iter);
   config = started;
-  apply_at_resume(config, given({"--max_epochs", "100", "--steps_scaler", "2"}));
-  EXPECT_EQ(config.max_epochs, 200);
+  apply_at_resume(config, given({"--max_epochs", "50", "--steps_scaler", "2"}));
+  EXPECT_EQ(config.max_epochs, 100);
   EXPECT_EQ(config.iterations, started.iterations);
   // As `b3dgs train` does at a resume: only the end changes.
   EXPECT_LT(limit_epochs(config, 21, config_to_json(config)), 1);
-  EXPECT_EQ(config.iterations, 4200);
+  EXPECT_EQ(config.iterations, 2100);
   EXPECT_EQ(config.densify_until_iter, started.densify_until_iter);
 }
 
@@ -336,7 +350,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   OptionLayers layers = resolve_options();
   layers.epoch_scale = limit_epochs(layers.config, 21, layers.given);
   EXPECT_EQ(describe_options(layers)[0],
-            "options     preset quality, strategy balanced, schedule x 0.35 for --max_epochs");
+            "options     preset quality, strategy balanced, schedule x 0.147 for --max_epochs");
 }
 
 }  // namespace

@@ -378,13 +378,14 @@ TEST_F(LoadScene, FindsPointsInThePhotographsIfTheModelHasNone) {
   model.points.clear();
   write(model);
   write_images(model);
-  const Scene found = load();
-  EXPECT_GT(found.points.size(), 0);
-  EXPECT_TRUE(says(found, "found in the photographs"));
-  options_.seed_points = false;
   const Scene scene = load();
   EXPECT_EQ(scene.points.size(), 0);
   EXPECT_TRUE(says(scene, "the scene has no points"));
+  options_.seed_points = true;
+  const Scene found = load();
+  EXPECT_GT(found.points.size(), 0);
+  EXPECT_TRUE(says(found, "found in the photographs"));
+  EXPECT_EQ(found.n_added_points, 0) << "none beside others";
 }
 
 }  // namespace

@@ -31,7 +31,6 @@ class RealScene : public testing::TestWithParam<OddScene> {};
 SceneOptions options_for(const std::string& folder) {
   SceneOptions options;
   options.source_path = (fs::path(B3DGS_SHARED_DATA) / folder).string();
-  options.seed_points = false;
   return options;
 }
 

@@ -233,6 +233,7 @@ TEST_F(Transforms, KeysOfAFrameComeBeforeThoseOfTheFile) {
 TEST_F(Transforms, ReadsPointsOrFindsSomeInThePhotographs) {
   Json json = line(5);
   write(json);
+  options_.seed_points = true;
   const Scene found = load();
   EXPECT_GT(found.points.size(), 0);
   EXPECT_EQ(load().points.positions, found.points.positions);

@@ -32,7 +32,7 @@ TEST(LearningRate, WithZeroAtOneEndIsFinite) {
 }
 
 TEST(LearningRate, OfMeansGrowsWithTheExtent) {
-  const TrainConfig config;
+  TrainConfig config;
   const AdamRates rates = adam_rates(config, 5.0, 30000);
   EXPECT_NEAR(rates[0], 5.0 * 1.6e-6, 1e-18);
   EXPECT_EQ(rates[1], 0.005);   // scales
@@ -40,6 +40,8 @@ TEST(LearningRate, OfMeansGrowsWithTheExtent) {
   EXPECT_EQ(rates[3], 0.025);   // opacities
   EXPECT_EQ(rates[4], 0.0025);  // SH degree 0
   EXPECT_NEAR(rates[5], 0.000125, 1e-18);
+  config.feature_rest_divisor = 10;
+  EXPECT_NEAR(adam_rates(config, 5.0, 1)[5], 0.00025, 1e-18);
 }
 
 TEST(LearningRate, OfAllButTheMeansFallsToTheFinalScale) {
@@ -100,21 +102,28 @@ TEST(LossWeights, UseHuberAfterItsFirstIteration) {
   EXPECT_EQ(loss_weights(config, 8).dssim, config.lambda_dssim);
 }
 
-TEST(CountLimit, IsOneGaussianForSoManyTrainingPixels) {
-  Scene scene;
-  scene.train.resize(3);
-  for (View& view : scene.train) view.camera.width = 100, view.camera.height = 40;
-  scene.test = scene.train;
+TEST(CountLimit, FollowsThePixelsOfAPhotographAndTheNumberOfPhotographs) {
+  const auto scene_of = [](std::size_t n_views) {
+    Scene scene;
+    scene.train.resize(n_views);
+    for (View& view : scene.train) view.camera.width = 100, view.camera.height = 40;
+    scene.test = scene.train;
+    return scene;
+  };
+  Scene scene = scene_of(25);
   TrainConfig config;
   EXPECT_EQ(count_limit(config, scene), 0) << "no limit";
-  config.pixels_per_gaussian = 7;
-  EXPECT_EQ(count_limit(config, scene), 1714) << "12,000 / 7";
+  config.gaussians_per_pixel = 2;
+  EXPECT_EQ(count_limit(config, scene), 1000) << "8000 x (25 / 100)^1.5";
+  EXPECT_EQ(count_limit(config, scene_of(100)), 8000);
+  EXPECT_EQ(count_limit(config, scene_of(300)), 8000) << "more photographs show no more of the scene";
+  scene.train[0].camera.width = 2600;
+  EXPECT_EQ(count_limit(config, scene), 2000) << "the mean of different sizes";
   config.max_gaussians = 20;
   EXPECT_EQ(count_limit(config, scene), 20) << "--max_gaussians comes first";
   config.max_gaussians = 0;
-  config.pixels_per_gaussian = 5000;
-  scene.points.positions.resize(3 * 11);
-  EXPECT_EQ(count_limit(config, scene), 11) << "no fewer than there are points";
+  scene.points.positions.resize(3 * 3000);
+  EXPECT_EQ(count_limit(config, scene), 3000) << "no fewer than there are points";
 }
 
 TEST(DecayStart, IsNoLaterThanSoManyUsesOfEachPhotograph) {
@@ -153,25 +162,35 @@ TrainConfig limited(const GivenOptions& given, const Scene& scene) {
 TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
   const GivenOptions quality{{"preset", "quality"}}, balanced{{"preset", "original"}, {"strategy", "balanced"}};
   const TrainConfig full = resolve_options(quality).config, config = limited(quality, scene_of(21));
-  EXPECT_EQ(config.iterations, 21 * 400);
+  EXPECT_EQ(config.iterations, 21 * 168) << "400 x 21 / 50";
   EXPECT_EQ(config.max_epochs, 400);
-  EXPECT_EQ(config.position_lr_max_steps, 8400) << "the schedule ends with the training";
-  EXPECT_EQ(config.densify_until_iter, 5600);
-  EXPECT_EQ(config.densify_from_iter, 140);
-  EXPECT_EQ(config.densification_interval, 84);
+  EXPECT_EQ(config.position_lr_max_steps, 3528) << "the schedule ends with the training";
+  EXPECT_EQ(config.densify_until_iter, 2352);
+  EXPECT_EQ(config.densify_from_iter, 59);
+  EXPECT_EQ(config.densification_interval, 35);
   EXPECT_EQ(config.test_iterations, full.test_iterations) << "no part of the schedule";
   EXPECT_EQ(config.save_iterations, full.save_iterations);
   EXPECT_EQ(config.stats_interval, full.stats_interval);
   EXPECT_EQ(config.batch, full.batch);
-  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 400);
+  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 168);
   EXPECT_EQ(limited({{"max_epochs", 1}}, scene_of(3)).iterations, 3);
+}
+
+TEST(EpochLimit, IsLowerWithFewPhotographsUnlessGiven) {
+  for (const auto& [n, uses] : {std::pair{1, 400}, {2, 250}, {5, 100}, {8, 64}, {35, 280}, {50, 400}, {59, 400}}) {
+    EXPECT_EQ(limited({}, scene_of(static_cast<std::size_t>(n))).iterations, n * uses) << n;
+    EXPECT_EQ(limited({{"max_epochs", 400}}, scene_of(static_cast<std::size_t>(n))).iterations, n * 400) << n;
+    TrainConfig config = limited({}, scene_of(static_cast<std::size_t>(n)));
+    EXPECT_NE(describe_epochs(config, static_cast<std::size_t>(n)).find(std::to_string(uses) + " times"),
+              std::string::npos);
+  }
 }
 
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
   for (const auto& [given, n] :
        {std::pair{GivenOptions{{"preset", "quality"}}, 60},
         {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
-        {GivenOptions{{"preset", "fast"}}, 1},
+        {GivenOptions{{"preset", "fast"}}, 25},
         {GivenOptions{{"preset", "original"}}, 1},
         {GivenOptions{{"strategy", "default"}}, 1},
         {GivenOptions{{"strategy", "mcmc"}}, 1},
@@ -206,12 +225,12 @@ TEST(EpochLimit, DoesNotScaleGivenOptions) {
   const GivenOptions given{
       {"densify_until_iter", 16000}, {"lr_decay_from_epoch", 80}, {"opacity_reset_interval", 3000}};
   const TrainConfig config = limited(given, scene_of(21));
-  EXPECT_EQ(config.iterations, 8400);
+  EXPECT_EQ(config.iterations, 3528);
   EXPECT_EQ(config.densify_until_iter, 16000);
   EXPECT_EQ(config.lr_decay_from_epoch, 80);
   EXPECT_EQ(config.lr_decay_from_iter, 21 * 80);
   EXPECT_EQ(config.opacity_reset_interval, 3000) << "also a value that equals the default";
-  EXPECT_EQ(config.prune_interval, 840);
+  EXPECT_EQ(config.prune_interval, 353);
 }
 
 TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
@@ -226,8 +245,8 @@ TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
 TEST(EpochLimit, IsScaledByStepsScaler) {
   const TrainConfig half = limited({{"steps_scaler", 0.5}}, scene_of(21));
   EXPECT_EQ(half.max_epochs, 200);
-  EXPECT_EQ(half.iterations, 4200);
-  EXPECT_EQ(half.densify_until_iter, 2800);
+  EXPECT_EQ(half.iterations, 21 * 84);
+  EXPECT_EQ(half.densify_until_iter, 1176);
   EXPECT_EQ(limited({{"steps_scaler", 2}, {"max_epochs", 100}}, scene_of(21)).iterations, 4200);
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "config/option_layers.h"
 #include "core/json_text.h"
 
 namespace b3dgs {
@@ -103,7 +104,7 @@ Json ratios_to_json(const ViewRatios& ratios) {
 CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& place) {
   CheckpointHeader header;
   try {
-    config_from_json(header.config, json.at("config"), place);
+    stored_config_from_json(header.config, json.at("config"), place);
     header.iteration = json_integer<int>(json.at("iteration"), "iteration", place, 0);
     header.n_gaussians = json_integer<std::int64_t>(json.at("n_gaussians"), "n_gaussians", place, 1, kMaxGaussians);
     header.sh_degree = json_integer<int>(json.at("sh_degree"), "sh_degree", place, 0, header.config.sh_degree);

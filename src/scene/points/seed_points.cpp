@@ -278,14 +278,14 @@ void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
 
 }  // namespace
 
-PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n) {
+PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n, SeedDepth depth) {
   std::vector<std::vector<Seed>> of_views(views.size());
   const std::int64_t of_each =
       (n + static_cast<std::int64_t>(views.size()) - 1) / static_cast<std::int64_t>(views.size());
   parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t view, int) {
     std::vector<Seed>& seeds = of_views[static_cast<std::size_t>(view)];
     seeds = seeds_of(views, static_cast<std::size_t>(view), of_each);
-    fill(views, seeds);
+    if (depth == SeedDepth::kAny) fill(views, seeds);
   });
   PointCloud points;
   for (const std::vector<Seed>& seeds : of_views) {

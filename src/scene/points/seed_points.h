@@ -1,4 +1,4 @@
-// Points to start from where a scene has none.
+// Initial points found in the photographs.
 #pragma once
 
 #include <cstdint>
@@ -20,12 +20,18 @@ struct SeedView {
 
 inline constexpr int kSeedSide = 160;
 
+/// What seed_points() does with pixels whose depth is not clear.
+enum class SeedDepth {
+  kAny,    // gives them that of the nearest pixel for which it is, or a random one
+  kClear,  // leaves them out
+};
+
 /// About `n` points on the surfaces that the views show, with their colours. For random pixels, the depth at which the
 /// pixel's surroundings look alike in neighbouring views (a plane sweep: Collins, "A space-sweep approach to true
-/// multi-image matching", CVPR 1996); where that is not clear, as on plain walls, the depth of the nearest pixel for
-/// which it is; where there is none, or fewer than three views, a random one, from half to twice kTypicalDepth. No
-/// point is where a view shows that nothing is, or close in front of a camera. There are fewer than `n` where most
-/// pixels show nothing. The same views always give the same points.
-PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n);
+/// multi-image matching", CVPR 1996); where that is not clear, as on plain walls, with SeedDepth::kAny the depth of
+/// the nearest pixel for which it is; where there is none, or fewer than three views, a random one, from half to twice
+/// kTypicalDepth. No point is where a view shows that nothing is, or close in front of a camera. There are fewer than
+/// `n` where most pixels show nothing, or with kClear. The same views always give the same points.
+PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n, SeedDepth depth = SeedDepth::kAny);
 
 }  // namespace b3dgs

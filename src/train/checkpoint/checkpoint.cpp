@@ -64,9 +64,10 @@ Json camera_crcs(const Scene& scene) {
   return crcs;
 }
 
-std::uint32_t points_crc(const PointCloud& points) {
-  const std::uint32_t crc = add_crc(0, points.positions.data(), points.positions.size() * sizeof(float));
-  return add_crc(crc, points.colors.data(), points.colors.size());
+// Of the scene's own points: those found beside them are not looked for again at a resume.
+std::uint32_t points_crc(const Scene& scene) {
+  const auto n = static_cast<std::size_t>(3 * (scene.points.size() - scene.n_added_points));
+  return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
 }
 
 // Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0,
@@ -264,7 +265,7 @@ Json scene_fingerprint(const Scene& scene) {
           {"extent", scene.extent},
           {"train_views", describe_views(scene)},
           {"camera_crc32s", camera_crcs(scene)},
-          {"points_crc32", points_crc(scene.points)},
+          {"points_crc32", points_crc(scene)},
           {"photographs", std::move(photographs)},
           {"masks", std::move(masks)}};
 }

@@ -37,7 +37,7 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.rotation_lr,
           scale * config.opacity_lr,
           scale * config.feature_lr,
-          scale * config.feature_lr / 20};
+          scale * config.feature_lr / config.feature_rest_divisor};
 }
 
 /// --scale_reg and --noise_lr are given for a scene of this extent, in world units, which is about that of bonsai, fox

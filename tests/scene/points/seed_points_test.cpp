@@ -5,10 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "core/random.h"
 #include "scene/cameras/scene_frame.h"
+#include "scene/scene_points.h"
+#include "scene/view_image.h"
 
 namespace b3dgs {
 namespace {
@@ -73,6 +77,61 @@ double share_near_wall(const PointCloud& points, double tolerance) {
     n += std::abs(points.positions[i] - kWall) < tolerance * kWall ? 1 : 0;
   }
   return n / static_cast<double>(points.size());
+}
+
+/// With a point every 0.1 on the wall where x < `end`.
+Scene scene_of_wall(float end) {
+  Scene scene;
+  for (SeedView& seed : views_of_wall()) {
+    View view;
+    view.camera = seed.camera;
+    view.image = std::make_shared<ViewImage>(std::move(seed.image));
+    scene.train.push_back(std::move(view));
+  }
+  for (float x = -6; x < end; x += 0.1f) {
+    for (float y = -6; y < 6; y += 0.1f) scene.points.positions.insert(scene.points.positions.end(), {x, y, kWall});
+  }
+  scene.points.colors.resize(scene.points.positions.size());
+  return scene;
+}
+
+TEST(PointsOfPhotographs, AreAddedInPartsWithoutPoints) {
+  Scene scene = scene_of_wall(0);
+  const std::int64_t n_own = scene.points.size(), n_added = add_points_of_photographs(scene, {});
+  EXPECT_GT(n_added, 10000);
+  ASSERT_EQ(scene.points.size(), n_own + n_added);
+  ASSERT_EQ(scene.points.colors.size(), scene.points.positions.size());
+  PointCloud added;
+  added.positions.assign(scene.points.positions.begin() + 3 * n_own, scene.points.positions.end());
+  EXPECT_GT(share_near_wall(added, 0.05), 0.9);
+  for (std::size_t i = 0; i < added.positions.size(); i += 3) {
+    if (std::abs(added.positions[i + 2] - kWall) > 0.05 * kWall) continue;
+    EXPECT_GT(added.positions[i], -0.2);
+  }
+}
+
+TEST(PointsOfPhotographs, AreNotNeededWhereTheScenesOwnAreEverywhere) {
+  Scene scene = scene_of_wall(6);
+  EXPECT_EQ(add_points_of_photographs(scene, {}), 0);
+  Scene none;
+  EXPECT_EQ(add_points_of_photographs(none, {}), 0) << "no views";
+}
+
+TEST(PointsOfPhotographs, AreNotLookedForWhereMasksLeaveEverythingOut) {
+  for (const bool is_empty : {false, true}) {  // nothing is there, or it does not count
+    Scene scene = scene_of_wall(0);
+    for (View& view : scene.train) {
+      Image8 left(view.camera.width, view.camera.height, 1), right = left;  // of the wall's middle
+      for (int row = 0; row < left.height; ++row) {
+        for (int column = 0; column < left.width; ++column) {
+          const double x = view.camera.center()[0] + kWall * (column + 0.5 - view.camera.cx) / view.camera.fx;
+          (x < 0 ? left : right).pixels[static_cast<std::size_t>(row * left.width + column)] = 255;
+        }
+      }
+      (is_empty ? view.empty : view.valid) = std::make_shared<const Image8>(is_empty ? right : left);
+    }
+    EXPECT_EQ(add_points_of_photographs(scene, {}), 0);
+  }
 }
 
 TEST(SeedPoints, LieOnWhatThePhotographsShow) {

@@ -47,10 +47,11 @@ inline TrainConfig eventful_balanced_config() {
 }
 
 /// A checkpoint's bytes without the duration and the ID of the training.
-inline std::string timeless_bytes(const std::filesystem::path& checkpoint) {
+inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const std::string& without = "") {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
   file.header.erase("training_id");
+  file.header.erase(without);
   const std::filesystem::path copy = checkpoint.string() + ".timeless";
   write_checkpoint_file(copy, file);
   const std::string bytes = read_bytes(copy);

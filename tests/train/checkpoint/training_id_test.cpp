@@ -130,6 +130,7 @@ TEST_F(TrainingId, WithoutOneACheckpointBelongsToItsFolder) {
     for (const char* key : {"training_id", "is_density_pending", "n_removed"}) file.header.erase(key);
     file.header["scene"].erase("photographs");
     file.header["config"].erase("checkpoint_minutes");
+    file.header["config"]["pixels_per_gaussian"] = 45;  // an option that is gone
     write_checkpoint_file(a.checkpoint(iteration), file);
   }
   fs::remove(a.root() / "training.json");

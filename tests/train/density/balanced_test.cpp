@@ -301,6 +301,16 @@ TEST(BalancedStrategy, ChangesNothingWithoutCandidates) {
   EXPECT_EQ(empty.edit.sources.numel(), 0);
 }
 
+TEST(BalancedStrategy, WithoutAThresholdNeedsNoAbsoluteGradients) {
+  Model model = make_model(6);
+  column(model, BalancedColumn::kAbsGradSum).zero_();
+  model.statistics.view_count.zero_();
+  TrainConfig config = balanced_config();
+  EXPECT_TRUE(parents_of(plan_round(config, model, kLastRound)).empty());
+  config.abs_grad_threshold = 0;
+  EXPECT_EQ(parents_of(plan_round(config, model, kLastRound)).size(), 6u) << "all with a score";
+}
+
 TEST(BalancedStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
   Model model = make_model(5);
   column(model, BalancedColumn::kErrorSum).zero_();
@@ -341,6 +351,10 @@ TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
     const DensityPlan plan = balanced_plan(config, i);
     if (plan.score) scored.push_back(i);
     EXPECT_EQ(plan.absolute_gradients, i <= kLastRound);
+    TrainConfig any = config;
+    any.abs_grad_threshold = 0;
+    EXPECT_FALSE(balanced_plan(any, i).absolute_gradients);
+    EXPECT_EQ(balanced_plan(any, i).statistics, plan.score);
     EXPECT_TRUE(plan.after_step) << "noise, to the end";
     EXPECT_EQ(plan.densify, (i > 500 && i < 15000 && i % 100 == 0) || (i > 500 && i < 28000 && i % 3000 == 0)) << i;
     EXPECT_FALSE(plan.lower_opacities);

@@ -64,7 +64,7 @@ class FrameTraining : public ::testing::Test {
   FrameTraining() {
     config_.iterations = 60;
     config_.test_iterations = {60};
-    config_.pixels_per_gaussian = 60;
+    config_.max_gaussians = 300;
     config_.densify_from_iter = 5;
     config_.densification_interval = 10;
     config_.densify_until_iter = 50;

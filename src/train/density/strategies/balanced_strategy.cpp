@@ -205,11 +205,12 @@ class BalancedStrategy final : public DensityStrategy {
   torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
                                std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
     const torch::Tensor& scores = column(statistics, BalancedColumn::kErrorSum);
-    const torch::Tensor limits = statistics.view_count * config_.abs_grad_threshold;
-    const torch::Tensor grows = (column(statistics, BalancedColumn::kAbsGradSum) >= limits)
-                                    .logical_and_(statistics.view_count > 0)
-                                    .logical_and_(scores > 0)
-                                    .logical_and_(stays);
+    torch::Tensor grows = (scores > 0).logical_and_(stays);
+    if (config_.abs_grad_threshold > 0) {
+      const torch::Tensor limits = statistics.view_count * config_.abs_grad_threshold;
+      grows.logical_and_(column(statistics, BalancedColumn::kAbsGradSum) >= limits)
+          .logical_and_(statistics.view_count > 0);
+    }
     const torch::Tensor rows = rows_of(grows);
     std::int64_t n_wanted = rows.size(0);
     if (config_.max_gaussians > 0) {
@@ -252,7 +253,7 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   const bool grows = is_growth_round(config, iteration);
   plan.densify = grows || is_weight_prune_round(config, iteration);
   plan.lower_opacities = grows && config.opacity_decay < 1;
-  plan.absolute_gradients = iteration <= last_growth_round(config);
+  plan.absolute_gradients = config.abs_grad_threshold > 0 && iteration <= last_growth_round(config);
   // Also for rounds beyond config.iterations: the training may be resumed with more iterations.
   const int window_end = next_multiple(iteration, config.densification_interval);
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&

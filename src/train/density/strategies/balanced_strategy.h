@@ -4,7 +4,8 @@
 //
 // Each part has its own options:
 //   score        sum of blend weight times pixel error (--score_power) over the last --score_views steps before a round
-//   candidates   Gaussians with a score above 0 and a mean absolute gradient of at least --abs_grad_threshold
+//   candidates   Gaussians with a score above 0 and, if given, a mean absolute gradient of at least
+//                --abs_grad_threshold
 //   parents      --parents: drawn in proportion to the score, or those with the highest scores
 //   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
 //   growth       --budget_power: how far each round goes towards the budget

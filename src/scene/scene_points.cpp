@@ -1,0 +1,152 @@
+#include "scene/scene_points.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "core/parallel.h"
+#include "scene/cameras/scene_frame.h"
+#include "scene/images/image_io.h"
+#include "scene/points/seed_points.h"
+#include "scene/view_image.h"
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kSeedPoints = 50000;
+constexpr double kLargePart = 0.1;  // of the photographs
+
+/// At most 120, evenly spaced in the list.
+std::vector<const View*> chosen_views(const Scene& scene) {
+  constexpr std::size_t kMostViews = 120;
+  const std::size_t n = std::min(kMostViews, scene.train.size());
+  std::vector<const View*> views;
+  for (std::size_t i = 0; i < n; ++i) views.push_back(&scene.train[i * scene.train.size() / n]);
+  return views;
+}
+
+/// Of an image of at most kSeedSide px a side.
+Camera small_camera(const Camera& camera) {
+  const double scale = std::min(1.0, static_cast<double>(kSeedSide) / std::max(camera.width, camera.height));
+  const auto side = [&](int full) { return std::max(1, static_cast<int>(std::lround(scale * full))); };
+  return camera.scaled_to(side(camera.width), side(camera.height));
+}
+
+/// What seed_views() knows of them.
+enum class Photographs {
+  kMasksOnly,  // neither colours nor alpha: nothing is decoded
+  kRead,
+};
+
+/// Small copies of the photographs of the chosen views; cameras are in `frame`.
+std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, Photographs photographs,
+                                 const ProgressFn& progress) {
+  const std::vector<const View*> views = chosen_views(scene);
+  const std::size_t n = views.size();
+  std::vector<SeedView> seeds(n);
+  std::mutex mutex;
+  std::size_t n_done = 0;
+  parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
+    const View& view = *views[static_cast<std::size_t>(i)];
+    SeedView& seed = seeds[static_cast<std::size_t>(i)];
+    seed.camera = small_camera(change_frame(scene.frame, frame, view.camera));
+    std::optional<Image8> content;
+    if (photographs == Photographs::kRead) {
+      seed.image = resize_image(*view.image->read(), seed.camera.width, seed.camera.height);
+      content = view.image->read_alpha();
+    }
+    if (view.empty) {
+      if (!content)
+        content.emplace(view.camera.width, view.camera.height, 1).pixels.assign(view.empty->pixels.size(), 255);
+      for (std::size_t p = 0; p < content->pixels.size(); ++p) {
+        if (view.empty->pixels[p] != 0) content->pixels[p] = 0;
+      }
+    }
+    if (content) seed.content = resize_image(*content, seed.camera.width, seed.camera.height);
+    if (view.valid) seed.valid = shrink_mask(*view.valid, seed.camera.width, seed.camera.height);
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (progress) progress("looking for points in the photographs", ++n_done, n);
+  });
+  return seeds;
+}
+
+/// Whether there is a point in the block of pixels, about a tenth of the longer side wide, that a pixel belongs to.
+class PointBlocks {
+ public:
+  PointBlocks(const Camera& camera, const PointCloud& points)
+      : size_(std::max(1, std::max(camera.width, camera.height) / 10)),
+        n_columns_((camera.width + size_ - 1) / size_),
+        has_point_(static_cast<std::size_t>(n_columns_ * ((camera.height + size_ - 1) / size_))) {
+    for (std::int64_t i = 0; i < points.size(); ++i) {
+      const auto place = camera.project(&points.positions[static_cast<std::size_t>(3 * i)]);
+      if (place) has_point_[index(static_cast<int>(place->x), static_cast<int>(place->y))] = true;
+    }
+  }
+  bool has_point(int column, int row) const { return has_point_[index(column, row)]; }
+
+ private:
+  std::size_t index(int column, int row) const {
+    return static_cast<std::size_t>(row / size_ * n_columns_ + column / size_);
+  }
+  int size_, n_columns_;
+  std::vector<bool> has_point_;
+};
+
+/// Of the pixels that show something and count, the share in blocks without points; `valid` keeps only those.
+double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>& views) {
+  std::vector<std::array<double, 2>> counts(views.size());  // without points, all
+  parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t i, int) {
+    SeedView& view = views[static_cast<std::size_t>(i)];
+    auto& [n_without, n_all] = counts[static_cast<std::size_t>(i)];
+    const PointBlocks blocks(view.camera, points);
+    Image8 without(view.camera.width, view.camera.height, 1);
+    for (int row = 0; row < view.camera.height; ++row) {
+      for (int column = 0; column < view.camera.width; ++column) {
+        const auto pixel = static_cast<std::size_t>(row * view.camera.width + column);
+        const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || mask.pixels[pixel] != 0; };
+        if (!is_set(view.valid) || !is_set(view.content)) continue;
+        n_all += 1;
+        if (blocks.has_point(column, row)) continue;
+        n_without += 1;
+        without.pixels[pixel] = 255;
+      }
+    }
+    view.valid = std::move(without);
+  });
+  double n_without = 0, n_all = 0;
+  for (const auto& [own_without, own_all] : counts) n_without += own_without, n_all += own_all;
+  return n_all > 0 ? n_without / n_all : 0;
+}
+
+void append(const PointCloud& more, PointCloud& points) {
+  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
+  points.colors.insert(points.colors.end(), more.colors.begin(), more.colors.end());
+}
+
+}  // namespace
+
+std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress) {
+  if (scene.train.empty()) return 0;
+  if (scene.points.size() == 0) {
+    std::vector<Camera> cameras;
+    for (const View& view : scene.train) cameras.push_back(change_frame(scene.frame, {}, view.camera));
+    const CoordinateFrame own = choose_frame(cameras, {});  // also where a training to resume gave the scene's frame
+    scene.points = in_frame(
+        scene.frame, in_world(own, seed_points(seed_views(scene, own, Photographs::kRead, progress), kSeedPoints)));
+    return scene.points.size();
+  }
+  std::vector<SeedView> views = seed_views(scene, scene.frame, Photographs::kMasksOnly, {});
+  if (keep_parts_without_points(scene.points, views) <= kLargePart) return 0;
+  views = seed_views(scene, scene.frame, Photographs::kRead, progress);
+  const double share = keep_parts_without_points(scene.points, views);  // alpha also says where nothing is
+  if (share <= kLargePart) return 0;
+  const PointCloud found = seed_points(views, std::llround(share * kSeedPoints), SeedDepth::kClear);
+  append(found, scene.points);
+  return found.size();
+}
+
+}  // namespace b3dgs
