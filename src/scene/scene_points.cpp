@@ -17,7 +17,6 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kSeedPoints = 50000;
 constexpr double kLargePart = 0.1;  // of the photographs
 
 /// At most 120, evenly spaced in the list.
@@ -27,6 +26,14 @@ std::vector<const View*> chosen_views(const Scene& scene) {
   std::vector<const View*> views;
   for (std::size_t i = 0; i < n; ++i) views.push_back(&scene.train[i * scene.train.size() / n]);
   return views;
+}
+
+/// How many points a scene without any gets: at most two for each pixel of a photograph, of their mean size.
+double count_for(const Scene& scene) {
+  constexpr double kMost = 50000;
+  double pixels = 0;
+  for (const View& view : scene.train) pixels += static_cast<double>(view.camera.width) * view.camera.height;
+  return std::min(kMost, 2 * pixels / static_cast<double>(scene.train.size()));
 }
 
 /// Of an image of at most kSeedSide px a side.
@@ -135,8 +142,8 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
     std::vector<Camera> cameras;
     for (const View& view : scene.train) cameras.push_back(change_frame(scene.frame, {}, view.camera));
     const CoordinateFrame own = choose_frame(cameras, {});  // also where a training to resume gave the scene's frame
-    scene.points = in_frame(
-        scene.frame, in_world(own, seed_points(seed_views(scene, own, Photographs::kRead, progress), kSeedPoints)));
+    scene.points = in_frame(scene.frame, in_world(own, seed_points(seed_views(scene, own, Photographs::kRead, progress),
+                                                                   static_cast<std::int64_t>(count_for(scene)))));
     return scene.points.size();
   }
   std::vector<SeedView> views = seed_views(scene, scene.frame, Photographs::kMasksOnly, {});
@@ -144,7 +151,7 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
   views = seed_views(scene, scene.frame, Photographs::kRead, progress);
   const double share = keep_parts_without_points(scene.points, views);  // alpha also says where nothing is
   if (share <= kLargePart) return 0;
-  const PointCloud found = seed_points(views, std::llround(share * kSeedPoints), SeedDepth::kClear);
+  const PointCloud found = seed_points(views, std::llround(share * count_for(scene)), SeedDepth::kClear);
   append(found, scene.points);
   return found.size();
 }

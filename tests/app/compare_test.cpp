@@ -114,7 +114,7 @@ TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
   test::RunOptions stop;
   stop.signal = SIGTERM;
   stop.signal_when = [&] { return fs::exists(output() / "naive/seed_0/train.jsonl"); };
-  const Outcome by_default = compare({}, "out", stop);
+  const Outcome by_default = compare({"--max_epochs", "400"}, "out", stop);
   EXPECT_EQ(by_default.exit_code, 143) << by_default.err;
   EXPECT_LT(by_default.err.find(hint), by_default.err.find("loading images")) << by_default.err;
   const Outcome chosen = compare({"--iterations", "10"}, "chosen");

@@ -334,6 +334,8 @@ TEST(ResumedOptions, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
 TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model", "--preset", "original"}))),
             Words{"options     preset original, strategy default"});
+  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "original", "--iterations", "7000"})))[0],
+            "options     preset original, strategy default, schedule of 30,000 iterations, whatever --iterations");
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene"})))[0],
             "options     preset quality, strategy balanced");
   const Words lines = describe_options(

@@ -178,9 +178,9 @@ TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
 
 TEST(EpochLimit, IsLowerWithFewPhotographsUnlessGiven) {
   for (const auto& [n, uses] : {std::pair{1, 400}, {2, 250}, {5, 100}, {8, 64}, {35, 280}, {50, 400}, {59, 400}}) {
-    EXPECT_EQ(limited({}, scene_of(static_cast<std::size_t>(n))).iterations, n * uses) << n;
+    TrainConfig config = limited(GivenOptions::object(), scene_of(static_cast<std::size_t>(n)));
+    EXPECT_EQ(config.iterations, n * uses) << n;
     EXPECT_EQ(limited({{"max_epochs", 400}}, scene_of(static_cast<std::size_t>(n))).iterations, n * 400) << n;
-    TrainConfig config = limited({}, scene_of(static_cast<std::size_t>(n)));
     EXPECT_NE(describe_epochs(config, static_cast<std::size_t>(n)).find(std::to_string(uses) + " times"),
               std::string::npos);
   }
@@ -274,7 +274,7 @@ TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
 
 TEST(EpochLimit, IsDescribedWhereItEndsTheTraining) {
   EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(21)), 21),
-            "schedule    8,400 iterations: each photograph 400 times (--max_epochs)");
+            "schedule    3,528 iterations: each photograph 168 times (--max_epochs)");
   EXPECT_EQ(describe_epochs(limited({{"max_epochs", 1}}, scene_of(3)), 3),
             "schedule    3 iterations: each photograph 1 time (--max_epochs)");
   EXPECT_EQ(describe_epochs(limited(GivenOptions::object(), scene_of(61)), 61), "");

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "core/files/remove_tree.h"
 #include "core/process/child_process.h"
+#include "core/text.h"
 #include "model/edit/rotate.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
@@ -77,7 +78,7 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   const Outcome outcome = run_export({path("model"), path("a.spz")});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const std::int64_t n = read_splat_ply(ply()).size();
-  for (const std::string& part : {std::to_string(n) + " Gaussians, SH degree 3",
+  for (const std::string& part : {format_count(n) + " Gaussians, SH degree 3",
                                   std::string("dB lost (mean of 2 test views)"), std::string("against those before")}) {
     EXPECT_TRUE(contains(outcome.out, part)) << part << " is not in: " << outcome.out;
   }
@@ -85,7 +86,7 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   EXPECT_LT(fs::file_size(path("a.spz")), fs::file_size(ply()) / 3);
 
   const Outcome info = run_b3dgs({"info", path("a.spz")});
-  EXPECT_TRUE(contains(info.out, "Gaussians         " + std::to_string(n))) << info.out << info.err;
+  EXPECT_TRUE(contains(info.out, "Gaussians         " + format_count(n))) << info.out << info.err;
   const Outcome eval = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--split", "test", "--quiet"});
   EXPECT_TRUE(contains(eval.out, "mean of 2")) << eval.out << eval.err;
   const Outcome all = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--quiet"});
