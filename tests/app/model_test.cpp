@@ -218,17 +218,17 @@ TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
 }
 
 TEST_F(TrainedModel, IsEvaluatedAndRenderedWithItsLearnedBackground) {
-  const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("sky"), "--eval", "--iterations", "3",
+  const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("sky"), "--eval", "--iterations", "20",
                                      "--background", "sky", "--device", "cpu", "--quiet"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto psnr = [&] {
-    return nlohmann::json::parse(read_bytes(folder_ / "sky/results.json"))["ours_3"]["PSNR"].get<double>();
+    return nlohmann::json::parse(read_bytes(folder_ / "sky/results.json"))["ours_20"]["PSNR"].get<double>();
   };
   const double at_the_end = psnr();
   ASSERT_EQ(run_b3dgs({"eval", path("sky"), "--device", "cpu"}).exit_code, 0);
   EXPECT_NEAR(psnr(), at_the_end, 1e-3);
 
-  const std::string ply = path("sky/point_cloud/iteration_3/point_cloud.ply");
+  const std::string ply = path("sky/point_cloud/iteration_20/point_cloud.ply");
   const auto render = [&](const std::string& name) {
     const Outcome rendered =
         run_b3dgs({"render", ply, "-s", path("scene"), "--output", path(name), "--device", "cpu", "--quiet"});

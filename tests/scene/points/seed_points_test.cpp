@@ -98,7 +98,7 @@ Scene scene_of_wall(float end) {
 TEST(PointsOfPhotographs, AreAddedInPartsWithoutPoints) {
   Scene scene = scene_of_wall(0);
   const std::int64_t n_own = scene.points.size(), n_added = add_points_of_photographs(scene, {});
-  EXPECT_GT(n_added, 10000);
+  EXPECT_GT(n_added, 5000);
   ASSERT_EQ(scene.points.size(), n_own + n_added);
   ASSERT_EQ(scene.points.colors.size(), scene.points.positions.size());
   PointCloud added;
