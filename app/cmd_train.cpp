@@ -108,8 +108,10 @@ void report_quality(const TrainResult& result) {
   }
 }
 
-void report_history(const ModelFolder& folder) {
+void report_history(const ModelFolder& folder, std::int64_t limit) {
   const TrainHistory history = read_train_log(folder.log());
+  const std::string kept = limit_text(history, limit);
+  if (!kept.empty()) std::printf("%-12s%s\n", "Gaussians", kept.c_str());
   const std::string floaters = floaters_text(history);
   if (!floaters.empty()) {
     std::printf("%-12spossible: %s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
@@ -276,7 +278,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   try {
     record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
     if (is_first) {
-      report_history(folder);
+      report_history(folder, result.interrupted ? 0 : config.max_gaussians);
       std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
     }
   } catch (const IoError& error) {

@@ -141,6 +141,23 @@ std::string floaters_text(const TrainHistory& history) {
          format_count(found.close) + " close to a camera, " + format_count(found.large) + " large in an image";
 }
 
+std::string limit_text(const TrainHistory& history, std::int64_t limit) {
+  constexpr double kNearly = 0.95;
+  const LogPoint *most = nullptr, *last = nullptr;
+  for (const LogPoint& point : history.points) {
+    if (!point.count) continue;
+    last = &point;
+    if (most == nullptr || *point.count > *most->count) most = &point;
+  }
+  const double nearly = kNearly * static_cast<double>(limit);
+  if (limit == 0 || last == nullptr || static_cast<double>(*last->count) >= nearly) return "";
+  const std::string there_were = format_count(*most->count) + " after iteration " + format_count(most->iteration);
+  if (static_cast<double>(*most->count) < nearly) {
+    return "the limit of " + format_count(limit) + " was not reached: at most " + there_were;
+  }
+  return "of " + there_were + ", those that hardly contribute were removed";
+}
+
 std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
   constexpr double kClear = 0.2;  // dB; PSNR also goes up and down where it has no trend
   const LogPoint* const last = last_evaluation(history);

@@ -1,6 +1,7 @@
 // report.html of one training, from the files in its model folder.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -15,6 +16,10 @@ std::filesystem::path write_train_report(const ModelFolder& folder);
 
 /// How many Gaussians may be floaters; "" if they were not counted after the last iteration.
 std::string floaters_text(const TrainHistory& history);
+
+/// Why a training ended with fewer Gaussians than its limit allowed (`limit`: max_gaussians, 0 = none): whether there
+/// were as many once, and when. "" within 5 % of the limit, and of a log without counts.
+std::string limit_text(const TrainHistory& history, std::int64_t limit);
 
 /// The test views were clearly better after an earlier iteration than at the last evaluation: what was added since fits
 /// the training photographs alone.

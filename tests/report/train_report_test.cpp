@@ -125,6 +125,20 @@ TEST_F(TrainReport, SaysHowManyGaussiansMayBeFloaters) {
   EXPECT_EQ(floaters_text(read_train_log(folder_.log())), "") << "of a training that has been continued since";
 }
 
+TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
+  TrainHistory history;
+  EXPECT_EQ(limit_text(history, 1000), "") << "no counts";
+  for (const auto& [iteration, count] : {std::pair{10, 400}, {2000, 990}, {2010, 700}}) {
+    history.points.emplace_back();
+    history.points.back().iteration = iteration;
+    history.points.back().count = count;
+  }
+  EXPECT_EQ(limit_text(history, 0), "");
+  EXPECT_EQ(limit_text(history, 730), "");
+  EXPECT_EQ(limit_text(history, 1000), "of 990 after iteration 2,000, those that hardly contribute were removed");
+  EXPECT_EQ(limit_text(history, 2000), "the limit of 2,000 was not reached: at most 990 after iteration 2,000");
+}
+
 TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
   EXPECT_FALSE(contains(page(60, true), "<h2>Ranks")) << "one process";
   std::ofstream log(folder_.log(), std::ios::app);
