@@ -88,7 +88,9 @@ class PointBlocks {
       : size_(std::max(1, std::max(camera.width, camera.height) / 10)),
         n_columns_((camera.width + size_ - 1) / size_),
         has_point_(static_cast<std::size_t>(n_columns_ * ((camera.height + size_ - 1) / size_))) {
-    for (std::int64_t i = 0; i < points.size(); ++i) {
+    constexpr std::int64_t kEnough = 200000;  // points, to know a few hundred blocks
+    const std::int64_t step = std::max<std::int64_t>(1, points.size() / kEnough);
+    for (std::int64_t i = 0; i < points.size(); i += step) {
       const auto place = camera.project(&points.positions[static_cast<std::size_t>(3 * i)]);
       if (place) has_point_[index(static_cast<int>(place->x), static_cast<int>(place->y))] = true;
     }
@@ -97,7 +99,8 @@ class PointBlocks {
 
  private:
   std::size_t index(int column, int row) const {
-    return static_cast<std::size_t>(row / size_ * n_columns_ + column / size_);
+    const int block = row / size_ * n_columns_ + column / size_;
+    return static_cast<std::size_t>(block);
   }
   int size_, n_columns_;
   std::vector<bool> has_point_;
@@ -111,9 +114,9 @@ double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>
     auto& [n_without, n_all] = counts[static_cast<std::size_t>(i)];
     const PointBlocks blocks(view.camera, points);
     Image8 without(view.camera.width, view.camera.height, 1);
+    std::size_t pixel = 0;
     for (int row = 0; row < view.camera.height; ++row) {
-      for (int column = 0; column < view.camera.width; ++column) {
-        const auto pixel = static_cast<std::size_t>(row * view.camera.width + column);
+      for (int column = 0; column < view.camera.width; ++column, ++pixel) {
         const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || mask.pixels[pixel] != 0; };
         if (!is_set(view.valid) || !is_set(view.content)) continue;
         n_all += 1;
