@@ -99,7 +99,7 @@ struct Trainer::Impl {
   /// Memory is planned with the sizes of the views that were rendered.
   void note_view_size();
   /// Warns after each view has been drawn once if no Gaussian is visible in some of them.
-  void note_visibility(const TrainView& view);
+  void note_visibility(std::int32_t view, bool is_empty);
   /// The same at the end, if these are half of the views, or more than before.
   void warn_of_empty_views();
   /// Adds the view to the density statistics.

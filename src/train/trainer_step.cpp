@@ -124,7 +124,7 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
   note_view_size();
-  note_visibility(view);
+  note_visibility(view.index, rasterizer.view_size().n_pairs == 0);
   read_loss();  // of the view before: the device has finished it by now
   if (!step_start.loss_average) step_start.loss_average = state.loss_average;
   compare_with_photograph(view, compared);
@@ -142,9 +142,9 @@ void Trainer::Impl::note_view_size() {
   if (const std::int64_t bytes = rasterizer.memory_bytes(); bytes != std::exchange(view_bytes, bytes)) trim_memory();
 }
 
-void Trainer::Impl::note_visibility(const TrainView& view) {
+void Trainer::Impl::note_visibility(std::int32_t view, bool is_empty) {
   empty_views.resize(static_cast<std::size_t>(images.size()));
-  empty_views[static_cast<std::size_t>(view.index)] = rasterizer.view_size().n_pairs == 0;
+  empty_views[static_cast<std::size_t>(view)] = is_empty;
   if (++n_views_drawn == empty_views.size()) warn_of_empty_views();
 }
 
@@ -152,6 +152,7 @@ void Trainer::Impl::warn_of_empty_views() {
   const auto n = static_cast<std::size_t>(std::count(empty_views.begin(), empty_views.end(), true));
   if (n == 0 || (n <= n_warned_empty && 2 * n < empty_views.size())) return;
   n_warned_empty = n;
+  if (is_distributed() && !ranks->is_first()) return;
   const auto first = std::find(empty_views.begin(), empty_views.end(), true) - empty_views.begin();
   recorder.warn(detail::concat("after iteration ", state.iteration, ": no Gaussian is visible in ", n, " of ",
                                images.size(),

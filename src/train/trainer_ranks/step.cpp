@@ -145,7 +145,10 @@ void Trainer::Impl::exchange_records(ViewsOfRanks& step, StepRecord record, cons
     agreed.stop |= other.stop != 0;
     for (std::size_t v = 0; v < step.views.size(); ++v) step.views[v].n_splats += other.n_seen[v];
   }
-  for (const ViewsOfRanks::View& view : step.views) model_ratios.add(view.n_splats, 0, state.n_gaussians());
+  for (std::size_t v = 0; v < step.views.size(); ++v) {
+    model_ratios.add(step.views[v].n_splats, 0, state.n_gaussians());
+    note_visibility(step.learned[v].index, step.views[v].n_splats == 0);
+  }
   agreed.write_checkpoint = records[0].write_checkpoint != 0;
   agreed.check_kernels = records[0].check_kernels != 0;
   add_drawn(drawn_before);

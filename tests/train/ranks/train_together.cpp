@@ -203,6 +203,22 @@ void check_few(Communicator& ranks) {
   check_strategy(config, test::make_tiny_scene(options), ranks);
 }
 
+/// The first rank says that no view shows anything, once all have been drawn and at the end.
+void check_empty(Communicator& ranks) {
+  Scene scene = test::make_tiny_scene();
+  for (std::size_t i = 1; i < scene.points.positions.size(); i += 3) scene.points.positions[i] += 1000;
+  TrainConfig config = config_of("default");
+  config.densify_from_iter = 100;
+  int n_said = 0;
+  TrainHooks hooks;
+  hooks.on_warning = [&](const std::string& text) {
+    n_said += text.find("no Gaussian is visible in 6 of 6 training views") != std::string::npos ? 1 : 0;
+  };
+  const SharedFolder folder(ranks);
+  train(config, scene, folder / "together", &ranks, {}, hooks);
+  expect(n_said == (ranks.is_first() ? 2 : 0), "warnings of empty views: " + std::to_string(n_said));
+}
+
 /// A checkpoint of any number of ranks continues on any other.
 void check_resume(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
@@ -502,6 +518,7 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "parts") return check_parts(ranks);
   if (scenario == "bands") return check_bands(ranks);
   if (scenario == "few") return check_few(ranks);
+  if (scenario == "empty") return check_empty(ranks);
   if (scenario == "resume") return check_resume(ranks);
   if (scenario == "invalid") return check_invalid(ranks);
   if (scenario == "stop") return check_stop(ranks);
