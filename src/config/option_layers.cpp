@@ -152,7 +152,8 @@ std::vector<std::string> describe_options(const OptionLayers& layers) {
   named.push_back("strategy " + layers.config.strategy);
   if (layers.schedule_scale != 1) {
     named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
-  } else if (layers.config.strategy == "default" && layers.config.iterations != TrainConfig{}.iterations) {
+  } else if (layers.config.preset == kPresetNames[0] && layers.config.strategy == "default" &&
+             layers.given.value("iterations", TrainConfig{}.iterations) != TrainConfig{}.iterations) {
     named.emplace_back("schedule of 30,000 iterations, whatever --iterations");
   }
   if (layers.epoch_scale != 1) {

@@ -11,6 +11,7 @@
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
+#include "train/checkpoint/checkpoint_file.h"
 
 namespace b3dgs {
 namespace {
@@ -190,6 +191,17 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"-m", a.root(), "--resume", "auto"}));
   EXPECT_EQ(a.read_config().sh_degree, 1);
   EXPECT_EQ(a.ply_iterations(), (std::vector<int>{5}));
+}
+
+TEST_F(Resume, OfAnEarlierVersionKeepsItsRatesAndIgnoresOptionsThatAreGone) {
+  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4"}));
+  CheckpointFile file = read_checkpoint_file(a.checkpoint(4));
+  file.header["config"]["pixels_per_gaussian"] = 45;
+  file.header["config"].erase("feature_rest_divisor");
+  write_checkpoint_file(a.checkpoint(4), file);
+  expect_success(train({"-m", a.root(), "--resume", "auto", "--iterations", "6"}));
+  EXPECT_EQ(a.checkpoint_iterations().back(), 6);
+  EXPECT_EQ(a.read_config().feature_rest_divisor, 20) << "not that of the preset";
 }
 
 TEST_F(Resume, AutoWithNothingToResumeAndNoSceneIsOneLine) {

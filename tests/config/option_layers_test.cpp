@@ -336,6 +336,8 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
             Words{"options     preset original, strategy default"});
   EXPECT_EQ(describe_options(resolve_options(given({"--preset", "original", "--iterations", "7000"})))[0],
             "options     preset original, strategy default, schedule of 30,000 iterations, whatever --iterations");
+  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "original", "--steps_scaler", "0.5"})))[0],
+            "options     preset original, strategy default, all numbers of iterations x 0.5");
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene"})))[0],
             "options     preset quality, strategy balanced");
   const Words lines = describe_options(

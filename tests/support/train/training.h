@@ -46,7 +46,7 @@ inline TrainConfig eventful_balanced_config() {
   return config;
 }
 
-/// A checkpoint's bytes without the duration and the ID of the training.
+/// A checkpoint's bytes without the duration and the ID of the training, and without another key of its header.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const std::string& without = "") {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
