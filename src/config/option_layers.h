@@ -53,11 +53,11 @@ void apply_at_resume(TrainConfig& config, const GivenOptions& given);
 /// them is what the user, or the scene, has changed.
 TrainConfig preset_options(const TrainConfig& config);
 
-/// Whether the options, of a file that a training wrote, are those of a version that had an option which is gone.
+/// Whether these options, from a file that a training wrote, include one that has since been removed.
 bool has_removed_options(const nlohmann::ordered_json& options);
 
-/// config_from_json() for the options of a model's config.json or a checkpoint, also of an earlier version. What
-/// options that are gone led to is there as well: pixels_per_gaussian had set max_gaussians.
+/// config_from_json() for the options of a model's config.json or a checkpoint, also of an earlier version. Removed
+/// options are ignored: the file also holds the values that they set (max_gaussians for pixels_per_gaussian).
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place);
 
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
