@@ -21,10 +21,10 @@ void scale_steps(TrainConfig& config, double factor, const std::function<bool(co
 void scale_schedule(TrainConfig& config, double factor, const GivenOptions& given);
 
 /// --max_epochs X: if training would use each of its photographs more than X times, it ends after that many uses, and
-/// the schedule is scaled by the same factor, except for options in `given`. If `given` lacks max_epochs and X is not 0,
-/// the limit with n < 50 photographs is X n / 50 uses, or as many as 500 iterations need, if that is more: the fewer
-/// there are, the sooner training overfits them (docs/benchmarks.md, Few photographs). An iteration uses one photograph,
-/// also with --batch. Returns the factor, 1 without a change; applying it again changes nothing.
+/// the schedule is scaled by the same factor, except for options in `given`. If `given` lacks max_epochs and X is not
+/// 0, the limit with n < 50 photographs is X n / 50 uses, or as many as 500 iterations need, if that is more: the fewer
+/// there are, the sooner training overfits them (docs/benchmarks.md, Few photographs). An iteration uses one
+/// photograph, also with --batch. Returns the factor, 1 without a change; applying it again changes nothing.
 double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given);
 
 /// "schedule    8,400 iterations: each photograph 400 times (--max_epochs)" if training ends there, otherwise empty.
