@@ -21,6 +21,16 @@ bool wants_all_iterations(const GivenOptions& given) {
   return given.contains("iterations") && !given.contains("max_epochs");
 }
 
+/// Sets the values. If they have `iterations`, options of the schedule that they lack are scaled by the factor by which
+/// that changes the number of iterations. Returns the factor.
+double apply_scaled(TrainConfig& config, const GivenOptions& values) {
+  const double before = config.iterations;
+  config_from_json(config, values, /*place=*/"");
+  const double factor = config.iterations / before;
+  scale_schedule(config, factor, values);
+  return factor;
+}
+
 /// Adds "label       a 1, b 2", broken at commas into lines of at most 100 columns.
 void add_lines(std::vector<std::string>& lines, const std::string& label, const std::vector<std::string>& parts) {
   constexpr std::size_t kLabelColumns = 12, kColumns = 100;
@@ -93,18 +103,16 @@ OptionLayers resolve_options(const GivenOptions& given) {
   const GivenOptions& names_strategy = given.contains("strategy") ? given : layers.preset;
   layers.strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
 
-  layers.config.preset = named.preset;
-  nlohmann::ordered_json values = layers.strategy;
-  values.update(layers.preset);
-  const double own_iterations = values.value("iterations", 0.0);  // those of the schedule that --iterations scales
-  values.update(given);
-  config_from_json(layers.config, values, /*place=*/"");
   TrainConfig& config = layers.config;
-  if (wants_all_iterations(given)) config.max_epochs = 0;
-  if (own_iterations > 0 && given.contains("iterations")) {
-    layers.schedule_scale = config.iterations / own_iterations;
-    scale_schedule(config, layers.schedule_scale, given);
+  config.preset = named.preset;
+  config_from_json(config, layers.strategy, /*place=*/"");
+  apply_scaled(config, layers.preset);
+  if (layers.strategy.contains("iterations") || layers.preset.contains("iterations")) {
+    layers.schedule_scale = apply_scaled(config, given);
+  } else {
+    config_from_json(config, given, /*place=*/"");
   }
+  if (wants_all_iterations(given)) config.max_epochs = 0;
   layers.steps_scaler = std::exchange(config.steps_scaler, 1);
   scale_steps(config, layers.steps_scaler, [](const Option&) { return true; });
   return layers;

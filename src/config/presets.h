@@ -19,7 +19,8 @@ struct OptionRow {
 /// Without --preset and --strategy. docs/recipes.md says what it gains over `original`.
 inline constexpr const char* kDefaultPreset = "quality";
 
-/// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy.
+/// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy, whose schedule is
+/// scaled to the row's `iterations`.
 const std::vector<OptionRow>& presets();
 
 /// Defaults of density strategies in place of TrainConfig's. Strategies without a row use TrainConfig's. Each row has

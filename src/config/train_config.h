@@ -21,7 +21,7 @@ inline constexpr const char* kPaperKernel = "paper";
 inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-splat";
 
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
-inline constexpr const char* kPresetNames[] = {"original", "fast", "quality"};
+inline constexpr const char* kPresetNames[] = {"original", "fast", "quality", "best"};
 
 // Members are in the order of the options. NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding)
 struct TrainConfig {
