@@ -21,8 +21,8 @@ bool wants_all_iterations(const GivenOptions& given) {
   return given.contains("iterations") && !given.contains("max_epochs");
 }
 
-/// Sets the values. If they have `iterations`, options of the schedule that they lack are scaled by the factor by which
-/// that changes the number of iterations. Returns the factor.
+/// Sets the values. If `iterations` is among them, scales the options of the schedule that are not by new / old
+/// iterations. Returns that factor.
 double apply_scaled(TrainConfig& config, const GivenOptions& values) {
   const double before = config.iterations;
   config_from_json(config, values, /*place=*/"");

@@ -6,11 +6,11 @@
 //      another strategy than its own is given, `original`, since the values of a preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
-// Schedules: `iterations` in layer 3 scales every option of the schedule (Steps::kSchedule) of the layers below it, by
-// iterations / those of the layers below; so does `iterations` in layer 4. With preset `original` and strategy
-// `default`, a given --iterations does not scale the schedule, as in the original code. Then --steps_scaler multiplies
-// all options counted in iterations, given or not. Once the scene is known, --max_epochs may shorten the
-// schedule (limit_epochs() in schedule.h). A given --iterations without a given --max_epochs sets that to 0.
+// Schedules: `iterations` of layer 3 scales the options of the schedule (Steps::kSchedule) that layers 1 and 2 set, by
+// new / old iterations; `iterations` of layer 4 scales those of layers 1 to 3, except with preset `original` and
+// strategy `default`, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given
+// or not. Once the scene is known, --max_epochs may shorten the schedule (limit_epochs() in schedule.h). A given
+// --iterations without a given --max_epochs sets that to 0.
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -81,9 +81,9 @@ std::string presets_markdown() {
   text += std::string("The default is `--preset ") + kDefaultPreset +
           "`, or, where another `--strategy` than its own is given,\n`--preset " + kPresetNames[0] +
           "`. The tables above show defaults without `--preset` and `--strategy`. Where a\ncell below is empty, the "
-          "value of the strategy applies or, if it has none, that of `original`.\n`--iterations`, of a "
-          "preset or given, scales the schedule of the layers before it; given, not that of\n`--preset original` with "
-          "`--strategy default`.\n\n"
+          "value of the strategy applies or, if it has none, that of `original`.\n`--iterations` of a "
+          "preset or of yours scales the schedule\nof the layers before it; yours does not scale that of `--preset "
+          "original` with `--strategy default`.\n\n"
           "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
   return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +

@@ -18,11 +18,13 @@ SceneOptions scene_options(const TrainConfig& config);
 /// made otherwise, and configs that name no scene, are not checked.
 void check_scene_options(const TrainConfig& config, const Scene& scene);
 
-/// --max_gaussians; without it, --gaussians_per_pixel for every pixel of one training photograph (of their mean size),
-/// times (n / 100)^1.5 with n < 100 training photographs, but no fewer than the scene has points. 0 = no limit.
+/// --max_gaussians; without it, --gaussians_per_pixel X for every pixel of one training photograph (of their mean
+/// size). With n < 100 training photographs: X (n / 100)^1.5, where X counts as at most 2.4 n / 100 or, if that is
+/// more, 1.2. No fewer than the scene has points. Returns 0 for no limit.
 ///
-/// With few photographs, many Gaussians overfit the training views; beyond 100, more photographs of a scene do not call
-/// for more (docs/benchmarks.md, Number of Gaussians). Pixels are those of the cameras; masked ones count.
+/// With few photographs, many Gaussians overfit the training views; with 50 or fewer, no more than X = 1.2 allows have
+/// helped. Beyond 100, more photographs of a scene do not call for more (docs/benchmarks.md, Number of Gaussians).
+/// Pixels are those of the cameras; masked ones count.
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 
 /// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph

@@ -114,11 +114,15 @@ TEST(CountLimit, FollowsThePixelsOfAPhotographAndTheNumberOfPhotographs) {
   TrainConfig config;
   EXPECT_EQ(count_limit(config, scene), 0) << "no limit";
   config.gaussians_per_pixel = 2;
-  EXPECT_EQ(count_limit(config, scene), 1000) << "8000 x (25 / 100)^1.5";
+  EXPECT_EQ(count_limit(config, scene), 600) << "4800 x (25 / 100)^1.5";
+  EXPECT_EQ(count_limit(config, scene_of(64)), 3145) << "4000 x 2.4 (64 / 100)^2.5";
+  config.gaussians_per_pixel = 0.8;
+  EXPECT_EQ(count_limit(config, scene), 400) << "3200 x (25 / 100)^1.5";
+  config.gaussians_per_pixel = 2;
   EXPECT_EQ(count_limit(config, scene_of(100)), 8000);
   EXPECT_EQ(count_limit(config, scene_of(300)), 8000) << "more photographs show no more of the scene";
   scene.train[0].camera.width = 2600;
-  EXPECT_EQ(count_limit(config, scene), 2000) << "the mean of different sizes";
+  EXPECT_EQ(count_limit(config, scene), 1200) << "the mean of different sizes";
   config.max_gaussians = 20;
   EXPECT_EQ(count_limit(config, scene), 20) << "--max_gaussians comes first";
   config.max_gaussians = 0;
@@ -190,7 +194,8 @@ TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
   for (const auto& [given, n] :
        {std::pair{GivenOptions{{"preset", "quality"}}, 60},
         {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
-        {GivenOptions{{"preset", "fast"}}, 25},
+        {GivenOptions{{"preset", "fast"}}, 28},
+        {GivenOptions{{"preset", "best"}}, 75},
         {GivenOptions{{"preset", "original"}}, 1},
         {GivenOptions{{"strategy", "default"}}, 1},
         {GivenOptions{{"strategy", "mcmc"}}, 1},
