@@ -4,8 +4,8 @@ namespace b3dgs {
 
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
-      // max_epochs again: the scaling of the schedule would shorten it, too.
       {"original", "the options of the original 3DGS code, for comparison", {}},
+      // fast and quality repeat max_epochs: the scaling of the schedule would lower it.
       {"fast",
        "a first look, in a fifth of the iterations of best",
        {{"strategy", "balanced"},

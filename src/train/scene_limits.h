@@ -22,9 +22,9 @@ void check_scene_options(const TrainConfig& config, const Scene& scene);
 /// size). With n < 100 training photographs: X (n / 100)^1.5, where X counts as at most 2.4 n / 100 or, if that is
 /// more, 1.2. No fewer than the scene has points. Returns 0 for no limit.
 ///
-/// With few photographs, many Gaussians overfit the training views; with 50 or fewer, no more than X = 1.2 allows have
-/// helped. Beyond 100, more photographs of a scene do not call for more (docs/benchmarks.md, Number of Gaussians).
-/// Pixels are those of the cameras; masked ones count.
+/// With few photographs, many Gaussians overfit the training views; with 50 or fewer, more than X = 1.2 allows help on
+/// some scenes and harm on others. Beyond 100, more photographs of a scene do not call for more (docs/benchmarks.md,
+/// Number of Gaussians). Pixels are those of the cameras; masked ones count.
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 
 /// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph
