@@ -140,7 +140,7 @@ class SplitEvaluator {
       progress("evaluating " + split + " views", index + 1, views.size());
     };
     const Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
-                                                 on_rendered, lpips_, colors, renderer_.background);
+                                                 on_rendered, lpips_, colors);
     status_.clear();
     std::cout << split << " views" << describe(colors) << "\n";
     print_table(evaluation);

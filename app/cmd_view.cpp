@@ -66,7 +66,7 @@ int run_view(const std::vector<std::string>& words) {
   const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
   const LoadedModel model = load(model_options, status);
   ModelRenderer renderer(model, device);
-  WatchedModel watched({renderer.gaussians, renderer.background, renderer.settings, model.iteration}, model.scene,
+  WatchedModel watched({renderer.gaussians, renderer.settings, model.iteration}, model.scene,
                        viewed_scene(model.scene, model.splats.means, title));
   status.clear();
   std::cout << format_count(model.splats.size()) << " Gaussians, " << model.scene.train.size() + model.scene.test.size()

@@ -16,7 +16,6 @@
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/scene_frame.h"
-#include "train/background/background.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"
 #include "train/evaluate.h"
@@ -71,15 +70,7 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   }
   model.config = model.folder.read_config();
   model.splats = read_splat_ply(model.folder.ply(model.iteration));
-  model.background = read_background_json(background_path(model.folder.ply(model.iteration)));
   return model;
-}
-
-void warn_of_missing_background(const LoadedModel& model, StatusLine& status) {
-  if (learned_background_degree(model.config) < 0 || model.background) return;
-  status.warn(detail::concat("no learned background: ", background_path(model.folder.ply(model.iteration)).string(),
-                             " not found, although the model was trained with --background ", model.config.background,
-                             "; rendering on black"));
 }
 
 /// Applies the options that may differ from those of the training.
@@ -199,7 +190,6 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
   }
   LoadedModel model;
   model.splats = read_splats(file);
-  model.background = read_background_json(background_path(file));
   apply_options(model, options);
   use_frame_of_gaussians(model);
   return model;
@@ -208,7 +198,6 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
 LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) {
   if (fs::is_regular_file(options.model_path)) return load_splat_file(options.model_path, options);
   LoadedModel model = load_gaussians(options);
-  warn_of_missing_background(model, status);
   apply_options(model, options);
   use_frame_of_gaussians(model);
   return model;
@@ -238,7 +227,6 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
   const bool is_as_trained = options.source_path.empty() && options.resolution == 0;
-  warn_of_missing_background(model, status);
   apply_options(model, options);
   const bool has_cameras = fs::exists(model.folder.cameras());
   if (!is_as_trained || !has_cameras) require_scene_folder(model);
@@ -293,17 +281,10 @@ RenderSettings image_settings(const LoadedModel& model) {
 ModelRenderer::ModelRenderer(const LoadedModel& model, const torch::Device& device)
     : gaussians(to_tensors(model.splats, model.splats.sh_degree, device)),
       settings(image_settings(model)),
-      rasterizer(device) {
-  if (!model.background) return;
-  const std::vector<float>& values = model.background->coefficients;
-  background = torch::tensor(values).view({-1, 3}).to(device);
-  settings.background = {0, 0, 0};
-}
+      rasterizer(device) {}
 
 RenderedView ModelRenderer::render(const PinholeView& view) {
-  RenderedView rendered = rasterizer.forward(gaussians, view, settings);
-  add_background(background, view, rendered);
-  return rendered;
+  return rasterizer.forward(gaussians, view, settings);
 }
 
 std::string results_variant(const LoadedModel& model, const ModelOptions& options) {

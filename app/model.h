@@ -9,7 +9,6 @@
 #include "app/status/status_line.h"
 #include "config/train_config.h"
 #include "core/config.h"
-#include "model/formats/background_json.h"
 #include "model/formats/splat_cloud.h"
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
@@ -45,11 +44,10 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visi
 struct LoadedModel {
   TrainConfig config;  // of the training, with the options above applied
   ModelFolder folder{""};
-  int iteration = 0;                       // 0 if loaded from a single PLY
-  SplatCloud splats;                       // in the frame that the reader chose: the world's, unless it is far away
-  double near_plane = 0;                   // --near_plane of the config, in units of that frame
-  std::optional<BackgroundSh> background;  // of background.json beside the PLY
-  Scene scene;                             // its views are in the frame of the Gaussians; without points
+  int iteration = 0;      // 0 if loaded from a single PLY
+  SplatCloud splats;      // in the frame that the reader chose: the world's, unless it is far away
+  double near_plane = 0;  // --near_plane of the config, in units of that frame
+  Scene scene;            // its views are in the frame of the Gaussians; without points
 };
 
 /// Reads config and PLY of the model folder, and loads the scene with its photographs. @throws InputError
@@ -90,11 +88,10 @@ RenderSettings image_settings(const LoadedModel& model);
 struct ModelRenderer {
   ModelRenderer(const LoadedModel& model, const torch::Device& device);
 
-  /// Renders the view with the background. The result is valid until the next call.
+  /// The result is valid until the next call.
   RenderedView render(const PinholeView& view);
 
   GaussianTensors gaussians;
-  torch::Tensor background;  // coefficients for add_background(); undefined without a learned background
   RenderSettings settings;
   Rasterizer rasterizer;
 };

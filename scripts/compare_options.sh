@@ -8,7 +8,7 @@
 # blocks. Needs numpy and Pillow.
 #
 # Usage: scripts/compare_options.sh B3DGS OUTPUT DATA [BLOCK...]     DATA: folder with fox, bonsai and kitti_street
-# Blocks: appearance grid dim rates masks segment poses depths background mcmc balanced; default: all. "tables" only
+# Blocks: appearance grid dim rates masks segment poses depths mcmc balanced; default: all. "tables" only
 # prints.
 # Environment:
 #   SEEDS    default "0 1 2"
@@ -22,7 +22,7 @@ b3dgs=$(realpath -- "${1:?the program is missing: $usage}")
 output=${2:?the output folder is missing: $usage}
 data=$(realpath -- "${3:?the folder of the real scenes is missing: $usage}")
 shift 3
-all_blocks=(appearance grid dim rates masks segment poses depths background mcmc balanced)
+all_blocks=(appearance grid dim rates masks segment poses depths mcmc balanced)
 blocks=("${@:-${all_blocks[@]}}")
 for block in "${blocks[@]}"; do
   if [[ " ${all_blocks[*]} tables " != *" $block "* ]]; then
@@ -243,12 +243,6 @@ run_block() {
       base+=';--depth_l1_weight_init 10=--depths depths --depth_l1_weight_init 10 --depth_l1_weight_final 0.1'
       base+=';--depth_l1_weight_final 1=--depths depths --depth_l1_weight_final 1'
       SEEDS=0 compare depths "$short" "$base" few_0 few_1 few_2
-      ;;
-    background)
-      base='black=;--background learned=--background learned;--background sky=--background sky'
-      compare background "$short" "$base" kitti_street orbit
-      base='black, 7500=;--background learned, 7500=--background learned;--background sky, 7500=--background sky'
-      compare background "$common --preset original --strategy balanced --steps_scaler 0.25" "$base" orbit
       ;;
     mcmc)
       base='none=;--growth 0.01=--growth 0.01;--growth 0.1=--growth 0.1'

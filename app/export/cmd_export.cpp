@@ -272,7 +272,6 @@ int run_export(const std::vector<std::string>& words) {
   print_line("to", "%s, %s Gaussians, SH degree %d, %s (%.1f %%)", output.string().c_str(),
              format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(bytes).c_str(),
              100.0 * static_cast<double>(bytes) / static_cast<double>(input_bytes));
-  if (model.background) status.warn("the learned background (background.json) is not part of the file");
 
   const bool has_test = !original.scene.test.empty();
   const std::vector<View> views = evenly_spaced(has_test ? original.scene.test : original.scene.train,

@@ -17,7 +17,6 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   LoadedModel after;
   after.config = model.config;
   after.near_plane = model.near_plane;
-  after.background = model.background;
   after.splats = std::move(exported);
   change_frame(model.splats.frame, after.splats);
   after.splats.antialiased = model.splats.antialiased;  // not every format says so

@@ -10,7 +10,6 @@
 #include "core/print.h"
 #include "core/text.h"
 #include "model/raster_input.h"
-#include "train/background/background.h"
 #include "train/quality/metrics.h"
 
 namespace b3dgs {
@@ -94,14 +93,11 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
 
 }  // namespace
 
-Frame FramePainter::paint(const FrameRequest& request, const GaussianTensors& gaussians,
-                          const torch::Tensor& background, RenderSettings settings) {
+Frame FramePainter::paint(const FrameRequest& request, const GaussianTensors& gaussians, RenderSettings settings) {
   const double start_ms = now_ms();
   settings.keep_for_backward = false;
-  if (background.defined()) settings.background = {0, 0, 0};
   const PinholeView view = to_pinhole_view(request.camera);
   const RenderedView rendered = rasterizer_.forward(gaussians, view, settings);
-  add_background(background, view, rendered);
   Frame frame;
   frame.n_gaussians = gaussians.size();
   if (request.mode == FrameMode::kAlpha) {

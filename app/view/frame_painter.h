@@ -13,10 +13,9 @@ class FramePainter {
   /// `unit`: world units per unit of the Gaussians' frame, for legends.
   FramePainter(torch::Device device, double unit) : rasterizer_(device), unit_(unit) {}
 
-  /// Fills the image, the legend and the time; `background`: coefficients for add_background(), or undefined.
+  /// Fills the image, the legend and the time.
   /// @throws InvalidGaussianError naming the first Gaussian that cannot be rendered
-  Frame paint(const FrameRequest& request, const GaussianTensors& gaussians, const torch::Tensor& background,
-              RenderSettings settings);
+  Frame paint(const FrameRequest& request, const GaussianTensors& gaussians, RenderSettings settings);
 
  private:
   Rasterizer rasterizer_;  // its own, so that a training's keeps what it needs

@@ -14,7 +14,7 @@ WatchedModel::WatchedModel(ModelAtRest model, const Scene& scene, ViewedScene vi
 
 void WatchedModel::run(const std::atomic<int>& stop_signal) {
   const auto paint = [this](const FrameRequest& request) {
-    Frame frame = painter_.paint(request, model_.gaussians, model_.background, model_.settings);
+    Frame frame = painter_.paint(request, model_.gaussians, model_.settings);
     frame.iteration = model_.iteration;
     return frame;
   };

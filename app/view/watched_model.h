@@ -12,7 +12,6 @@ namespace b3dgs {
 
 struct ModelAtRest {
   GaussianTensors gaussians;
-  torch::Tensor background;  // coefficients for add_background(), or undefined
   RenderSettings settings;
   int iteration = 0;
 };

@@ -118,8 +118,7 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
   }
-  Frame frame =
-      painter_.paint(wanted, model.gaussians, model.background, evaluation_settings(config_, model.sh_degree));
+  Frame frame = painter_.paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
   return frame;
 }

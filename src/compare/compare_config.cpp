@@ -168,11 +168,6 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
   const nlohmann::ordered_json base_values = config_to_json(base);
   for (const char* const option : kShared) shared[option] = base_values.at(option);
   config_from_json(configuration.config, shared, /*place=*/"");
-  if (has_white_background(configuration.config) != has_white_background(base)) {
-    input_error("--configs ", entry, ": background=", configuration.config.background,
-                " changes how transparent photographs are read, which must be the same for all configurations; set "
-                "--background white for all");
-  }
   return configuration;
 }
 

@@ -47,8 +47,24 @@ void add_lines(std::vector<std::string>& lines, const std::string& label, const 
   lines.push_back(line);
 }
 
-nlohmann::ordered_json without_removed_options(nlohmann::ordered_json options) {
-  if (!has_removed_options(options)) return options;
+/// Without options that are gone: black and white are -w, a learned background cannot be had.
+nlohmann::ordered_json without_background(nlohmann::ordered_json options, const std::string& place) {
+  const auto own = options.find("background");
+  if (own != options.end()) {
+    if (*own == "learned" || *own == "sky") {
+      input_error(place.empty() ? "" : place + ": ", "background ", *own, ": learned backgrounds are no longer ",
+                  "supported; to use the Gaussians of such a model without it, name its PLY and the scene");
+    }
+    if (*own == "white") options["white_background"] = true;
+  }
+  options.erase("background");
+  options.erase("background_lr");
+  return options;
+}
+
+/// Without the former limit on Gaussians: the file also holds the max_gaussians that it set.
+nlohmann::ordered_json without_pixels_per_gaussian(nlohmann::ordered_json options) {
+  if (!options.contains("pixels_per_gaussian")) return options;
   options.erase("pixels_per_gaussian");
   options.emplace("feature_rest_divisor", 20);  // it could not be chosen
   return options;
@@ -57,18 +73,19 @@ nlohmann::ordered_json without_removed_options(nlohmann::ordered_json options) {
 }  // namespace
 
 bool has_removed_options(const nlohmann::ordered_json& options) {
-  return options.contains("pixels_per_gaussian");
+  return options.contains("pixels_per_gaussian") || options.contains("background");
 }
 
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place) {
-  config_from_json(config, without_removed_options(options), place);
+  config_from_json(config, without_pixels_per_gaussian(without_background(options, place)), place);
 }
 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
   nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  file = without_background(std::move(file), config_file);
   // A whole config.json: its limit is max_gaussians.
-  if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_removed_options(std::move(file));
+  if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_pixels_per_gaussian(std::move(file));
   TrainConfig checked;
   if (!config_file.empty()) config_from_json(checked, file, config_file);
   visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {

@@ -49,7 +49,6 @@ struct TrainConfig {
   int sh_degree = 3;
   bool white_background = false;
   bool random_background = false;
-  std::string background = "auto";
   bool antialiasing = false;
   bool pose_opt = false;
   double near_plane = 0.2;  // kTypicalDepth (scene/cameras/scene_frame.h) is 5
@@ -86,7 +85,6 @@ struct TrainConfig {
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
   double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double background_lr = 0.03;  // of the SH coefficients of --background learned and sky
 
   // Loss
   double lambda_dssim = 0.2;
@@ -205,8 +203,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "highest degree of the spherical harmonics");
   field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
   field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
-  field(Option{"background"}, c.background, OneOf{{"auto", "black", "white", "learned", "sky"}},
-        "learned: one colour; sky: a colour by viewing direction; auto: black, -w: white");
   field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
         "filter Gaussians, for renders at other sizes and distances than the photographs'");
   field(Option{"near_plane"}, c.near_plane, Above{0},
@@ -250,7 +246,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
         "iterations over which the learning rate of the means decays");
   field(Option{"lr_final_scale"}, c.lr_final_scale, Above{0},
-        "rates of scales, rotations, opacities, colours, background fall to X times these");
+        "rates of scales, rotations, opacities, colours fall to X times these");
   field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
         "iteration from which --lr_final_scale lowers rates, until --position_lr_max_steps");
   field(Option{"lr_decay_from_epoch"}.in_steps(), c.lr_decay_from_epoch, AtLeast{0},
@@ -265,7 +261,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
         "learning rate of the poses: rotations in rad, translations x scene extent");
   field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
-  field(Option{"background_lr"}, c.background_lr, AtLeast{0}, "learning rate of --background learned and sky");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
@@ -374,16 +369,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
   field(Option{"kernel_times_interval"}.in_steps(Steps::kOutput).group("Kernels"), c.kernel_times_interval, AtLeast{0},
         "log all candidates' times every N iterations (0 = never)");
-}
-
-/// Whether renders, and photographs with transparency, have a white background.
-inline bool has_white_background(const TrainConfig& config) {
-  return config.white_background || config.background == "white";
-}
-
-/// SH degree of a background that is learned with the scene: 0 is one colour. -1: it is not learned.
-inline int learned_background_degree(const TrainConfig& config) {
-  return config.background == "learned" ? 0 : config.background == "sky" ? 4 : -1;
 }
 
 /// Whether depth maps are part of the loss.

@@ -79,7 +79,7 @@ std::string cfg_args(const TrainConfig& config) {
   text << "Namespace(sh_degree=" << config.sh_degree << ", source_path=" << python_string(config.source_path)
        << ", model_path=" << python_string(config.model_path) << ", images=" << python_string(config.images)
        << ", depths=" << python_string(config.depths) << ", resolution=" << config.resolution
-       << ", white_background=" << boolean(has_white_background(config))
+       << ", white_background=" << boolean(config.white_background)
        << ", train_test_exp=" << boolean(config.train_test_exp) << ", data_device='cpu', eval=" << boolean(config.eval)
        << ")";
   return text.str();

@@ -20,7 +20,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kStandardKernel : config.kernel;
   const std::string backward_name = backward_is_open ? kStandardBackwardKernel : config.backward_kernel;
-  const float background = has_white_background(config) ? 1.0f : 0.0f;
+  const float background = config.white_background ? 1.0f : 0.0f;
   RenderSettings settings;
   settings.background = {background, background, background};
   settings.sh_degree = sh_degree;
@@ -76,16 +76,16 @@ void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::o
 
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
-                          const ColorEvaluation& colors, const torch::Tensor& background) {
+                          const ColorEvaluation& colors) {
   const RenderFn render = [&](const PinholeView& view, const RenderSettings& with) {
     return rasterizer.forward(gaussians, view, with);
   };
-  return evaluate_views(render, gaussians.means.device(), views, settings, on_rendered, lpips, colors, background);
+  return evaluate_views(render, gaussians.means.device(), views, settings, on_rendered, lpips, colors);
 }
 
 Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
-                          const ColorEvaluation& colors, const torch::Tensor& background) {
+                          const ColorEvaluation& colors) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   Evaluation evaluation;
@@ -104,7 +104,6 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     RenderedView rendered = render(to_pinhole_view(view.camera), forward_only);
-    add_background(background, to_pinhole_view(view.camera), rendered);
     const std::optional<ImageQuality> quality = compare_view(view, truth, colors, rendered, lpips);
     if (quality) {
       evaluation.views.push_back({view.name, *quality});

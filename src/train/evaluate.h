@@ -11,7 +11,6 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/background/background.h"
 #include "train/quality/color_fit.h"
 #include "train/quality/lpips.h"
 #include "train/quality/metrics.h"
@@ -50,16 +49,13 @@ using RenderFn = std::function<RenderedView(const PinholeView&, const RenderSett
 
 /// Renders each view with `settings` and compares it with its photograph. Views keep their order; those without a valid
 /// pixel are left out of the mean. `lpips`: may be null.
-/// `background`: the coefficients of a learned background (add_background()), or undefined.
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
-                          const torch::Tensor& background = {});
+                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {});
 
 /// The same with another way to render. `device`: that of the rendered views.
 Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {},
-                          const torch::Tensor& background = {});
+                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {});
 
 }  // namespace b3dgs

@@ -41,7 +41,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.images = config.images;
   options.resolution = config.resolution;
   options.eval = config.eval;
-  options.white_background = has_white_background(config);
+  options.white_background = config.white_background;
   options.tracks = !config.depths.empty();
   options.masks = config.masks;
   options.invert_masks = config.invert_masks;

@@ -112,15 +112,6 @@ void check_options(const TrainConfig& config) {
   if (config.train_test_exp && !config.eval) {
     input_error("--train_test_exp: needs test views; add --eval, or leave it out");
   }
-  const bool is_learned = learned_background_degree(config) >= 0;
-  if (config.white_background && config.background != "auto" && config.background != "white") {
-    input_error("-w and --background ", config.background,
-                " exclude each other; leave out one of them (--no_white_background)");
-  }
-  if (config.random_background && is_learned) {
-    input_error("--random_background and --background ", config.background,
-                " exclude each other; leave out one of them (--no_random_background)");
-  }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }
 
@@ -166,10 +157,6 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != impl.config.strategy) {
     impl.state.statistics = impl.density->make_statistics(impl.state.gaussians.size(), impl.device);
-  }
-  // Another background is learned from the start.
-  if (learned_background_degree(read.config) != learned_background_degree(impl.config)) {
-    impl.state.background = make_background(learned_background_degree(impl.config), impl.device);
   }
   impl.resumed = checkpoint;
   impl.recorder.resume_from(checkpoint, impl.state.elapsed_s);
@@ -285,8 +272,7 @@ void Trainer::Impl::show_model() {
   });
   time.output([&] {
     const TrainState& whole = flushed_state();
-    hooks.on_model({whole.iteration, whole.gaussians, whole.background.coefficients, whole.poses, whole.sh_degree,
-                    kernels.forward_name()});
+    hooks.on_model({whole.iteration, whole.gaussians, whole.poses, whole.sh_degree, kernels.forward_name()});
   });
 }
 
@@ -308,7 +294,7 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
     evaluation = impl.without_invalid_gaussians([&] {
       return evaluate_views([&](auto&&... view) { return impl.render(view...); }, impl.device, refined,
                             evaluation_settings(impl.config, impl.state.sh_degree), on_rendered, /*lpips=*/nullptr,
-                            impl.color_evaluation(), impl.state.background.coefficients);
+                            impl.color_evaluation());
     });
   };
   if (impl.renders_on_first) {

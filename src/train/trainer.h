@@ -34,10 +34,9 @@ struct MemoryForecast {
 struct ModelInTraining {
   int iteration = 0;
   const GaussianTensors& gaussians;
-  const torch::Tensor& background;  // coefficients for add_background(); undefined without a learned background
-  const PoseState& poses;           // with_refined_poses()
-  int sh_degree = 0;                // optimised so far
-  std::string kernel;               // forward kernel in use
+  const PoseState& poses;  // with_refined_poses()
+  int sh_degree = 0;       // optimised so far
+  std::string kernel;      // forward kernel in use
 };
 
 struct TrainHooks : TrainListeners {

@@ -43,9 +43,6 @@ void Trainer::Impl::keep_view(const TrainView& view, bool is_filter_due) {
   const ViewStatistics statistics =
       stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, scene.extent, state.iteration));
   if (compared.refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
-  if (state.background.is_defined()) {
-    background_gradient.add_to_sum(background_gradient.coefficients(), place == 0);
-  }
   if (compared.plan.statistics) {
     timer.begin(Stage::kDensify);
     save_statistics();
@@ -70,10 +67,6 @@ void Trainer::Impl::learn_from_kept_views() {
       appearance->step(view.index, view.iteration, state.appearance);
     }
     timer.end();
-  }
-  if (state.background.is_defined()) {
-    background_gradient.step_along_mean(lr_scale(config, state.iteration) * config.background_lr, n_views,
-                                        state.background);
   }
   timer.begin(Stage::kDensify);
   for (const LearnedView& view : learned_views) density->after_step(view.iteration, state.gaussians, owners.own());
@@ -118,7 +111,6 @@ void Trainer::Impl::take_batched_step() {
 
 std::int64_t Trainer::Impl::n_shared_columns() const {
   std::int64_t n = config.pose_opt ? kCameraColumns : 0;
-  if (state.background.is_defined()) n += state.background.coefficients.numel();
   if (appearance) n += appearance->grad().numel();
   return n + n % 2;  // rows of doubles
 }
@@ -130,7 +122,6 @@ torch::Tensor Trainer::Impl::shared_gradients() const {
     row.slice(0, begin, begin + values.numel()).copy_(values.flatten());
     begin += values.numel();
   };
-  if (state.background.is_defined()) append(background_gradient.coefficients());
   if (appearance) append(appearance->grad());
   return row;
 }
@@ -150,9 +141,6 @@ void Trainer::Impl::keep_shared_gradients(const std::vector<LearnedView>& learne
     };
     if (poses.refines(learned[v].index, learned[v].iteration)) {
       poses.add_gradient(learned[v].index, learned[v].iteration, row.slice(0, 0, kCameraColumns).view(torch::kFloat64));
-    }
-    if (state.background.is_defined()) {
-      background_gradient.add_to_sum(next_like(state.background.coefficients), place == 0);
     }
     if (appearance) {
       appearance->set_place(static_cast<int>(place));

@@ -22,7 +22,6 @@
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
 #include "train/appearance/appearance_model.h"
-#include "train/background/background.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
@@ -326,8 +325,7 @@ struct Trainer::Impl {
   ImageLoss loss;
   ErrorImage error_image;
   const std::unique_ptr<AppearanceModel> appearance;  // null = none
-  BackgroundGradient background_gradient;
-  std::optional<DepthPriors> depth_priors;  // with --depths
+  std::optional<DepthPriors> depth_priors;            // with --depths
   const std::unique_ptr<DensityStrategy> density;
   KernelChooser kernels;
   ImageStore images;

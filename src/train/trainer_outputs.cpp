@@ -144,8 +144,7 @@ std::optional<ImageQuality> Trainer::Impl::evaluate_test_views() {
   recorder.report_progress("evaluating");
   const Evaluation evaluation = without_invalid_gaussians([&] {
     return evaluate_views([this](auto&&... view) { return render(view...); }, device, scene.test,
-                          evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr, color_evaluation(),
-                          state.background.coefficients);
+                          evaluation_settings(config, state.sh_degree), {}, /*lpips=*/nullptr, color_evaluation());
   });
   recorder.add_evaluation(evaluation, evaluation_source(config, scene.test, "test"));
   if (evaluation.views.empty()) return std::nullopt;
@@ -176,9 +175,9 @@ void Trainer::Impl::write_ply() {
   }
   if (is_distributed()) {
     const GaussianTensors whole = gathered_gaussians();
-    if (writes_files()) recorder.write_ply(whole, state.background);
+    if (writes_files()) recorder.write_ply(whole);
   } else {
-    recorder.write_ply(flushed_state().gaussians, state.background);
+    recorder.write_ply(flushed_state().gaussians);
   }
   if (writes_files()) recorder.try_to_write([&] { write_poses(); });
 }

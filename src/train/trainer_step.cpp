@@ -35,7 +35,6 @@ void Trainer::Impl::initialize_model() {
   state.adam = make_adam_state(state.gaussians);
   state.statistics = density->make_statistics(state.gaussians.size(), device);
   prepare_appearance();
-  state.background = make_background(learned_background_degree(config), device);
   const std::string warning = near_plane_warning(cloud.means, scene.train, config.near_plane);
   if (!warning.empty()) recorder.warn(warning);
   if (scene.train.size() == 1) {
@@ -163,7 +162,6 @@ void Trainer::Impl::warn_of_empty_views() {
 void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView& compared) {
   const RenderedView& rendered = compared.rendered;
   timer.begin(Stage::kLoss);
-  add_background(state.background.coefficients, view.camera, rendered);
   if (appearance) {
     appearance->begin_step(view.index, state.iteration, state.appearance);
     appearance->set_photograph(view.truth);
@@ -176,10 +174,6 @@ void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView&
   RenderedViewGrad& grad = compared.grad;
   grad = loss.grad();
   if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
-  if (state.background.is_defined()) {
-    const torch::Tensor through = background_gradient.compute(state.background, view.camera, rendered, grad.color);
-    grad.alpha = grad.alpha.defined() ? grad.alpha.add_(through) : through;
-  }
   if (depth_priors) grad.depth = depth_gradient(view, rendered);
   timer.end();
 }
@@ -207,9 +201,6 @@ void Trainer::Impl::learn(const TrainView& view) {
     timer.begin(Stage::kOptimizer);
     appearance->step(view.index, state.iteration, state.appearance);
     timer.end();
-  }
-  if (state.background.is_defined()) {
-    background_gradient.step(lr_scale(config, state.iteration) * config.background_lr, state.background);
   }
   if (compared.plan.after_step) {
     timer.begin(Stage::kDensify);

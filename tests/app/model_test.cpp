@@ -217,33 +217,6 @@ TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
   EXPECT_LE(largest, 1);
 }
 
-TEST_F(TrainedModel, IsEvaluatedAndRenderedWithItsLearnedBackground) {
-  const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("sky"), "--eval", "--iterations", "20",
-                                     "--background", "sky", "--device", "cpu", "--quiet"});
-  ASSERT_EQ(trained.exit_code, 0) << trained.err;
-  const auto psnr = [&] {
-    return nlohmann::json::parse(read_bytes(folder_ / "sky/results.json"))["ours_20"]["PSNR"].get<double>();
-  };
-  const double at_the_end = psnr();
-  ASSERT_EQ(run_b3dgs({"eval", path("sky"), "--device", "cpu"}).exit_code, 0);
-  EXPECT_NEAR(psnr(), at_the_end, 1e-3);
-
-  const std::string ply = path("sky/point_cloud/iteration_20/point_cloud.ply");
-  const auto render = [&](const std::string& name) {
-    const Outcome rendered =
-        run_b3dgs({"render", ply, "-s", path("scene"), "--output", path(name), "--device", "cpu", "--quiet"});
-    EXPECT_EQ(rendered.exit_code, 0) << rendered.err;
-    return read_image(folder_ / name / "renders/00000.png", false).pixels;
-  };
-  const std::vector<std::uint8_t> with_sky = render("with_sky");
-  fs::remove(background_path(ply));
-  EXPECT_NE(render("without"), with_sky);
-  const Outcome warned = run_b3dgs({"eval", path("sky"), "--device", "cpu", "--quiet"});
-  EXPECT_EQ(warned.exit_code, 0);
-  EXPECT_NE(warned.err.find("no learned background"), std::string::npos) << warned.err;
-  EXPECT_GT(std::abs(psnr() - at_the_end), 0.1) << "rendered without it";
-}
-
 TEST_F(TrainedModel, APlyInAModelFolderIsRenderedWithItsCameras) {
   remove_tree(path("scene"));
   const Outcome rendered = run_b3dgs({"render", path("model/point_cloud/iteration_3/point_cloud.ply")});

@@ -78,18 +78,6 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.25);
 }
 
-TEST(CompareConfig, BackgroundsMayDifferUnlessPhotographsWouldBeReadDifferently) {
-  const auto entries = parse_configurations("naive,sky:background=sky,one:background=learned", TrainConfig{});
-  EXPECT_EQ(entries[1].config.background, "sky");
-  EXPECT_EQ(learned_background_degree(entries[2].config), 0);
-  EXPECT_TRUE(test::fails_with<InputError>({"white:background=white", "--background white for all"}, [] {
-    parse_configurations("naive,white:background=white", TrainConfig{});
-  }));
-  TrainConfig base;
-  base.background = "white";
-  EXPECT_TRUE(has_white_background(parse_configurations("naive,combined", base)[1].config));
-}
-
 TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
   const auto entries =
       parse_configurations("naive,adaptive+kernel_policy=tracking,original,again:naive", TrainConfig{});

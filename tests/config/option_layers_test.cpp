@@ -58,6 +58,12 @@ TEST(GivenOptions, OfAConfigJsonMayBeOfAnEarlierVersion) {
   EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
   write_file(path, R"({"pixels_per_gaussian": 45})");
   EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
+  write_file(path, R"({"background": "white", "background_lr": 0.03})");
+  EXPECT_EQ(given({}, path), (GivenOptions{{"white_background", true}}));
+  write_file(path, R"({"background": "auto", "seed": 3})");
+  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
+  write_file(path, R"({"background": "sky"})");
+  EXPECT_TRUE(test::fails_with<InputError>({path, "sky", "no longer supported"}, [&] { given({}, path); }));
 }
 
 TEST(Presets, HaveARowForEveryName) {

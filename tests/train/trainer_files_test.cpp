@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "model/formats/background_json.h"
 #include "support/full_disk.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
@@ -131,24 +130,6 @@ TEST_F(TrainerFiles, NoAdviceDestroysAnEarlierPly) {
     EXPECT_FALSE(has(error, "--overwrite")) << error;
     EXPECT_EQ(fs::exists(folder.ply(8)), has_earlier);
   }
-}
-
-TEST_F(TrainerFiles, NoPlyIsWrittenWithoutItsBackground) {
-  TrainConfig config = eventful_config();
-  config.background = "learned";
-  config.random_background = false;
-  config.save_iterations = {5};
-  // Nothing can take the place of a mounted file system.
-  const test::SmallDisk mounted(background_path(folder.ply(5)), "size=100k");
-  if (!mounted.fault().empty()) GTEST_SKIP() << "no file system can be mounted here: " << mounted.fault();
-  TrainHooks hooks;
-  hooks.on_warning = [&](const std::string& warning) { warnings.push_back(warning); };
-  const TrainResult result = Trainer(config, scene, folder, hooks).run();
-  EXPECT_FALSE(fs::exists(folder.ply(5)));
-  EXPECT_EQ(result.not_written, (std::vector<fs::path>{folder.ply(5)}));
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_TRUE(has(warnings[0], background_path(folder.ply(5)).string())) << warnings[0];
-  EXPECT_TRUE(fs::exists(result.ply) && fs::exists(background_path(result.ply)));
 }
 
 }  // namespace

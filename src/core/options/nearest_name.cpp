@@ -61,6 +61,7 @@ std::string name_of_other_trainers(const std::string& name, const std::vector<st
       {"export_path", "model_path"},
       {"o", "model_path"},
       {"o", "output"},
+      {"background", "white_background"},
       {"data", "source_path"},
       {"data_path", "source_path"},
   };

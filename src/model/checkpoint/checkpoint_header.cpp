@@ -129,9 +129,6 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     if (const auto it = json.find("appearance_steps"); it != json.end()) {
       header.appearance_steps = json_integer<std::int64_t>(*it, "appearance_steps", place, 0, header.iteration);
     }
-    if (const auto it = json.find("background_steps"); it != json.end()) {
-      header.background_steps = json_integer<std::int64_t>(*it, "background_steps", place, 0, header.iteration);
-    }
     if (const auto it = json.find("appearance_last_steps"); it != json.end()) {
       if (!it->is_array()) input_error(place, ": appearance_last_steps must be a list, found ", json_excerpt(*it));
       for (const Json& step : *it) {

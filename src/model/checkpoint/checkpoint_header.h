@@ -30,7 +30,6 @@ struct CheckpointHeader {
   std::int64_t n_removed = 0;         // invalid Gaussians removed so far, at least 0
   std::int64_t held_at = 0;           // number of Gaussians at which GPU memory stopped their growth; 0: it did not
   std::int64_t appearance_steps = 0;  // from 0 to `iteration`
-  std::int64_t background_steps = 0;  // taken by the Adam of a learned background, from 0 to `iteration`
   std::vector<std::int64_t> appearance_last_steps;  // each from 0 to appearance_steps
   nlohmann::ordered_json kernel_selection, scene;
 };

@@ -70,9 +70,8 @@ std::uint32_t points_crc(const Scene& scene) {
   return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
 }
 
-// Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0,
-// coefficients of a learned background.
-constexpr std::int64_t kGaussians = -1, kViews = -2, kRest = -3, kBackground = -4;
+// Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0.
+constexpr std::int64_t kGaussians = -1, kViews = -2, kRest = -3;
 
 /// Which files have a tensor.
 enum class Presence {
@@ -125,7 +124,7 @@ auto rows_of(State& state) {
   // What only some trainings learn.
   constexpr torch::ScalarType kFloat = torch::kFloat32, kInt = torch::kInt32;
   constexpr bool kOnHost = true;
-  const Shape pose{kViews, kCameraGradients}, background{kBackground, 3}, exposures{kViews, 3, 4},
+  const Shape pose{kViews, kCameraGradients}, exposures{kViews, 3, 4},
       grids{kViews, kGridLevels, kGridHeight, kGridWidth, kTransformSize},
       transforms = state.appearance.grids.defined() ? grids : exposures;
   const Row<Tensor> optional[]{
@@ -138,9 +137,6 @@ auto rows_of(State& state) {
       {"appearance.grids", &state.appearance.grids, kLeads, grids},
       {"appearance.m", &state.appearance.m, kFollows, transforms},
       {"appearance.v", &state.appearance.v, kFollows, transforms, kNotNegative},
-      {"background.coefficients", &state.background.coefficients, kLeads, background},
-      {"background.adam_m", &state.background.m, kFollows, background},
-      {"background.adam_v", &state.background.v, kFollows, background, kNotNegative},
   };
   rows.insert(rows.end(), std::begin(optional), std::end(optional));
   return rows;
@@ -172,18 +168,11 @@ void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, T
 /// @throws InputError unless all tensors have the shapes and types that header and config imply
 void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
                   const std::string& place) {
-  const int background_degree = learned_background_degree(config);
-  if (state.background.is_defined() != (background_degree >= 0)) {
-    input_error(place, ": --background is ", config.background, ", but the checkpoint has ",
-                state.background.is_defined() ? "a" : "no", " learned background; the file is damaged");
-  }
   if (state.appearance.exposures.defined() && state.appearance.grids.defined()) {
     input_error(place, ": has both exposures and bilateral grids, expected one of them; the file is damaged");
   }
-  const std::map<std::int64_t, std::int64_t> sizes{{kGaussians, n},
-                                                   {kViews, n_views},
-                                                   {kRest, sh_coefficient_count(config.sh_degree) - 1},
-                                                   {kBackground, sh_coefficient_count(background_degree)}};
+  const std::map<std::int64_t, std::int64_t> sizes{
+      {kGaussians, n}, {kViews, n_views}, {kRest, sh_coefficient_count(config.sh_degree) - 1}};
   for (const Row<const torch::Tensor>& row : rows_of(state)) {
     if (!row.tensor->defined()) continue;
     std::vector<std::int64_t> wanted = row.shape;
@@ -380,7 +369,6 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
   // Of several ranks, each has its own.
   if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
-  if (state.background.is_defined()) header["background_steps"] = state.background.steps;
   if (state.appearance.grids.defined()) header["appearance_last_steps"] = state.appearance.last_steps;
   return header;
 }
@@ -434,7 +422,6 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.held_at = header.held_at;
   state.appearance.steps = header.appearance_steps;
   state.appearance.last_steps = std::move(header.appearance_last_steps);
-  state.background.steps = header.background_steps;
   state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =

@@ -11,7 +11,6 @@
 #include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/appearance/appearance_state.h"
-#include "train/background/background.h"
 #include "train/density/density_statistics.h"
 #include "train/optimizer/adam.h"
 #include "train/poses/pose_state.h"
@@ -28,7 +27,6 @@ struct TrainState {
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
   AppearanceState appearance;
-  BackgroundState background;  // with --background learned or sky
   ViewOrder view_order;
   ViewSkips view_skips;     // with --skip_share
   ViewRatios view_ratios;   // where memory is limited

@@ -63,12 +63,10 @@ class CheckpointContent final : public FileContent {
 
 class PlyContent final : public FileContent {
  public:
-  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians, const CoordinateFrame& frame,
-             std::filesystem::path obsolete)
+  PlyContent(const std::filesystem::path& path, const GaussianTensors& gaussians, const CoordinateFrame& frame)
       : n_(gaussians.size()),
         sh_degree_(sh_degree_of(gaussians)),
         has_filters_(gaussians.filters.defined()),
-        obsolete_(std::move(obsolete)),
         file_(path, n_, sh_degree_, has_filters_, frame) {}
 
   void fill(const std::vector<Bytes>& arrays, const ReadPieces& read) override {
@@ -92,16 +90,12 @@ class PlyContent final : public FileContent {
       file_.append(rows);
     }
   }
-  void commit() override {
-    file_.commit();
-    if (!obsolete_.empty()) remove_own_file(obsolete_);  // usually there is none
-  }
+  void commit() override { file_.commit(); }
 
  private:
   std::int64_t n_;
   int sh_degree_;
   bool has_filters_;
-  std::filesystem::path obsolete_;
   SplatPlyWriter file_;
 };
 
@@ -272,12 +266,12 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, nlohmann::ordered_j
 }
 
 void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
-                             bool may_copy, const std::filesystem::path& obsolete) {
+                             bool may_copy) {
   std::vector<Bytes> arrays;
   for (const torch::Tensor* tensor : gaussians.all()) arrays.push_back(bytes_of(*tensor));
   if (gaussians.filters.defined()) arrays.push_back(bytes_of(gaussians.filters));
   impl_->write(
-      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians, frame, obsolete); }, arrays, may_copy);
+      file, [&] { return std::make_unique<PlyContent>(file.path, gaussians, frame); }, arrays, may_copy);
 }
 
 bool OutputWriter::is_busy() const {

@@ -51,10 +51,9 @@ class OutputWriter {
   };
   void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
                         const std::vector<TensorPieces>& tensors);
-  /// Removes `obsolete`, a file that belongs to an older PLY of that name, once this one is in its place.
   /// `frame` is that of the Gaussians.
-  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame, bool may_copy,
-                 const std::filesystem::path& obsolete = {});
+  void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
+                 bool may_copy);
 
   bool is_busy() const;
   void wait();

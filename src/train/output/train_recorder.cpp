@@ -5,7 +5,6 @@
 
 #include "config/coarse_schedule.h"
 #include "model/disk_space.h"
-#include "model/formats/background_json.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
@@ -118,25 +117,12 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
   return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
 }
 
-void TrainRecorder::write_ply(const GaussianTensors& gaussians, const BackgroundState& background) {
+void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
   const int iteration = source_.state.iteration;
   WrittenFile file{WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""};
-  const std::filesystem::path background_file = background_path(file.path);
-  if (background.is_defined()) {  // first, so that no PLY is without it
-    const torch::Tensor values = background.coefficients.cpu();
-    const float* const begin = values.data_ptr<float>();
-    try {
-      write_background_json(background_file, {{begin, begin + values.numel()}});
-    } catch (const IoError& error) {
-      file.error = error.what();
-      return handle(file);
-    }
-  }
-  // One from an earlier session at this iteration belongs to that session's PLY.
-  const std::filesystem::path obsolete = background.is_defined() ? std::filesystem::path() : background_file;
   outputs_.n_saved = gaussians.size();
   writer_.write_ply(file, gaussians, source_.frame,
-                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)), obsolete);
+                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
   if (!is_end()) return;
   writer_.wait();
   collect_files();

@@ -79,9 +79,7 @@ class TrainRecorder {
   // PLYs and checkpoints. They are written in the background, unless this is the end: after the last iteration, or
   // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
   void set_ending(bool is_ending) { is_ending_ = is_ending; }
-  /// With background.json beside the PLY if there is a learned background: if that cannot be written, neither is the
-  /// PLY.
-  void write_ply(const GaussianTensors& gaussians, const BackgroundState& background = {});
+  void write_ply(const GaussianTensors& gaussians);
   /// Beside the PLY of this iteration, and in the model folder. A file that cannot be written causes a warning.
   void write_exposures(const Exposures& exposures);
   /// The last PLY is that of this iteration, written by an earlier session.

@@ -26,10 +26,6 @@ void visit_rows(TrainState& state, Visit&& visit) {
 template <class Visit>
 void visit_shared(TrainState& state, Visit&& visit) {
   visit_appearance(state.appearance, [&](const char*, torch::Tensor& tensor) { visit(tensor); });
-  if (!state.background.is_defined()) return;
-  for (torch::Tensor* tensor : {&state.background.coefficients, &state.background.m, &state.background.v}) {
-    visit(*tensor);
-  }
 }
 }  // namespace
 

@@ -8,7 +8,6 @@
 #include "core/random.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
-#include "train/background/background.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/quality/metrics.h"
@@ -41,7 +40,6 @@ struct TinySceneOptions {
   int n_views = 8;
   int width = 60, height = 44;  // px
   float log_scale = -2.2f;      // mean of the Gaussians' log scales
-  torch::Tensor background{};   // coefficients [K, 3] of a learned background; undefined: black
   bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
@@ -76,7 +74,6 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTenso
     view.camera = look_at_origin(3 * std::cos(angle), i % 2 == 0 ? -1.0 : 0.7, 3 * std::sin(angle), options.width,
                                  options.height);
     const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), {});
-    add_background(options.background, to_pinhole_view(view.camera), rendered);
     Image8 image = to_image8(rendered.color);
     if (options.masked) {
       auto valid = std::make_shared<Image8>(options.width, options.height, 1);

@@ -52,8 +52,6 @@ TEST(BatchTraining, ResumesExactlyWithAllThatIsLearnedOfPhotographs) {
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   TrainConfig config = batched_config();
-  config.random_background = false;
-  config.background = "sky";
   config.pose_opt = config.antialiasing = true;
   config.pose_opt_from_iter = 4;
   config.opacity_reg = config.scale_reg = 0.01;
@@ -72,7 +70,6 @@ TEST(BatchTraining, ResumesExactlyWithAllThatIsLearnedOfPhotographs) {
     const int n_skipped = header.at("view_skips").at("n_skipped").get<int>();
     EXPECT_GE(n_skipped, 2);
     EXPECT_EQ(header.at("adam_steps"), 40 - n_skipped) << "counts views";
-    EXPECT_EQ(header.at("background_steps"), 40 - n_skipped);
     EXPECT_EQ(header.at("appearance_steps"), 40 - n_skipped);
   }
 }

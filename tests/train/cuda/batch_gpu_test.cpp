@@ -126,8 +126,6 @@ TEST(BatchOnGpu, DeterministicTrainingsRepeatAndResumeExactly) {
     config.deterministic = true;
     config.batch = 3;
     config.iterations = 24;
-    config.random_background = false;
-    config.background = "sky";
     config.pose_opt = config.exposure = true;
     config.pose_opt_from_iter = 4;
     const std::filesystem::path folder = temp / strategy;

@@ -325,22 +325,12 @@ void check_learned(const std::vector<void (*)(TrainConfig&)>& options, Communica
 
 void check_appearance(Communicator& ranks) {
   check_learned(
-      {[](TrainConfig& config) { config.exposure = true; }, [](TrainConfig& config) { config.bilateral_grid = true; }},
+      {[](TrainConfig& config) {
+         config.exposure = config.pose_opt = true;  // in one exchange
+         config.pose_opt_from_iter = 5;
+       },
+       [](TrainConfig& config) { config.bilateral_grid = true; }},
       ranks);
-}
-
-void check_background(Communicator& ranks) {
-  check_learned({[](TrainConfig& config) {
-                   config.random_background = false;
-                   config.background = "learned";
-                 },
-                 [](TrainConfig& config) {
-                   config.random_background = false;
-                   config.background = "sky";
-                   config.exposure = config.pose_opt = true;  // all in one exchange
-                   config.pose_opt_from_iter = 5;
-                 }},
-                ranks);
 }
 
 void check_poses(Communicator& ranks) {
@@ -523,7 +513,6 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "invalid") return check_invalid(ranks);
   if (scenario == "stop") return check_stop(ranks);
   if (scenario == "appearance") return check_appearance(ranks);
-  if (scenario == "background") return check_background(ranks);
   if (scenario == "poses") return check_poses(ranks);
   if (scenario == "skips") return check_skips(ranks);
   if (scenario == "memory") return check_memory(ranks);

@@ -105,7 +105,7 @@ DensityPlan density_plan(const TrainConfig& config, int iteration) {
   plan.after_step = plan.statistics = true;
   plan.densify = iteration > config.densify_from_iter && iteration % config.densification_interval == 0;
   plan.lower_opacities = iteration % config.opacity_reset_interval == 0 ||
-                         (has_white_background(config) && iteration == config.densify_from_iter);
+                         (config.white_background && iteration == config.densify_from_iter);
   return plan;
 }
 
