@@ -235,7 +235,7 @@ int run_eval(const std::vector<std::string>& words) {
     evaluate_file(model_options, options, device, lpips ? &*lpips : nullptr, status);
     return 0;
   }
-  LoadedModel model = load_without_scene(model_options, status);
+  LoadedModel model = load_without_scene(model_options);
   const OwnFiles own_files(model.folder.root());
   const bool writes_results = can_write_results(model, options, status);
   add_scene(model, status);

@@ -95,9 +95,10 @@ std::string describe_memory(const MemoryForecast& forecast) {
 
 /// Before the other limits of the scene, so that it can be said what each of them changed.
 void limit_schedule(TrainPlan& plan, const Scene& scene) {
-  limit_epochs(plan.config, scene.train.size(), plan.fixed);
+  const Photographs photographs = training_photographs(scene);
+  limit_epochs(plan.config, photographs, plan.fixed);
   if (!plan.layers) return;
-  plan.layers->epoch_scale = limit_epochs(plan.layers->config, scene.train.size(), plan.layers->given);
+  plan.layers->epoch_scale = limit_epochs(plan.layers->config, photographs, plan.layers->given);
 }
 
 void report_quality(const TrainResult& result) {
@@ -213,7 +214,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   limit_schedule(plan, scene);
   const TrainConfig before = std::exchange(plan.config, with_scene_limits(config, scene));
   if (!quiet) {
-    if (const std::string text = describe_epochs(config, scene.train.size()); !text.empty()) {
+    if (const std::string text = describe_epochs(config, training_photographs(scene)); !text.empty()) {
       std::cout << text << std::endl;
     }
     if (config.max_gaussians != before.max_gaussians) std::cout << describe_limit(config) << std::endl;

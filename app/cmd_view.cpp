@@ -34,7 +34,7 @@ LoadedModel load(ModelOptions& options, StatusLine& status) {
     return options.source_path.empty() ? load_splat_file(options.model_path, options)
                                        : load_file_to_evaluate(options.model_path, options, status);
   }
-  LoadedModel model = load_without_scene(options, status);
+  LoadedModel model = load_without_scene(options);
   try {
     add_scene(model, status);
   } catch (const InputError& error) {

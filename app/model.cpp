@@ -195,7 +195,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
   return model;
 }
 
-LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status) {
+LoadedModel load_without_scene(const ModelOptions& options) {
   if (fs::is_regular_file(options.model_path)) return load_splat_file(options.model_path, options);
   LoadedModel model = load_gaussians(options);
   apply_options(model, options);
@@ -219,7 +219,7 @@ bool add_saved_cameras(LoadedModel& model) {
 }
 
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options, status);
+  LoadedModel model = load_without_scene(options);
   add_scene(model, status);
   return model;
 }

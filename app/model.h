@@ -72,7 +72,7 @@ bool names_single_file(ModelOptions& options);
 
 /// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
 /// @throws InputError
-LoadedModel load_without_scene(const ModelOptions& options, StatusLine& status);
+LoadedModel load_without_scene(const ModelOptions& options);
 
 /// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
 /// @throws InputError

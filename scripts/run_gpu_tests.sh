@@ -113,7 +113,7 @@ sanitizer_filter() {
     # Whole trainings take minutes under a tool.
     train_cuda_tests)
       tests='EventMarks*:ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredSh.*:BatchOnGpu.EqualsTheCpu*'
-      tests+=':BackgroundOnGpu.EqualsTheCpu*:AppearanceOnGpu.*OfTheCpu*:DepthPriorsOnGpu.Gradient*:RegularizationOnGpu.*'
+      tests+=':AppearanceOnGpu.*OfTheCpu*:DepthPriorsOnGpu.Gradient*:RegularizationOnGpu.*'
       tests+=':ReduceImageOnGpu.*:RowEditorOnGpu.*:BalancedOnGpu.ErrorImage*'
       # initcheck makes the host wait for the end of each copy; this test holds a copy up until the host has gone on.
       if [[ $tool == initcheck ]]; then tests+=':-ImageUploaderTest.NeverWritesASlotThatIsStillRead'; fi

@@ -16,6 +16,7 @@
 #include "core/text.h"
 #include "scene/view_image.h"
 #include "train/device.h"
+#include "train/scene_limits.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -111,7 +112,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     given["preset"] = planned_preset;
     plan.base = resolve_options(given).config;
   }
-  plan.set_photographs(plan.n_photographs);  // of the comparison to resume
+  plan.set_photographs(plan.photographs);  // of the comparison to resume
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
     input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
@@ -208,12 +209,12 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   // One per configuration and one for evaluations, of which only one runs at a time.
   scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
-  if (plan.n_photographs != 0 && plan.n_photographs != scene.train.size()) {
+  if (plan.photographs.n != 0 && plan.photographs.n != scene.train.size()) {
     input_error(plan.base.source_path, ": ", scene.train.size(), " photographs for training, but the comparison in ",
-                plan.root().string(), " began with ", plan.n_photographs,
+                plan.root().string(), " began with ", plan.photographs.n,
                 "; resume it with the same photographs and options, or begin again with --overwrite");
   }
-  plan.set_photographs(scene.train.size());
+  plan.set_photographs(training_photographs(scene));
   if (!options.resume && !options.quiet) suggest_fewer_iterations(plan, device, status);
   hold_images(scene.train, show_loading(status));  // shared by all configurations and seeds
   const double reading_s = steady_seconds() - start_s;

@@ -71,7 +71,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   hooks.resume_command = resume_command(plan);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
   status_.clear();
-  if (const std::string text = describe_epochs(config, scene.train.size()); !text.empty()) hooks.on_message(text);
+  if (const std::string text = describe_epochs(config, plan.photographs); !text.empty()) hooks.on_message(text);
   hooks.on_message("photographs " + turn.trainer->describe_images());
   const fs::path checkpoint = newest_valid_checkpoint(folder, hooks.on_warning);
   if (checkpoint.empty()) return;

@@ -229,7 +229,7 @@ int run_export(const std::vector<std::string>& words) {
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  LoadedModel model = load_without_scene(model_options, status);
+  LoadedModel model = load_without_scene(model_options);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
   std::string why_not = add_views(model, model_options, status);
   LoadedModel original = model;

@@ -141,7 +141,7 @@ void check_name(const std::string& entry, const std::string& name, const std::st
 }
 
 Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given,
-                          std::size_t n_photographs) {
+                          const Photographs& photographs) {
   // Only a colon before the first + or = separates a name; later ones belong to values.
   const std::size_t colon = entry.find(':');
   const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
@@ -160,7 +160,7 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
     line.parse(words);
     all.update(line.given());
     configuration.config = resolve_options(all).config;
-    limit_epochs(configuration.config, n_photographs, all);
+    limit_epochs(configuration.config, photographs, all);
   } catch (const InputError& error) {
     input_error("--configs ", entry, ": ", error.what());
   }
@@ -178,10 +178,10 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
 }
 
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
-                                                const GivenOptions& given, std::size_t n_photographs) {
+                                                const GivenOptions& given, const Photographs& photographs) {
   std::vector<Configuration> configurations;
   for (const std::string& entry : split(text, ',')) {
-    const Configuration next = parse_entry(entry, base, given, n_photographs);
+    const Configuration next = parse_entry(entry, base, given, photographs);
     for (const Configuration& other : configurations) {
       if (other.name == next.name) {
         // The name is either the whole entry ("naive") or the part before a colon.

@@ -26,12 +26,12 @@ struct Configuration {
 /// Lists are separated by slashes: paper:kernel_candidates=combined/shared-memory.
 ///
 /// `given` are options for all configurations; a configuration's own come on top, so `preset=fast` applies below both
-/// (option_layers.h). With `n_photographs` for training, --max_epochs has been applied; 0: not known yet. `base` has
+/// (option_layers.h). With `photographs` for training, --max_epochs has been applied; none: not known yet. `base` has
 /// the values that must be the same for all: scene, views, seed, device, ...
 /// @throws InputError for fewer than two configurations, a name that occurs twice or cannot be a folder name, an
 /// unknown option or value, and options that must be the same for all
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
-                                                const GivenOptions& given, std::size_t n_photographs = 0);
+                                                const GivenOptions& given, const Photographs& photographs = {});
 /// All values of `base` count as given.
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
 

@@ -37,7 +37,8 @@ Json to_json(const ComparisonPlan& plan) {
           {"reading_s", plan.reading_s},
           {"loading_ms", plan.loading_ms},
           {"given", plan.given},
-          {"photographs", plan.n_photographs},
+          {"photographs", plan.photographs.n},
+          {"overlap", plan.photographs.overlap},
           {"config", config_to_json(plan.base)}};
 }
 
@@ -197,14 +198,14 @@ std::string summary_table(const Comparison& comparison) {
 }  // namespace
 
 std::vector<Configuration> ComparisonPlan::configurations() const {
-  std::vector<Configuration> all = parse_configurations(configs, base, given, n_photographs);
+  std::vector<Configuration> all = parse_configurations(configs, base, given, photographs);
   if (has_repetition) all.push_back(repeat_baseline(all));
   return all;
 }
 
-void ComparisonPlan::set_photographs(std::size_t n) {
-  n_photographs = n;
-  limit_epochs(base, n, given);
+void ComparisonPlan::set_photographs(const Photographs& of_scene) {
+  photographs = of_scene;
+  limit_epochs(base, photographs, given);
 }
 
 int ComparisonPlan::longest() const {
@@ -261,7 +262,8 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.given = own.contains("given") ? own.at("given") : config_to_json(plan.base);
     // Comparisons of versions without --max_epochs have no such limit.
     if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
-    plan.n_photographs = own.value("photographs", std::size_t{0});
+    plan.photographs = own.value("photographs", std::size_t{0});
+    plan.photographs.overlap = own.value("overlap", plan.photographs.overlap);
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }

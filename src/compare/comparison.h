@@ -20,10 +20,10 @@ struct ComparisonPlan {
   GivenOptions given;  // options given for all configurations, of which `base` follows
   std::string configs;
   std::vector<std::int64_t> seeds;
-  bool has_repetition = false;    // trains the baseline twice (--noise)
-  int chunk = 0;                  // iterations per turn
-  std::size_t n_photographs = 0;  // for training; 0 before the scene has been read
-  double reading_s = 0;           // reading the scene, sum over all sessions
+  bool has_repetition = false;  // trains the baseline twice (--noise)
+  int chunk = 0;                // iterations per turn
+  Photographs photographs;      // for training; none before the scene has been read
+  double reading_s = 0;         // reading the scene, sum over all sessions
   // Time for loading the candidate kernels in a new process, ms, measured before the first turn. It is added to the
   // times of all configurations that choose their kernel: `train` spends it in each process, but here all share one.
   double loading_ms = 0;
@@ -33,7 +33,7 @@ struct ComparisonPlan {
   std::filesystem::path root() const { return base.model_path; }
   std::vector<Configuration> configurations() const;
   /// Applies --max_epochs, to `base` as well.
-  void set_photographs(std::size_t n);
+  void set_photographs(const Photographs& of_scene);
   int longest() const;  // iterations of the configuration that has most
   ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/print.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -28,11 +29,11 @@ std::int64_t iterations_of(int uses, std::size_t n_photographs) {
   return static_cast<std::int64_t>(std::min(n_photographs, kMost)) * uses;
 }
 
-/// How often each of few photographs is used, where --max_epochs is not given.
-int uses_of_few(int max_epochs, std::size_t n_photographs) {
-  constexpr double kFew = 50, kLeastIterations = 500;
-  const double n = static_cast<double>(std::max<std::size_t>(1, n_photographs));
-  const double share = std::max(n / kFew, kLeastIterations / (n * std::max(1, max_epochs)));
+/// How often each photograph is used, where --max_epochs is not given.
+int uses_by_overlap(int max_epochs, const Photographs& photographs) {
+  constexpr double kEnough = 50, kLeastIterations = 500;
+  const double n = static_cast<double>(std::max<std::size_t>(1, photographs.n));
+  const double share = std::max(photographs.overlap / kEnough, kLeastIterations / (n * std::max(1, max_epochs)));
   return scaled(max_epochs, std::min(1.0, share));
 }
 
@@ -57,10 +58,10 @@ void scale_schedule(TrainConfig& config, double factor, const GivenOptions& give
   });
 }
 
-double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenOptions& given) {
+double limit_epochs(TrainConfig& config, const Photographs& photographs, const GivenOptions& given) {
   const int max_epochs = config.max_epochs;
-  const int uses = given.contains("max_epochs") ? max_epochs : uses_of_few(max_epochs, n_photographs);
-  const std::int64_t most = iterations_of(uses, n_photographs);
+  const int uses = given.contains("max_epochs") ? max_epochs : uses_by_overlap(max_epochs, photographs);
+  const std::int64_t most = iterations_of(uses, photographs.n);
   if (most == 0 || config.iterations <= most) return 1;
   const double factor = static_cast<double>(most) / config.iterations;
   scale_schedule(config, factor, given);
@@ -69,11 +70,15 @@ double limit_epochs(TrainConfig& config, std::size_t n_photographs, const GivenO
   return factor;
 }
 
-std::string describe_epochs(const TrainConfig& config, std::size_t n_photographs) {
-  for (const int uses : {config.max_epochs, uses_of_few(config.max_epochs, n_photographs)}) {
-    if (uses == 0 || config.iterations != iterations_of(uses, n_photographs)) continue;
+std::string describe_epochs(const TrainConfig& config, const Photographs& photographs) {
+  for (const int uses : {config.max_epochs, uses_by_overlap(config.max_epochs, photographs)}) {
+    if (uses == 0 || config.iterations != iterations_of(uses, photographs.n)) continue;
+    const bool has_known_overlap = photographs.overlap < static_cast<double>(photographs.n);
+    const std::string reason = uses < config.max_epochs && has_known_overlap
+                                   ? print_to_string(": about %.0f of them show the same point", photographs.overlap)
+                                   : "";
     return detail::concat("schedule    ", format_count(config.iterations), " iterations: each photograph ",
-                          format_count(uses), uses == 1 ? " time" : " times", " (--max_epochs)");
+                          format_count(uses), uses == 1 ? " time" : " times", " (--max_epochs", reason, ")");
   }
   return "";
 }

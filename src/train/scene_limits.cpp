@@ -87,6 +87,33 @@ int decay_start(const TrainConfig& config, const Scene& scene) {
   return static_cast<int>(std::min<std::int64_t>(config.lr_decay_from_iter, latest));
 }
 
+Photographs training_photographs(const Scene& scene) {
+  constexpr std::size_t kPoints = 5000, kViews = 500;  // looked at, at equal distances
+  const auto n_points = static_cast<std::size_t>(scene.points.size());
+  const std::size_t point_step = std::max<std::size_t>(1, n_points / kPoints);
+  const std::size_t view_step = std::max<std::size_t>(1, scene.train.size() / kViews);
+  std::vector<std::vector<std::size_t>> seen;  // by each view
+  std::vector<double> n_views(n_points / point_step + 1);
+  for (std::size_t v = 0; v < scene.train.size(); v += view_step) {
+    std::vector<std::size_t>& own = seen.emplace_back();
+    for (std::size_t i = 0; i * point_step < n_points; ++i) {
+      if (!scene.train[v].camera.project(&scene.points.positions[3 * i * point_step])) continue;
+      own.push_back(i);
+      ++n_views[i];
+    }
+  }
+  double sum = 0, n = 0;
+  for (const std::vector<std::size_t>& own : seen) {
+    if (own.empty()) continue;
+    double all = 0;
+    for (const std::size_t i : own) all += n_views[i];
+    sum += all / static_cast<double>(own.size());
+    ++n;
+  }
+  if (n == 0) return scene.train.size();
+  return {scene.train.size(), sum / n * static_cast<double>(view_step)};
+}
+
 TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
   config.max_gaussians = count_limit(config, scene);
   config.lr_decay_from_iter = decay_start(config, scene);

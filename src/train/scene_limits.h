@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "config/schedule.h"
 #include "config/train_config.h"
 #include "scene/scene.h"
 
@@ -31,6 +32,10 @@ std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 /// has been used --lr_decay_from_epoch times (0 = no such limit). The fewer photographs, the fewer
 /// iterations until training overfits them.
 int decay_start(const TrainConfig& config, const Scene& scene);
+
+/// With the overlap of the training views: of the points that a view sees, the mean number of views that see them too,
+/// averaged over the views. Nothing is known of what hides a point. Without points: as if all views saw the same.
+Photographs training_photographs(const Scene& scene);
 
 /// The options of a training of this scene, with these limits. Applying it again changes nothing. --max_epochs is not
 /// among them: limit_epochs() (config/schedule.h) has to know which options were given, so commands apply it before.

@@ -190,6 +190,35 @@ TEST(EpochLimit, IsLowerWithFewPhotographsUnlessGiven) {
   }
 }
 
+TEST(EpochLimit, FollowsHowManyPhotographsShowTheSamePoint) {
+  TrainConfig config = resolve_options(GivenOptions::object()).config;
+  EXPECT_DOUBLE_EQ(limit_epochs(config, {200, 10.0}, GivenOptions::object()), 16000.0 / 24000) << "80 uses";
+  EXPECT_EQ(config.iterations, 16000);
+  EXPECT_EQ(describe_epochs(config, {200, 10.0}),
+            "schedule    16,000 iterations: each photograph 80 times (--max_epochs: about 10 of them show the same "
+            "point)");
+  config = resolve_options(GivenOptions::object()).config;
+  EXPECT_EQ(limit_epochs(config, {60, 50.0}, GivenOptions::object()), 1);
+}
+
+TEST(TrainingPhotographs, OverlapIsOfTheViewsThatSeeAPoint) {
+  Scene scene;
+  EXPECT_EQ(training_photographs(scene).n, 0u);
+  for (const double x : {0.0, 0.0, 0.0, 100.0}) {  // three look at the first point, one at the second
+    View view;
+    view.camera.width = view.camera.height = 100;
+    view.camera.fx = view.camera.fy = 100;
+    view.camera.cx = view.camera.cy = 50;
+    view.camera.cam_from_world.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    view.camera.cam_from_world.translation = {-x, 0, 0};
+    scene.train.push_back(view);
+  }
+  EXPECT_EQ(training_photographs(scene).overlap, 4) << "without points: as if all saw the same";
+  scene.points.positions = {0, 0, 5, 100, 0, 5, 0, 0, -5};
+  EXPECT_EQ(training_photographs(scene).n, 4u);
+  EXPECT_DOUBLE_EQ(training_photographs(scene).overlap, (3 * 3 + 1) / 4.0);
+}
+
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
   for (const auto& [given, n] :
        {std::pair{GivenOptions{{"preset", "quality"}}, 60},

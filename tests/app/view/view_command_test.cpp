@@ -75,7 +75,7 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   StatusLine status = StatusLine::silent();
   const LoadedModel loaded = load_model(options, status);
   ModelRenderer renderer(loaded, torch::kCPU);
-  WatchedModel watched({renderer.gaussians, renderer.background, renderer.settings, loaded.iteration}, loaded.scene,
+  WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
                        viewed_scene(loaded.scene, loaded.splats.means, "model"));
   ViewServerOptions any;
   any.port = 0;

@@ -105,7 +105,6 @@ TEST(WatchedTraining, MakesTheSameBytesWithBatchesFiltersAndRefinedPoses) {
   config.batch = 2;
   config.antialiasing = true;
   config.random_background = false;
-  config.background = "sh0";
   expect_same_bytes(config);
   config = test::eventful_config();
   config.pose_opt = true;
@@ -204,7 +203,7 @@ TEST(WatchedTraining, AModelThatCannotBeRenderedIsAnErrorOfTheFrame) {
     }
   });
   while (!hooks.wants_model()) std::this_thread::yield();
-  hooks.on_model({5, gaussians, {}, {}, 0, "naive"});
+  hooks.on_model({5, gaussians, {}, 0, "naive"});
   viewer.join();
   EXPECT_FALSE(error.empty());
   EXPECT_TRUE(std::isnan(gaussians.means[3][0].item<float>())) << "nothing is removed";

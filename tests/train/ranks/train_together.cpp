@@ -324,13 +324,12 @@ void check_learned(const std::vector<void (*)(TrainConfig&)>& options, Communica
 }
 
 void check_appearance(Communicator& ranks) {
-  check_learned(
-      {[](TrainConfig& config) {
-         config.exposure = config.pose_opt = true;  // in one exchange
-         config.pose_opt_from_iter = 5;
-       },
-       [](TrainConfig& config) { config.bilateral_grid = true; }},
-      ranks);
+  check_learned({[](TrainConfig& config) {
+                   config.exposure = config.pose_opt = true;  // in one exchange
+                   config.pose_opt_from_iter = 5;
+                 },
+                 [](TrainConfig& config) { config.bilateral_grid = true; }},
+                ranks);
 }
 
 void check_poses(Communicator& ranks) {
