@@ -21,6 +21,7 @@
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
 #include "app/view/watched_training.h"
+#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/preset_help.h"
 #include "core/check.h"
@@ -337,6 +338,7 @@ int run_train(const std::vector<std::string>& words) {
   TrainCommandOptions options;
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});
+  add_former_options(line);
   line.set_notes(presets_help());
   if (!line.parse(split_view_port(words))) return 0;
   line.apply(options);

@@ -6,8 +6,10 @@
 #include "app/model.h"
 #include "app/train_setup.h"
 #include "compare/comparison.h"
+#include "config/former_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
+#include "core/options/config_file.h"
 #include "core/shell_quote.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"
@@ -66,13 +68,18 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   return "";
 }
 
+void warn_of_former_options(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
+  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
+}
+
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
-TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
+TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status) {
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
   TrainConfig config;
   if (!header.contains("config"))
     input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
   stored_config_from_json(config, header["config"], checkpoint.string());
+  warn_of_former_options(header["config"], checkpoint.string() + ": ", status);
   config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
@@ -134,12 +141,14 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
                 "other replaces it");
   }
   const GivenOptions given = given_options(line, options.config);
+  warn_of_former_options(line.given(), "", status);
+  if (!options.config.empty()) warn_of_former_options(read_json_file(options.config), options.config + ": ", status);
   plan.layers = resolve_options(given);
   config = plan.layers->config;
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
-    config = config_of_checkpoint(plan.checkpoint);
+    config = config_of_checkpoint(plan.checkpoint, status);
     apply_at_resume(config, given);
     if (!named_folder.empty()) config.model_path = named_folder;
     plan.layers.reset();

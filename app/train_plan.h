@@ -23,7 +23,6 @@ struct TrainCommandOptions {
   std::string resume;
   bool overwrite = false;
   bool quiet = false;
-  bool disable_viewer = false;
   bool view = false;
   ViewOptions page;
   RankOptions rank;
@@ -46,8 +45,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions
   field(Option{"view_address"}, c.page.address, Any{},
         "address the page listens on; the default is for this machine only");
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
-  field(Option{"disable_viewer"}, c.disable_viewer, Any{},
-        "no effect; accepted for command lines of the original 3DGS");
 }
 
 /// What to train, from where, and where to.

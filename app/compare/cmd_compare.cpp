@@ -9,6 +9,7 @@
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "compare/comparison.h"
+#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
@@ -251,10 +252,13 @@ int run_compare(const std::vector<std::string>& words) {
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});
+  add_former_options(line);
   line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
   line.apply(options);
 
+  StatusLine status = StatusLine::for_stderr(options.quiet);
+  for (const std::string& former : describe_former_options(line.given())) status.warn(former);
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
@@ -268,7 +272,6 @@ int run_compare(const std::vector<std::string>& words) {
   if (options.overwrite) replaced.push_back(plan);  // its folders may hold models of no comparison
   if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
 
-  StatusLine status = StatusLine::for_stderr(options.quiet);
   const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "config/former_options.h"
 #include "core/check.h"
 #include "core/options/config_file.h"
 #include "core/print.h"
@@ -47,7 +48,7 @@ void add_lines(std::vector<std::string>& lines, const std::string& label, const 
   lines.push_back(line);
 }
 
-/// Without options that are gone: black and white are -w, a learned background cannot be had.
+/// Black and white are -w now, a learned background cannot be had.
 nlohmann::ordered_json without_background(nlohmann::ordered_json options, const std::string& place) {
   const auto own = options.find("background");
   if (own != options.end()) {
@@ -73,17 +74,22 @@ nlohmann::ordered_json without_pixels_per_gaussian(nlohmann::ordered_json option
 }  // namespace
 
 bool has_removed_options(const nlohmann::ordered_json& options) {
-  return options.contains("pixels_per_gaussian") || options.contains("background");
+  return without_former_options(options).size() != options.size() || options.contains("pixels_per_gaussian") ||
+         options.contains("background");
 }
 
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place) {
-  config_from_json(config, without_pixels_per_gaussian(without_background(options, place)), place);
+  nlohmann::ordered_json known =
+      without_former_options(without_pixels_per_gaussian(without_background(options, place)));
+  // Splits of earlier versions, which were worse.
+  if (known.value("split", "") == "cover" || known.value("split", "") == "samples") known["split"] = "preserve";
+  config_from_json(config, known, place);
 }
 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
   nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
-  file = without_background(std::move(file), config_file);
+  file = without_former_options(without_background(std::move(file), config_file));
   // A whole config.json: its limit is max_gaussians.
   if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_pixels_per_gaussian(std::move(file));
   TrainConfig checked;

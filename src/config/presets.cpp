@@ -43,7 +43,6 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"densification_interval", "90"},
         {"sh_increase_interval", "900"},
         {"coarse_until", "13500"},
-        {"skip_from_iter", "13950"},
         {"pose_opt_from_iter", "450"},
         {"max_gaussians", "1000000"},
         {"noise_lr", "50000"},
@@ -68,8 +67,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"scale_reg", "0.01"},
         {"lr_final_scale", "0.1"},
         {"lr_decay_from_iter", "20000"},
-        {"lr_decay_from_epoch", "100"},
-        {"noise_lr", "0"}}},
+        {"lr_decay_from_epoch", "100"}}},
   };
   return kStrategyDefaults;
 }

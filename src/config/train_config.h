@@ -36,7 +36,6 @@ struct TrainConfig {
   std::string masks;
   bool invert_masks = false;
   std::string mask_mode = "ignore";
-  double mask_alpha_weight = 1;
   std::string device = "auto";
   // -1: up to half of the free GPU memory, which leaves the other half to the Gaussians. A few hundred photographs at
   // the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside it are uploaded ahead of use.
@@ -68,8 +67,6 @@ struct TrainConfig {
   int keep_checkpoints = 2;
   int coarse_scale = 1;      // 1: full size throughout
   int coarse_until = 15000;  // as in DashGaussian: when densification ends
-  double skip_share = 0;
-  int skip_from_iter = 15500;  // as in SkipGS
 
   // Learning rates
   double position_lr_init = 0.00016;     // times the scene extent
@@ -88,11 +85,8 @@ struct TrainConfig {
 
   // Loss
   double lambda_dssim = 0.2;
-  double huber = 0;         // difference of colours in [0, 1]
-  int huber_from_iter = 0;  // exclusive
-  double opacity_reg = 0;   // times the mean opacity of the Gaussians that the view sees
-  double scale_reg = 0;     // times their mean scale, units of extent / 5
-  int reg_from_iter = 0;    // exclusive; of opacity_reg and scale_reg
+  double opacity_reg = 0;  // times the mean opacity of the Gaussians that the view sees
+  double scale_reg = 0;    // times their mean scale, units of extent / 5
   double depth_l1_weight_init = 1;
   double depth_l1_weight_final = 0.01;
 
@@ -123,23 +117,14 @@ struct TrainConfig {
   double gaussians_per_pixel = 0;  // of one photograph
   double init_opacity = 0.1;
   double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
-  // Of strategies mcmc and balanced:
-  double noise_lr = 500000;  // times the learning rate of the means
-  int noise_from_iter = 0;   // exclusive
   // Of strategy mcmc:
-  double growth = 0.05;  // of the count, per round
+  double noise_lr = 500000;  // times the learning rate of the means
   // Of strategy balanced:
-  int score_views = 20;           // before each round
-  double score_power = 2;         // of the mean difference of a pixel's channels
-  double abs_grad_threshold = 0;  // sum over pixels of |dL/d(projected centre)|, normalised device coordinates
-  std::string parents = "draw";
+  int score_views = 20;  // before each round
   std::string split = "preserve";
-  std::string split_moments = "zero";
-  double budget_power = 0.5;
   double prune_weight = 0.03;
   int prune_interval = 3000;
   int prune_until_iter = 28000;  // exclusive
-  double opacity_decay = 1;      // per round
 
   // Rasterizer
   std::string kernel = "adaptive";
@@ -186,8 +171,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");
   field(Option{"mask_mode"}, c.mask_mode, OneOf{{"ignore", "segment"}},
         "ignore what masks leave out, or segment: nothing may be there");
-  field(Option{"mask_alpha_weight"}, c.mask_alpha_weight, AtLeast{0},
-        "--mask_mode segment: weight of the alpha that is left where nothing may be");
   field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
         OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
   field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
@@ -235,9 +218,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
         "train on views of full size from this iteration at the latest");
-  field(Option{"skip_share"}, c.skip_share, InRange{0, 0.5},
-        "skip up to X of the steps: of views with a loss no higher than its mean (0 = none)");
-  field(Option{"skip_from_iter"}.in_steps(), c.skip_from_iter, AtLeast{0}, "skip no step up to this iteration");
 
   field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
         "initial learning rate of the means, x scene extent");
@@ -264,12 +244,8 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
-  field(Option{"huber"}, c.huber, InRange{0, 1}, "Huber loss instead of L1, quadratic for errors below X (0 = L1)");
-  field(Option{"huber_from_iter"}.in_steps(), c.huber_from_iter, AtLeast{0}, "use --huber after this iteration");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
-  field(Option{"reg_from_iter"}.in_steps(), c.reg_from_iter, AtLeast{0},
-        "--opacity_reg and --scale_reg act after this iteration");
   field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
         "initial weight of the error against --depths in the loss");
   field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},
@@ -320,30 +296,15 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"init_scale"}, c.init_scale, Above{0},
         "initial scale, x RMS distance to 3 neighbours; not for Gaussians of --init_ply");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
-  field(Option{"score_power"}, c.score_power, Above{0}, "balanced: a pixel's error is |difference|^X");
-  field(Option{"abs_grad_threshold"}, c.abs_grad_threshold, AtLeast{0},
-        "balanced: split only Gaussians whose mean absolute gradient reaches X (0 = all)");
-  field(Option{"parents"}, c.parents, OneOf{{"draw", "top"}},
-        "balanced: split Gaussians drawn in proportion to their error, or the worst ones");
-  field(Option{"split"}, c.split, OneOf{{"cover", "moments", "samples", "preserve"}},
+  field(Option{"split"}, c.split, OneOf{{"moments", "preserve"}},
         "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
-  field(Option{"split_moments"}, c.split_moments, OneOf{{"zero", "parent"}},
-        "balanced: Adam moments that the parts of a Gaussian start with");
-  field(Option{"budget_power"}, c.budget_power, Above{0},
-        "balanced: the count grows to max_gaussians as (share of the time)^X");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
         "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
   field(Option{"prune_interval"}.in_steps(), c.prune_interval, AtLeast{1},
         "balanced: iterations between removals by --prune_weight");
   field(Option{"prune_until_iter"}.in_steps(), c.prune_until_iter, AtLeast{0},
         "balanced: no removals by --prune_weight from this iteration on");
-  field(Option{"opacity_decay"}, c.opacity_decay, InRange{0.01, 1},
-        "balanced: multiply opacities by X in each round (1 = no change)");
-  field(Option{"growth"}, c.growth, InRange{0, 1},
-        "mcmc: fraction by which the number of Gaussians grows in each round");
-  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc, balanced: noise on the means, x their learning rate");
-  field(Option{"noise_from_iter"}.in_steps(), c.noise_from_iter, AtLeast{0},
-        "mcmc, balanced: add noise to the means after this iteration");
+  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");

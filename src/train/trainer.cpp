@@ -100,7 +100,7 @@ void check_options(const TrainConfig& config) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
                 " sums in an order that differs from run to run; use --backward_kernel per-splat");
   }
-  const bool grows = config.growth > 0 && config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
+  const bool grows = config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
   if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
     input_error(
         "--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit growth; ",
@@ -151,7 +151,6 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   }
   impl.state = std::move(read.state);
   if (!impl.config.antialiasing) impl.state.gaussians.filters = torch::Tensor();
-  if (impl.config.skip_share == 0) impl.state.view_skips = {};
   if (impl.is_distributed()) impl.keep_own_rows();
   impl.prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.

@@ -41,7 +41,7 @@ void Trainer::Impl::keep_view(const TrainView& view, bool is_filter_due) {
   if (appearance) appearance->set_place(place);
   const ComparedView compared = compare(view, is_filter_due);
   const ViewStatistics statistics =
-      stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, scene.extent, state.iteration));
+      stepper.keep_view(compared.grad, state.gaussians, regularization_weights(config, scene.extent));
   if (compared.refines_pose) poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
   if (compared.plan.statistics) {
     timer.begin(Stage::kDensify);
@@ -93,18 +93,13 @@ void Trainer::Impl::take_batched_step() {
   const int last = step_end(config.batch, config.iterations, state.iteration);
   bool is_filter_due = begin_step_of_views(last);
   for (int iteration = state.iteration + 1; iteration <= last; ++iteration) {
-    const bool is_skipped = skip_step(iteration);
-    TrainView view;
-    if (!is_skipped) {
-      timer.begin(Stage::kUpload);
-      view = take_view(iteration);
-      timer.end();
-    }
+    timer.begin(Stage::kUpload);
+    const TrainView view = take_view(iteration);
+    timer.end();
     state.iteration = iteration;
     state.view_order.next(config.seed, images.size());
-    if (!is_skipped) keep_view(view, std::exchange(is_filter_due, false));
+    keep_view(view, std::exchange(is_filter_due, false));
   }
-  if (learned_views.empty()) return timer.cancel();
   learn_from_kept_views();
   timer.finish(state.step_iterations);
 }

@@ -34,8 +34,7 @@ void Trainer::Impl::control_density(int iteration) {
 }
 
 GaussianMemory Trainer::Impl::memory_of_gaussian() {
-  const bool absolute_gradients = density->plan(std::max(1, state.iteration)).absolute_gradients;
-  return gaussian_memory(state, view_memory(step_settings()), state.view_ratios, absolute_gradients,
+  return gaussian_memory(state, view_memory(step_settings()), state.view_ratios,
                          keeps_views() || is_distributed() ? config.batch : 0);
 }
 

@@ -61,10 +61,6 @@ void Trainer::Impl::roll_back() {
   state.sh_degree = step_start.sh_degree;
   state.view_order = step_start.view_order;
   if (step_start.loss_average) state.loss_average = *step_start.loss_average;
-  for (auto changed = step_start.view_losses.rbegin(); changed != step_start.view_losses.rend(); ++changed) {
-    state.view_skips.loss_of(changed->first, images.size()) = changed->second;
-  }
-  state.view_skips.n_skipped = step_start.n_skipped;
 }
 
 void Trainer::Impl::remove_invalid_gaussians(const InvalidGaussianError& error) {

@@ -73,10 +73,6 @@ struct Trainer::Impl {
   /// One step; repeated without the Gaussians that cannot be rendered. Starts with a kernel check if one is due.
   void step();
   void take_step();
-  /// Whether --skip_share may skip the step of this iteration, whatever its view.
-  bool may_skip_step(int iteration) const;
-  /// Whether --skip_share skips the step of this iteration, which is then recorded.
-  bool skip_step(int iteration);
   /// The view of this iteration: with its refined pose, and at a part of its size with --coarse_scale.
   TrainView take_view(int iteration);
   /// The gradient of the depth loss with respect to the render of a view; undefined if it has no depth map.
@@ -162,12 +158,11 @@ struct Trainer::Impl {
   void take_distributed_step();
   struct LearnedView;
   static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
-  /// The next views of a step up to iteration `last` that are not skipped, as far as that is known; at most
-  /// n_views_at_a_time().
+  /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
   std::vector<LearnedView> next_views_of_step(int last);
   /// Whether views of this iteration may be drawn in bands: what is learned with a view, and the loss of masked
   /// regions, need the whole image on one rank.
-  bool may_cut_views(int iteration) const;
+  bool may_cut_views() const;
   std::size_t n_views_at_a_time(int iteration) const;
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
   /// `from`, `last`: the iteration before this part of the step, and the step's last one.
@@ -385,8 +380,6 @@ struct Trainer::Impl {
     std::int64_t adam_steps = 0;
     ViewOrder view_order;
     std::optional<double> loss_average;  // once the loss of the step before has been added
-    std::int64_t n_skipped = 0;
-    std::vector<std::pair<std::int32_t, ViewLoss>> view_losses;  // of this step's views, each before it was changed
   };
   StepStart step_start;
 

@@ -1,5 +1,4 @@
-// One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics. Steps that --skip_share
-// skips only count: view order, SH degree, schedules and outputs are as if they had been taken.
+// One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics.
 //
 // The original 3DGS differs in two places. It runs density control before Adam; that replaces the parameters, so the
 // gradients of such a step are lost. Here they are used. And it skips Adam in the very last iteration; here all
@@ -11,7 +10,6 @@
 #include <cmath>
 
 #include "config/coarse_schedule.h"
-#include "config/view_skips.h"
 #include "core/random.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
@@ -74,10 +72,6 @@ void Trainer::Impl::add_loss(const UnreadLoss& of, double value) {
                                    recorder.last_checkpoint()));
   }
   state.loss_average = of.iteration == 1 ? value : 0.4 * value + 0.6 * state.loss_average;
-  if (!may_skip(config, of.iteration)) return;
-  ViewLoss& losses = state.view_skips.loss_of(of.view_index, images.size());
-  if (of.iteration > step_start.iteration) step_start.view_losses.emplace_back(of.view_index, losses);
-  losses.add(value);
 }
 
 void Trainer::Impl::update_filters(bool is_due) {
@@ -105,7 +99,6 @@ Trainer::Impl::ComparedView Trainer::Impl::compare(const TrainView& view, bool i
   compared.refines_pose = poses.refines(view.index, state.iteration);
   try {
     RenderSettings settings = step_settings();
-    settings.absolute_gradient = compared.plan.absolute_gradients;
     settings.camera_gradient = compared.refines_pose;
     // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
     compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
@@ -167,10 +160,10 @@ void Trainer::Impl::compare_with_photograph(const TrainView& view, ComparedView&
     appearance->set_photograph(view.truth);
   }
   compared.color = appearance ? appearance->apply(state.appearance, view.index, rendered.color) : rendered.color;
-  const LossWeights weights = loss_weights(config, state.iteration);
+  const LossWeights weights = loss_weights(config);
   loss.compute(compared.color, view.truth, view.valid, view.n_valid, weights);
   if (view.empty.defined() && weights.alpha > 0) loss.add_alpha(rendered.alpha, view.empty, weights.alpha);
-  if (compared.plan.score) error_image.compute(compared.color, view.truth, view.valid, config.score_power);
+  if (compared.plan.score) error_image.compute(compared.color, view.truth, view.valid);
   RenderedViewGrad& grad = compared.grad;
   grad = loss.grad();
   if (appearance) appearance->backward(state.appearance, view.index, rendered.color, grad.color);
@@ -191,7 +184,7 @@ void Trainer::Impl::learn(const TrainView& view) {
   const ComparedView compared = compare(view, is_filter_iteration(state.iteration));
   const ViewStatistics statistics =
       stepper.step(adam_rates(config, scene.extent, state.iteration), compared.grad, state.gaussians, state.adam,
-                   &timer, regularization_weights(config, scene.extent, state.iteration));
+                   &timer, regularization_weights(config, scene.extent));
   if (compared.refines_pose) {
     poses.add_gradient(view.index, state.iteration, statistics.camera_grad);
     poses.begin_step();
@@ -250,32 +243,10 @@ void Trainer::Impl::check_kernels(int iteration) {
   state.kernel_selection = kernels.to_json();
 }
 
-bool Trainer::Impl::may_skip_step(int iteration) const {
-  if (!may_skip(config, iteration) || density->plan(iteration).statistics) return false;
-  return !smoothing_filter || !is_filter_iteration(iteration);
-}
-
-bool Trainer::Impl::skip_step(int iteration) {
-  if (!may_skip_step(iteration)) return false;
-  const std::int32_t view = state.view_order.upcoming(config.seed, images.size(), 1).front();
-  // The same view twice in a row, at the end of an epoch. Whether its loss is known must not depend on the device.
-  if (unread_loss && unread_loss->view_index == view) read_loss();
-  const std::optional<ViewLoss> before =
-      state.view_skips.views.empty() ? std::nullopt : std::optional(state.view_skips.loss_of(view, images.size()));
-  const bool is_skipped = state.view_skips.skip(view, iteration - config.skip_from_iter, config.skip_share);
-  if (is_skipped) step_start.view_losses.emplace_back(view, *before);
-  return is_skipped;
-}
-
 TrainView Trainer::Impl::take_view(int iteration) {
-  // With skips, twice as many: at most half of all steps are skipped.
-  const std::size_t n_ahead = images.n_upcoming_wanted() * (config.skip_share > 0 ? 2 : 1);
-  const std::vector<std::int32_t> next = state.view_order.upcoming(config.seed, images.size(), 1 + n_ahead);
-  std::vector<std::int32_t> ahead(next.begin() + 1, next.end());
-  if (config.skip_share > 0) {
-    ahead = views_of_steps(state.view_skips, config, iteration + 1, ahead, [&](int i) { return may_skip_step(i); });
-  }
-  TrainView view = images.take(next.front(), ahead);
+  const std::vector<std::int32_t> next =
+      state.view_order.upcoming(config.seed, images.size(), 1 + images.n_upcoming_wanted());
+  TrainView view = images.take(next.front(), {next.begin() + 1, next.end()});
   view.camera = poses.camera(view.index);
   const int scale = coarse_scale_of(coarse_scale_at(config, iteration), view.camera.width, view.camera.height);
   return reducer.reduce(view, scene.train[static_cast<std::size_t>(next.front())].valid.get(), scale);
@@ -288,20 +259,15 @@ void Trainer::Impl::take_step() {
   // the number of Gaussians, and the next step reallocates.
   constexpr int kTimedInterval = 100, kTimedPhase = 50;
   const int iteration = state.iteration + 1;
-  const bool is_skipped = skip_step(iteration);
-  TrainView view;
-  if (!is_skipped) {
-    if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
-    timer.begin(Stage::kUpload);
-    view = take_view(iteration);
-    timer.end();
-  }
+  if (hooks.on_stage_times || iteration % kTimedInterval == kTimedPhase) timer.start(StageTimes::Kind::kStep);
+  timer.begin(Stage::kUpload);
+  const TrainView view = take_view(iteration);
+  timer.end();
   // Not before: if the photograph cannot be read, the state must be that after the last step.
   state.iteration = iteration;
   state.step_iterations = 1;
   state.view_order.next(config.seed, images.size());
   if (iteration % config.sh_increase_interval == 0) state.sh_degree = std::min(state.sh_degree + 1, config.sh_degree);
-  if (is_skipped) return;
   learn(view);
   timer.finish();
 }
@@ -315,8 +281,6 @@ void Trainer::Impl::step() {
     step_start.adam_steps = state.adam.steps;
     step_start.view_order = state.view_order;
     step_start.loss_average.reset();
-    step_start.n_skipped = state.view_skips.n_skipped;
-    step_start.view_losses.clear();
     try {
       take_step();
       state.is_density_pending = true;

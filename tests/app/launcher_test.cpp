@@ -200,19 +200,5 @@ TEST(ComparePresets, TrainsSeveralAtATimeOnceEach) {
   EXPECT_EQ(after.find("\"c\""), std::string::npos) << after;
 }
 
-TEST(CompareOptions, RefusesBlocksAndScenesThatDoNotExist) {
-  const test::TempDir folder;
-  const auto refused = [&](const std::string& blocks) {
-    const std::string at = "'" + folder.path().string() + "'";
-    EXPECT_EQ(run_shell(folder.path(), B3DGS_SOURCE "/scripts/compare_options.sh " B3DGS_PROGRAM " " + at +
-                                           "/results " + at + " " + blocks),
-              2);
-    return test::read_bytes(folder / "out");
-  };
-  EXPECT_NE(refused("maskss").find("there is no block maskss"), std::string::npos);
-  EXPECT_NE(refused("masks").find("has no folder fox"), std::string::npos);
-  EXPECT_FALSE(fs::exists(folder / "results"));
-}
-
 }  // namespace
 }  // namespace b3dgs

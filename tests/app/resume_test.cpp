@@ -197,9 +197,16 @@ TEST_F(Resume, OfAnEarlierVersionKeepsItsRatesAndIgnoresOptionsThatAreGone) {
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4"}));
   CheckpointFile file = read_checkpoint_file(a.checkpoint(4));
   file.header["config"]["pixels_per_gaussian"] = 45;
+  file.header["config"]["huber"] = 0.03;
   file.header["config"].erase("feature_rest_divisor");
+  const auto sums = std::find_if(file.tensors.begin(), file.tensors.end(),
+                                 [](const auto& named) { return named.first == "statistics.error_sum"; });
+  ASSERT_NE(sums, file.tensors.end());
+  file.tensors.insert(sums, {"statistics.abs_grad_sum", sums->second.clone()});
   write_checkpoint_file(a.checkpoint(4), file);
-  expect_success(train({"-m", a.root(), "--resume", "auto", "--iterations", "6"}));
+  const Outcome outcome = train({"-m", a.root(), "--resume", "auto", "--iterations", "6"});
+  expect_success(outcome);
+  EXPECT_NE(outcome.err.find("--huber 0.03 has no effect"), std::string::npos) << outcome.err;
   EXPECT_EQ(a.checkpoint_iterations().back(), 6);
   EXPECT_EQ(a.read_config().feature_rest_divisor, 20) << "not that of the preset";
 }

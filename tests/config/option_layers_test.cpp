@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <set>
 
+#include "config/former_options.h"
 #include "config/preset_help.h"
 #include "config/presets.h"
 #include "core/files/atomic_file.h"
@@ -64,6 +65,37 @@ TEST(GivenOptions, OfAConfigJsonMayBeOfAnEarlierVersion) {
   EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
   write_file(path, R"({"background": "sky"})");
   EXPECT_TRUE(test::fails_with<InputError>({path, "sky", "no longer supported"}, [&] { given({}, path); }));
+}
+
+TEST(FormerOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
+  CommandLine line("train", "");
+  line.add(TrainConfig{}, "Training");
+  add_former_options(line);
+  ASSERT_TRUE(line.parse({"--huber", "0.03", "--skip_share=0", "--skip_from_iter", "7", "--debug", "--port", "6010",
+                          "--optimizer_type", "default", "--parents", "top", "--seed", "3"}));
+  const std::vector<std::string> lines = describe_former_options(line.given());
+  ASSERT_EQ(lines.size(), 4u);
+  EXPECT_EQ(lines[0], "--debug has no effect: only the original 3DGS code has it");
+  EXPECT_EQ(lines[1], "--port 6010 has no effect: the page of a training is at --view_port");
+  EXPECT_EQ(lines[2], "--huber 0.03 has no effect: the loss is L1 and D-SSIM");
+  EXPECT_EQ(lines[3].rfind("--parents top has no effect: ", 0), 0u) << lines[3];
+  EXPECT_EQ(given_options(line, ""), (GivenOptions{{"seed", 3}}));
+  EXPECT_EQ(line.help_all().find("huber"), std::string::npos) << "not listed";
+}
+
+TEST(FormerOptions, OfAFileAreLeftOut) {
+  const nlohmann::ordered_json stored{{"growth", 0.05}, {"abs_grad_threshold", 0.0006}, {"seed", 3}, {"huber", 0.0}};
+  EXPECT_EQ(without_former_options(stored), (nlohmann::ordered_json{{"seed", 3}}));
+  const std::vector<std::string> lines = describe_former_options(stored);
+  ASSERT_EQ(lines.size(), 1u) << "the others have the values that they always have now";
+  EXPECT_EQ(lines[0], "--abs_grad_threshold 0.0006 has no effect: every Gaussian with an error may be split");
+  const test::TempDir temp;
+  const std::string path = (temp / "config.json").string();
+  write_file(path, stored.dump());
+  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
+  TrainConfig config;
+  stored_config_from_json(config, {{"split", "cover"}, {"opacity_decay", 0.9}}, "config.json");
+  EXPECT_EQ(config.split, "preserve") << "the former splits are gone";
 }
 
 TEST(Presets, HaveARowForEveryName) {

@@ -61,26 +61,14 @@ TEST(LearningRate, OfAllButTheMeansFallsToTheFinalScale) {
   EXPECT_NEAR(adam_rates(config, 5.0, 30000)[1], 0.01 * constant[1], 1e-18);
 }
 
-TEST(Regularization, ActsAfterItsFirstIteration) {
-  TrainConfig config;
-  config.opacity_reg = 0.25;
-  config.scale_reg = 0.5;
-  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 1).opacity, 0.25);
-  config.reg_from_iter = 100;
-  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 100).opacity, 0);
-  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 100).scale, 0);
-  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 101).opacity, 0.25);
-  EXPECT_EQ(regularization_weights(config, kReferenceExtent, 101).scale, 0.5);
-}
-
 TEST(Regularization, DoesNotDependOnTheUnitOfLength) {
   TrainConfig config;
   config.scale_reg = 0.5;
   config.opacity_reg = 0.25;
   // Scales are ten times as large where lengths are.
-  EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40, 1).scale, regularization_weights(config, 4, 1).scale);
-  EXPECT_EQ(regularization_weights(config, 40, 1).opacity, 0.25);
-  EXPECT_EQ(regularization_weights(config, 0, 1).scale, 5) << "all cameras in one place";
+  EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40).scale, regularization_weights(config, 4).scale);
+  EXPECT_EQ(regularization_weights(config, 40).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, 0).scale, 5) << "all cameras in one place";
 }
 
 TEST(MeanNoise, DoesNotDependOnTheUnitOfLength) {
@@ -91,15 +79,6 @@ TEST(MeanNoise, DoesNotDependOnTheUnitOfLength) {
   // Ten times the lengths: Sigma is 100 times as large, and the mean is to move ten times as far.
   EXPECT_NEAR(mean_noise_strength(config, 10 * kReferenceExtent, 100), at_reference / 10, 1e-12 * at_reference);
   EXPECT_EQ(mean_noise_strength(config, 0, 100), 0) << "all cameras in one place";
-}
-
-TEST(LossWeights, UseHuberAfterItsFirstIteration) {
-  TrainConfig config;
-  config.huber = 0.1;
-  config.huber_from_iter = 7;
-  EXPECT_EQ(loss_weights(config, 7).huber, 0);
-  EXPECT_EQ(loss_weights(config, 8).huber, 0.1);
-  EXPECT_EQ(loss_weights(config, 8).dssim, config.lambda_dssim);
 }
 
 TEST(CountLimit, FollowsThePixelsOfAPhotographAndTheNumberOfPhotographs) {

@@ -53,6 +53,8 @@ class CommandLine {
     });
   }
 
+  void add(const OptionSpec& spec);
+
   /// Replaces the help text of an option, where a command treats it differently from the others.
   void set_help(const std::string& name, const std::string& help);
 
@@ -84,8 +86,6 @@ class CommandLine {
   std::string help_markdown() const;
 
  private:
-  void add(const OptionSpec& spec);
-
   struct Impl;
   std::unique_ptr<Impl> impl_;
   nlohmann::ordered_json given_ = nlohmann::ordered_json::object();

@@ -44,29 +44,6 @@ ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::str
   return order;
 }
 
-ViewSkips parse_view_skips(const Json& json, std::size_t n_views, const std::string& place) {
-  ViewSkips skips;
-  skips.n_skipped = json_integer<std::int64_t>(json.at("n_skipped"), "view_skips.n_skipped", place, 0);
-  const auto& means = json.at("mean_losses").get_ref<const Json::array_t&>();
-  if (means.size() != n_views) {
-    input_error(place, ": expected ", n_views, " losses in view_skips.mean_losses, one per view, found ", means.size());
-  }
-  for (const Json& mean : means) {
-    const double value = mean.is_null() ? ViewLoss::kUnseen : finite_number(mean, "view_skips.mean_losses", place);
-    if (!mean.is_null() && value < 0)
-      input_error(place, ": view_skips.mean_losses: expected at least 0, found ", value);
-    skips.views.push_back({value, false});
-  }
-  for (const Json& entry : json.at("low").get_ref<const Json::array_t&>()) {
-    const auto view = json_integer<std::int32_t>(entry, "a view of view_skips.low", place, 0);
-    if (static_cast<std::size_t>(view) >= n_views) {
-      input_error(place, ": expected views below ", n_views, " in view_skips.low, found view ", view);
-    }
-    skips.views[static_cast<std::size_t>(view)].is_low = true;
-  }
-  return skips;
-}
-
 ViewRatios::Largest parse_ratios(const Json& json, const char* what, const std::string& place) {
   const auto value = [&](const char* key) {
     const double ratio = finite_number(json.at(key), what, place);
@@ -85,16 +62,6 @@ void require_not_negative(const Number* values, std::int64_t count, const std::s
 }
 
 }  // namespace
-
-Json skips_to_json(const ViewSkips& skips) {
-  Json means = Json::array(), low = Json::array();
-  for (std::size_t i = 0; i < skips.views.size(); ++i) {
-    const ViewLoss& view = skips.views[i];
-    means.push_back(view.mean == ViewLoss::kUnseen ? Json() : Json(view.mean));
-    if (view.is_low) low.push_back(i);
-  }
-  return {{"n_skipped", skips.n_skipped}, {"mean_losses", std::move(means)}, {"low", std::move(low)}};
-}
 
 Json ratios_to_json(const ViewRatios& ratios) {
   const auto json = [](const ViewRatios::Largest& of) { return Json{{"splats", of.splats}, {"pairs", of.pairs}}; };
@@ -141,9 +108,6 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     finite_number(header.scene.at("extent"), "scene.extent", place);
     const std::size_t n_views = header.scene.at("train_views").get_ref<const Json::array_t&>().size();
     header.view_order = parse_view_order(json.at("view_order"), n_views, place);
-    if (const auto it = json.find("view_skips"); it != json.end()) {
-      header.view_skips = parse_view_skips(*it, n_views, place);
-    }
     if (const auto it = json.find("view_ratios"); it != json.end()) {
       header.view_ratios = {parse_ratios(it->at("before"), "view_ratios.before", place),
                             parse_ratios(it->at("now"), "view_ratios.now", place)};

@@ -9,7 +9,6 @@
 #include "config/train_config.h"
 #include "config/view_order.h"
 #include "config/view_ratios.h"
-#include "config/view_skips.h"
 
 namespace b3dgs {
 
@@ -21,7 +20,6 @@ struct CheckpointHeader {
   int sh_degree = 0;             // from 0 to config.sh_degree
   std::int64_t adam_steps = 0;   // from 0 to `iteration`
   ViewOrder view_order;          // indices of the scene's training views, each at most once
-  ViewSkips view_skips;          // empty, or as many views as the scene has; means finite, at least 0 or kUnseen
   ViewRatios view_ratios;        // each finite, at least 0; all 0 in checkpoints of early versions
   double loss_average = 0;       // finite
   double elapsed_s = 0;          // at least 0
@@ -33,9 +31,6 @@ struct CheckpointHeader {
   std::vector<std::int64_t> appearance_last_steps;  // each from 0 to appearance_steps
   nlohmann::ordered_json kernel_selection, scene;
 };
-
-/// The value of the header's key "view_skips", which is missing if the state is empty.
-nlohmann::ordered_json skips_to_json(const ViewSkips& skips);
 
 /// The value of the header's key "view_ratios", which is missing if no view was counted.
 nlohmann::ordered_json ratios_to_json(const ViewRatios& ratios);

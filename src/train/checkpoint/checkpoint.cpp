@@ -365,7 +365,6 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
   if (state.step_iterations != 1) header["step_iterations"] = state.step_iterations;
-  if (!state.view_skips.views.empty()) header["view_skips"] = skips_to_json(state.view_skips);
   // Of several ranks, each has its own.
   if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
@@ -413,7 +412,6 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.adam.steps = header.adam_steps;
   state.view_order = std::move(header.view_order);
   state.view_ratios = header.view_ratios;
-  state.view_skips = std::move(header.view_skips);
   state.loss_average = header.loss_average;
   state.elapsed_s = header.elapsed_s;
   state.training_id = std::move(header.training_id);
@@ -426,6 +424,10 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
+  // Of strategy balanced, in checkpoints of earlier versions.
+  file.tensors.erase(std::remove_if(file.tensors.begin(), file.tensors.end(),
+                                    [](const auto& named) { return named.first == "statistics.abs_grad_sum"; }),
+                     file.tensors.end());
   take_tensors(file.tensors, state, place);
   if (state.appearance.grids.defined() && state.appearance.last_steps.size() != scene.train.size()) {
     input_error(place, ": appearance_last_steps has ", state.appearance.last_steps.size(), " values, expected ",

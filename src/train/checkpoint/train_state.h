@@ -8,7 +8,6 @@
 
 #include "config/view_order.h"
 #include "config/view_ratios.h"
-#include "config/view_skips.h"
 #include "raster/torch/gaussian_tensors.h"
 #include "train/appearance/appearance_state.h"
 #include "train/density/density_statistics.h"
@@ -28,7 +27,6 @@ struct TrainState {
   PoseState poses;  // with --pose_opt
   AppearanceState appearance;
   ViewOrder view_order;
-  ViewSkips view_skips;     // with --skip_share
   ViewRatios view_ratios;   // where memory is limited
   double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions

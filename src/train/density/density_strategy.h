@@ -5,7 +5,7 @@
 //   after_step()       after the optimizer moved the Gaussians and after_view(): noise on the means, for strategies
 //                      that add it
 //   plan_round()       after the iteration's log line, evaluation and PLY: which rows stay and which are new
-//   lower_opacities()  after the round: an opacity reset, or a decay
+//   lower_opacities()  after the round: an opacity reset
 // The strategy decides; the trainer applies the RowEdit to parameters, Adam moments and statistics, keeps the model
 // within memory, and repeats a round that ran out of it.
 //
@@ -29,11 +29,10 @@ namespace b3dgs {
 /// What a strategy does in one iteration.
 struct DensityPlan {
   bool after_step = false;  // after_view() or after_step() has work to do
-  bool statistics = false;  // after_view() collects statistics of the view: the step must not be skipped
+  bool statistics = false;  // after_view() collects statistics of the view
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
-  bool absolute_gradients = false;  // after_view() needs ViewStatistics::means2d_abs_grad
-  bool score = false;               // after_view() needs DensityStep::add_scores
+  bool score = false;  // after_view() needs DensityStep::add_scores
 };
 
 /// A view of a step, after its backward pass. Tensors are valid until the next view.
@@ -80,7 +79,7 @@ class DensityStrategy {
   /// After a round's edit: sets the statistics to 0, or those that the next round is to start anew.
   virtual void end_round(int iteration, DensityStatistics& statistics) const;
 
-  /// In place: an opacity reset or a decay.
+  /// In place: an opacity reset.
   virtual void lower_opacities(int iteration, GaussianTensors& gaussians, AdamState& adam) const = 0;
 
   /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:

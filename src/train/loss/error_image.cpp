@@ -13,8 +13,7 @@
 
 namespace b3dgs {
 
-void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
-                         double power) {
+void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid) {
   TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
   B3DGS_CHECK(truth.sizes() == rendered.sizes() && truth.scalar_type() == torch::kUInt8 && truth.is_contiguous(),
               "truth is ", truth.sizes(), " ", truth.scalar_type(), ", expected contiguous uint8 ", rendered.sizes());
@@ -24,7 +23,6 @@ void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& tru
   args.rendered = rendered.data_ptr<float>();
   args.truth = truth.data_ptr<std::uint8_t>();
   args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
-  args.power = static_cast<float>(power);
   args.error = error_.data_ptr<float>();
 #if B3DGS_TORCH_CUDA
   if (rendered.is_cuda()) return cuda::compute_error_image(args, torch_launch_context().stream);

@@ -9,9 +9,9 @@ namespace b3dgs {
 /// Reuses its memory from view to view.
 class ErrorImage {
  public:
-  /// Mean over the channels of |rendered - truth|, within [0, 1], to the power of `power`; 0 at invalid pixels. Tensors
+  /// Mean over the channels of |rendered - truth|, within [0, 1], squared; 0 at invalid pixels. Tensors
   /// as in ImageLoss::compute(). Asynchronous on a GPU.
-  void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid, double power);
+  void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid);
 
   /// [H, W] of the last compute(), valid until the next one.
   const torch::Tensor& error() const { return error_; }

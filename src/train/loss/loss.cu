@@ -130,8 +130,7 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
   return value;
 }
 
-/// Writes the sums of each block, and the partials of each pixel and channel. kHuber: whether args.weights.huber > 0.
-template <bool kHuber>
+/// Writes the sums of each block, and the partials of each pixel and channel.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
   __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; 0 at invalid pixels and outside the image
@@ -141,7 +140,6 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
   const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
   const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
 
-  const auto huber = static_cast<float>(args.weights.huber);
   BlockLoss own;
   for (int channel = 0; channel < 3; ++channel) {
     __syncthreads();  // the last channel has been read
@@ -183,7 +181,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
       if (!valid) continue;
       const int r = first_row + j + kRadius, c = column + kRadius;
       const float difference = rendered[r][c] - truth[r][c];
-      own.l1 += kHuber ? huber_loss(difference, huber) : fabsf(difference);
+      own.l1 += fabsf(difference);
       own.ssim += ssim;
     }
   }
@@ -214,7 +212,6 @@ __global__ void __launch_bounds__(kThreads)
 
 /// Gradient with respect to the rendered image: the partials are filtered again, and the slope of L1 is added. The
 /// first row of blocks computes the value at the same time.
-template <bool kHuber>
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
   __shared__ alignas(16) HaloPlane maps[3];
@@ -259,8 +256,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
       if (args.valid == nullptr || args.valid[p] != 0) {
         const float a = args.rendered[3 * p + channel], b = truth_of(args, p, channel);
         const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
-        const float slope = kHuber ? huber_slope(a - b, scales.huber) : sign;
-        grad = scales.ssim * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + scales.l1 * slope;
+        grad = scales.ssim * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + scales.l1 * sign;
       }
       args.grad[3 * p + channel] = grad;
     }
@@ -278,28 +274,18 @@ std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height) {
   return 9 * std::int64_t{width} * height + 2 * std::int64_t{blocks.x} * blocks.y;
 }
 
-namespace {
-
-template <bool kHuber>
-void launch_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
+void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
   const dim3 blocks = blocks_of(args.width, args.height);
   auto* const sums = reinterpret_cast<BlockLoss*>(args.workspace);
   float* const partials = args.workspace + 2 * std::int64_t{blocks.x} * blocks.y;
-  loss_map_kernel<kHuber><<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
+  loss_map_kernel<<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
   B3DGS_CUDA_CHECK_LAUNCH();
   if (args.grad == nullptr) {
     loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(blocks.x * blocks.y), value);
   } else {
-    loss_grad_kernel<kHuber><<<dim3(blocks.x, blocks.y + 1), kThreads, 0, stream>>>(args, partials, sums, value);
+    loss_grad_kernel<<<dim3(blocks.x, blocks.y + 1), kThreads, 0, stream>>>(args, partials, sums, value);
   }
   B3DGS_CUDA_CHECK_LAUNCH();
-}
-
-}  // namespace
-
-void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
-  if (args.weights.huber > 0) return launch_loss<true>(args, value, stream);
-  launch_loss<false>(args, value, stream);
 }
 
 }  // namespace b3dgs::cuda

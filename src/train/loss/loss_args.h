@@ -11,7 +11,6 @@ namespace b3dgs {
 /// loss = (1 - dssim) L1 + dssim (1 - SSIM)   (Kerbl et al. 2023, equation 7)
 struct LossWeights {
   double dssim = 0;  // in [0, 1]
-  double huber = 0;  // instead of L1: a Huber loss, of slope 1, that is quadratic below this difference; 0 = L1
   double alpha = 0;  // of the mean alpha over pixels of the image where nothing may be, see ImageLoss::add_alpha()
 };
 
@@ -29,7 +28,7 @@ struct LossArgs {
 
 struct LossValue {
   double loss = 0;
-  double l1 = 0;    // mean over valid pixels and channels; with LossWeights::huber, of the Huber loss
+  double l1 = 0;    // mean over valid pixels and channels
   double ssim = 0;  // mean over valid pixels and channels
 };
 
@@ -41,26 +40,11 @@ B3DGS_HD LossValue weighted_loss(const LossWeights& weights, double l1, double s
 /// By what the derivative of each term at one value (a channel of a pixel) is multiplied to give dL/d(rendered).
 struct LossScales {
   float l1 = 0, ssim = 0;
-  float huber = 0;  // LossWeights::huber
 };
 
 B3DGS_HD LossScales loss_scales(const LossArgs& args) {
   const float per_value = 1.0f / (3.0f * static_cast<float>(args.n_valid));
-  return {static_cast<float>(1 - args.weights.dssim) * per_value, -static_cast<float>(args.weights.dssim) * per_value,
-          static_cast<float>(args.weights.huber)};
-}
-
-/// Huber loss of a difference: d^2 / (2 huber) below `huber` (above 0), |d| - huber / 2 from there on.
-B3DGS_HD float huber_loss(float difference, float huber) {
-  const float size = difference < 0 ? -difference : difference;
-  const float limited = size < huber ? size : huber;
-  return limited * (size - 0.5f * limited) / huber;
-}
-
-/// Its derivative.
-B3DGS_HD float huber_slope(float difference, float huber) {
-  if (difference >= huber) return 1;
-  return difference <= -huber ? -1.0f : difference / huber;
+  return {static_cast<float>(1 - args.weights.dssim) * per_value, -static_cast<float>(args.weights.dssim) * per_value};
 }
 
 /// All arrays are on one device and contiguous.
@@ -69,11 +53,10 @@ struct ErrorImageArgs {
   const float* rendered = nullptr;      // [H, W, 3]
   const std::uint8_t* truth = nullptr;  // [H, W, 3]
   const std::uint8_t* valid = nullptr;  // [H, W] 0 = invalid; null = all are valid
-  float power = 1;                      // above 0
   float* error = nullptr;               // [H, W] out
 };
 
-/// Mean over the channels of |rendered - truth|, within [0, 1], to the power; 0 if the pixel is invalid.
+/// Square of the mean over the channels of |rendered - truth|, within [0, 1]; 0 if the pixel is invalid.
 B3DGS_HD float pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
   if (args.valid != nullptr && args.valid[pixel] == 0) return 0;
   float sum = 0;
@@ -83,7 +66,7 @@ B3DGS_HD float pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
   }
   const float mean = sum * (1.0f / 3.0f);
   const float error = mean < 1 ? mean : 1.0f;
-  return args.power == 1 ? error : std::pow(error, args.power);
+  return error * error;
 }
 
 }  // namespace b3dgs

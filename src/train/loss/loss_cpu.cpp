@@ -116,9 +116,6 @@ class BandLoss {
     const FloatTag d;
     const LossScales scales = loss_scales(args_);
     const auto l1_scale = hn::Set(d, scales.l1), ssim_scale = hn::Set(d, scales.ssim);
-    const bool has_huber = scales.huber > 0;
-    const auto huber = hn::Set(d, has_huber ? scales.huber : 1.0f);
-    const auto clamp = [&](FloatVec v) { return hn::Min(hn::Max(v, hn::Set(d, -1.0f)), hn::Set(d, 1.0f)); };
     const auto zero = hn::Zero(d);
     for (std::int64_t row = begin; row < end; ++row) {
       load_row(row);
@@ -139,9 +136,8 @@ class BandLoss {
         const auto ssim = hn::MulAdd(hn::Add(x, x), by_squares, hn::MulAdd(y, by_product, by_mean));
         const auto difference = hn::Sub(x, y);
         const auto sign = hn::IfThenElse(hn::Eq(difference, zero), zero, hn::CopySign(l1_scale, difference));
-        const auto slope = has_huber ? hn::Mul(l1_scale, clamp(hn::Div(difference, huber))) : sign;
         const auto weight = hn::Load(d, scratch_.weight() + i);
-        hn::Store(hn::Mul(weight, hn::MulAdd(ssim_scale, ssim, slope)), d, out + i);
+        hn::Store(hn::Mul(weight, hn::MulAdd(ssim_scale, ssim, sign)), d, out + i);
       }
       std::memcpy(args_.grad + row * layout_.n, out, static_cast<std::size_t>(layout_.n) * sizeof(float));
     }
@@ -172,23 +168,16 @@ class BandLoss {
     }
   }
 
-  /// Computes squares and product; returns the sum of |x - y|, or of its Huber loss.
+  /// Computes squares and product; returns the sum of |x - y|.
   double multiply_row() {
     const FloatTag d;
-    const auto huber = static_cast<float>(args_.weights.huber);
     auto sum = hn::Zero(d);
     for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
       const auto x = hn::Load(d, scratch_.x() + i);
       const auto y = hn::Load(d, scratch_.y() + i);
       hn::Store(hn::MulAdd(x, x, hn::Mul(y, y)), d, scratch_.squares() + i);
       hn::Store(hn::Mul(x, y), d, scratch_.product() + i);
-      const auto size = hn::Abs(hn::Sub(x, y));
-      if (huber == 0) {
-        sum = hn::Add(sum, size);
-        continue;
-      }
-      const auto limit = hn::Set(d, huber), limited = hn::Min(size, limit);
-      sum = hn::Add(sum, hn::Div(hn::Mul(limited, hn::NegMulAdd(hn::Set(d, 0.5f), limited, size)), limit));
+      sum = hn::Add(sum, hn::Abs(hn::Sub(x, y)));
     }
     return hn::GetLane(hn::SumOfLanes(d, sum));
   }

@@ -6,11 +6,10 @@
 
 namespace b3dgs {
 
-inline LossWeights loss_weights(const TrainConfig& config, int iteration) {
+inline LossWeights loss_weights(const TrainConfig& config) {
   LossWeights weights;
   weights.dssim = config.lambda_dssim;
-  weights.huber = iteration > config.huber_from_iter ? config.huber : 0;
-  weights.alpha = config.mask_mode == "segment" ? config.mask_alpha_weight : 0;
+  weights.alpha = config.mask_mode == "segment" ? 1 : 0;
   return weights;
 }
 

@@ -36,16 +36,16 @@ std::int64_t state_bytes(const TrainState& state) {
 }
 
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
-                               bool absolute_gradients, int n_kept_views) {
+                               int n_kept_views) {
   // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
-  constexpr double kStep = 8 + 32, kAbsoluteGradient = 8;
+  constexpr double kStep = 8 + 32;
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
   std::int64_t largest = 0;
   visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
-  memory.step = kStep + (absolute_gradients ? kAbsoluteGradient : 0);
+  memory.step = kStep;
   if (n_kept_views > 0) {
     // Of each view, kept splats and their indices (raster/splat_records.h), with a quarter to spare; a copy of the
     // statistics.

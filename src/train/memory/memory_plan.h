@@ -25,10 +25,9 @@ struct GaussianMemory {
   /// The rasterizer's buffers are freed for a round if both do not fit.
   double all() const { return state + step + std::max(view, round); }
 };
-/// `absolute_gradients`: whether steps also compute absolute gradients (RenderSettings::absolute_gradient).
 /// `n_kept_views`: views of a step whose gradients are kept.
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
-                               bool absolute_gradients, int n_kept_views = 0);
+                               int n_kept_views = 0);
 
 /// Available memory, bytes.
 struct CountLimits {

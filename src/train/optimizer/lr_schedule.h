@@ -52,8 +52,7 @@ inline double lengths_per_reference(double extent) {
 }
 
 /// `extent` is the scene's, world units.
-inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent, int iteration) {
-  if (iteration <= config.reg_from_iter) return {};
+inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent) {
   return {config.opacity_reg, config.scale_reg * lengths_per_reference(extent)};
 }
 

@@ -48,7 +48,6 @@ void TrainLog::write(const TrainLogLine& line) {
                {"ms", line.ms},
                {"count", line.count},
                {"elapsed_s", line.elapsed_s}};
-  if (line.n_skipped) json["skipped"] = *line.n_skipped;
   if (line.peak_memory_bytes > 0) json["gpu_peak_bytes"] = line.peak_memory_bytes;
   if (line.n_density_rounds > 0) {
     json["density_rounds"] = line.n_density_rounds;

@@ -19,7 +19,6 @@ struct TrainLogLine {
   double loss = 0;                           // running average
   double ms = 0;                             // per step, mean since the line before
   std::int64_t count = 0;                    // Gaussians
-  std::optional<std::int64_t> n_skipped;     // steps so far, with --skip_share
   double elapsed_s = 0;                      // of training, over all sessions
   std::int64_t peak_memory_bytes = 0;        // of this process on the GPU, in this session; 0 = not measured
   int n_density_rounds = 0;                  // in this session, as far as their times are known

@@ -55,7 +55,6 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
   line.ms = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
   logged_ms_ = line.ms;
   line.count = state.n_gaussians();
-  if (source_.config.skip_share > 0) line.n_skipped = state.view_skips.n_skipped;
   line.peak_memory_bytes = source_.memory.use().peak_reserved;
   line.elapsed_s = elapsed_s();
   collect_stage_times();

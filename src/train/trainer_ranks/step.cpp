@@ -101,7 +101,6 @@ std::vector<std::int64_t> Trainer::Impl::project_own_gaussians(ViewsOfRanks& ste
       view.refines_pose = poses.refines(learned.index, state.iteration);
       view.camera = camera_of(learned.index, state.iteration);
       view.settings = step_settings();
-      view.settings.absolute_gradient = view.plan.absolute_gradients;
       cameras.push_back(view.camera);
       settings.push_back(view.settings);
     }
@@ -236,7 +235,7 @@ void Trainer::Impl::keep_own_splats(ViewsOfRanks& step) {
     state.iteration = step.learned[v].iteration;
     const ViewStatistics statistics =
         stepper.keep_splats(view.own, sums[v], view.camera, view.settings, state.gaussians, view.n_splats,
-                            regularization_weights(config, scene.extent, state.iteration));
+                            regularization_weights(config, scene.extent));
     if (!view.plan.statistics) continue;
     timer.begin(Stage::kDensify);
     make_room_for_statistics();

@@ -34,30 +34,20 @@ std::vector<Trainer::Impl::LearnedView> Trainer::Impl::next_views_of_step(int la
   while (state.iteration < last && views.size() < n_most) {
     const int iteration = state.iteration + 1;
     const std::int32_t index = state.view_order.upcoming(config.seed, images.size(), 1).front();
-    if (may_skip_step(iteration)) {
-      // The same view twice, at the end of an epoch: whether it is skipped depends on its first loss.
-      const auto is_same = [&](std::int32_t other) { return other == index; };
-      if (std::any_of(views.begin(), views.end(), [&](const auto& view) { return is_same(view.index); })) break;
-      if (std::any_of(unread_losses.begin(), unread_losses.end(),
-                      [&](const auto& unread) { return is_same(unread.view_index); })) {
-        read_losses_of_ranks();
-      }
-    }
-    const bool is_skipped = skip_step(iteration);
     state.iteration = iteration;
     state.view_order.next(config.seed, images.size());
-    if (!is_skipped) views.push_back({index, iteration});
+    views.push_back({index, iteration});
   }
   return views;
 }
 
-bool Trainer::Impl::may_cut_views(int iteration) const {
-  return n_shared_columns() == 0 && loss_weights(config, iteration).alpha == 0;
+bool Trainer::Impl::may_cut_views() const {
+  return n_shared_columns() == 0 && loss_weights(config).alpha == 0;
 }
 
 std::size_t Trainer::Impl::n_views_at_a_time(int iteration) const {
   const double n_splats = model_ratios.splats() * static_cast<double>(state.n_gaussians());
-  return views_at_a_time(n_splats, config.rank_splats, ranks->size(), may_cut_views(iteration));
+  return views_at_a_time(n_splats, config.rank_splats, ranks->size(), may_cut_views());
 }
 
 std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
@@ -65,9 +55,7 @@ std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
   const std::size_t batch = static_cast<std::size_t>(config.batch), n_wanted = images.n_upcoming_wanted();
   const std::size_t n_views =
       std::max((n_wanted + 1) * std::max(static_cast<std::size_t>(ranks->size()), batch), kPlannedSteps * batch);
-  const std::vector<std::int32_t> upcoming =
-      state.view_order.upcoming(config.seed, images.size(), n_views * (config.skip_share > 0 ? 2 : 1));
-  ViewSkips skips = state.view_skips;
+  const std::vector<std::int32_t> upcoming = state.view_order.upcoming(config.seed, images.size(), n_views);
   std::vector<std::int32_t> own;
   int iteration = state.iteration;
   auto view = upcoming.begin();
@@ -79,9 +67,6 @@ std::vector<std::int32_t> Trainer::Impl::own_views_ahead() {
       std::vector<LearnedView> step;  // or a part of it
       for (; view != upcoming.end() && iteration < last && step.size() < n_most; ++view) {
         ++iteration;
-        if (may_skip_step(iteration) && skips.skip(*view, iteration - config.skip_from_iter, config.skip_share)) {
-          continue;
-        }
         step.push_back({*view, iteration});
       }
       const StepPlan plan = n_steps + 1 < kPlannedSteps ? planned_step(from, step)
@@ -102,7 +87,7 @@ StepPlan Trainer::Impl::planned_step(int from, const std::vector<LearnedView>& v
     const std::int32_t height = camera_of(view.index, view.iteration).height;
     planned.push_back({view.index, (height + height_of_tile - 1) / height_of_tile});
   }
-  return draw_plan.plan(from, planned, may_cut_views(views.front().iteration));
+  return draw_plan.plan(from, planned, may_cut_views());
 }
 
 }  // namespace b3dgs

@@ -38,11 +38,9 @@ inline TrainConfig eventful_balanced_config() {
   config.iterations = 24;
   config.max_gaussians = 200;
   config.densify_until_iter = 22;
-  config.abs_grad_threshold = 1e-5;
   config.score_views = 3;
   config.prune_interval = 10;
   config.prune_weight = 0.05;
-  config.opacity_decay = 0.95;
   return config;
 }
 

@@ -161,31 +161,6 @@ std::vector<double> losses(const TrainConfig& config, const Scene& scene, const 
   return values;
 }
 
-TEST(TrainerOnGpu, SkippedStepsAreTheSameWheneverTheLossIsRead) {
-  B3DGS_NEEDS_GPU();
-  const test::TempDir temp;
-  for (const int n_views : {2, 3, 8}) {  // with one training view, it follows itself; with two, often
-    SCOPED_TRACE(n_views);
-    test::TinySceneOptions options;
-    options.n_views = n_views;
-    const Scene scene = test::make_tiny_scene(options);
-    const fs::path folder = temp / std::to_string(n_views);
-    TrainConfig config = deterministic_config();
-    config.iterations = 60;
-    config.densify_until_iter = 16;
-    config.skip_share = 0.4;
-    config.skip_from_iter = 8;
-    const Trained whole = train(config, scene, folder / "whole");
-    const auto skips = read_checkpoint_header(whole.result.checkpoint).at("view_skips");
-    EXPECT_GE(skips.at("n_skipped").get<std::int64_t>(), 8);
-    EXPECT_TRUE(train(config, scene, folder / "again").checkpoint == whole.checkpoint);
-    test::expect_exact_resume(config, scene, whole, folder, {14, 21, 22, 23, 40});
-    config.stats_interval = 1;  // the loss of each step is read right after it, instead of one step later
-    config.image_cache_gb = 0;  // photographs are uploaded ahead, also for steps that are then skipped
-    EXPECT_TRUE(train(config, scene, folder / "read").ply == whole.ply);
-  }
-}
-
 TEST(TrainerOnGpu, LearnsTheSameFromPhotographsThatAreUploadedAhead) {
   B3DGS_NEEDS_GPU();
   test::TinySceneOptions options;

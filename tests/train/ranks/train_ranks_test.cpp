@@ -63,8 +63,7 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
                                           testing::Values("default", "mcmc", "balanced", "options", "bands", "parts",
                                                           "few", "empty", "resume", "invalid", "stop", "appearance",
-                                                          "poses", "skips", "memory", "exhausted", "failure",
-                                                          "scenes")),
+                                                          "poses", "memory", "exhausted", "failure", "scenes")),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero,

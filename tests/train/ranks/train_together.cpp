@@ -189,8 +189,6 @@ void check_parts(Communicator& ranks) {
   config.exposure = false;
   config.strategy = "default";
   config.densify_until_iter = 12;
-  config.skip_share = 0.5;
-  config.skip_from_iter = 8;
   check_strategy(config, scene, ranks);
 }
 
@@ -344,30 +342,6 @@ void check_poses(Communicator& ranks) {
                 ranks);
 }
 
-/// Steps, parts of them and all of their views are skipped; views come twice in a step.
-void check_skips(Communicator& ranks) {
-  for (const auto& [n_views, batch] : {std::pair{8, 1}, {8, 3}, {3, 5}, {5, 4}}) {
-    test::TinySceneOptions options;
-    options.n_views = n_views;
-    const Scene scene = test::make_tiny_scene(options);
-    TrainConfig config = config_of("default");
-    config.iterations = 61;
-    config.densify_until_iter = 16;
-    config.skip_share = 0.5;
-    config.skip_from_iter = 8;
-    config.checkpoint_interval = 30;
-    config.batch = batch;
-    config.exposure = batch == 5;
-    const std::string what = std::to_string(n_views) + " views, batch " + std::to_string(batch);
-    const SharedFolder folder(ranks);
-    const Files alone = train_alone(config, scene, folder / "alone", ranks);
-    expect_same(train(config, scene, folder / "together", &ranks), alone, what, ranks);
-    if (!ranks.is_first()) continue;
-    const auto header = read_checkpoint_header(alone.result.checkpoint);
-    expect(header.at("view_skips").at("n_skipped").get<int>() > 5, what + ": steps are skipped");
-  }
-}
-
 /// Ranks without memory for more Gaussians: the number is held, all agree on it, and a training resumed from the
 /// checkpoint has the bytes of one process.
 void check_memory(Communicator& ranks) {
@@ -513,7 +487,6 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "stop") return check_stop(ranks);
   if (scenario == "appearance") return check_appearance(ranks);
   if (scenario == "poses") return check_poses(ranks);
-  if (scenario == "skips") return check_skips(ranks);
   if (scenario == "memory") return check_memory(ranks);
   if (scenario == "exhausted") return check_exhausted(ranks);
   if (scenario == "failure") return check_failure(ranks);

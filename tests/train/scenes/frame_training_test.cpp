@@ -65,7 +65,6 @@ class FrameTraining : public ::testing::Test {
     config_.iterations = 60;
     config_.test_iterations = {60};
     config_.max_gaussians = 308;
-    config_.abs_grad_threshold = 0.0003;  // few candidates: turned, nearly the same ones are drawn
     config_.densify_from_iter = 5;
     config_.densification_interval = 10;
     config_.densify_until_iter = 50;

@@ -8,11 +8,6 @@ namespace {
 
 constexpr int kThreads = 256;
 
-__global__ void __launch_bounds__(kThreads) add_absolute_gradients_kernel(const AbsoluteGradArgs args) {
-  const std::int64_t i = own_row<kThreads>();
-  if (i < args.n_gaussians) add_absolute_gradient(args, i);
-}
-
 __global__ void __launch_bounds__(kThreads) draw_parent_keys_kernel(const ParentKeyArgs args) {
   const std::int64_t i = own_row<kThreads>();
   if (i < args.n_rows) draw_parent_key(args, i);
@@ -23,24 +18,13 @@ __global__ void __launch_bounds__(kThreads) make_parts_kernel(const PartArgs arg
   if (i < 2 * args.n_parents) make_part(args, i);
 }
 
-__global__ void __launch_bounds__(kThreads) decay_opacities_kernel(const DecayArgs args) {
-  const std::int64_t i = own_row<kThreads>();
-  if (i < args.n_gaussians) decay_opacity(args, i);
-}
-
 }  // namespace
 
-void add_absolute_gradients(const AbsoluteGradArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(add_absolute_gradients_kernel, args, args.n_gaussians, stream);
-}
 void draw_parent_keys(const ParentKeyArgs& args, cudaStream_t stream) {
   launch_rows<kThreads>(draw_parent_keys_kernel, args, args.n_rows, stream);
 }
 void make_parts(const PartArgs& args, cudaStream_t stream) {
   launch_rows<kThreads>(make_parts_kernel, args, 2 * args.n_parents, stream);
-}
-void decay_opacities(const DecayArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(decay_opacities_kernel, args, args.n_gaussians, stream);
 }
 
 }  // namespace b3dgs::cuda

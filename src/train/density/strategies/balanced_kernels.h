@@ -1,6 +1,5 @@
-// Strategy balanced for one Gaussian: its absolute gradient, the key by which parents are drawn, the two parts that
-// replace a parent, and the decay of opacities. CPU and GPU share this arithmetic; all but the gradient is computed in
-// double, so that CPU and GPU differ by about one ulp.
+// Strategy balanced for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. CPU
+// and GPU share this arithmetic, in double, so that they differ by about one ulp.
 #pragma once
 
 #include <cmath>
@@ -12,20 +11,6 @@
 namespace b3dgs {
 
 /// All arrays are on one device.
-struct AbsoluteGradArgs {
-  std::int64_t n_gaussians = 0;
-  const float* means2d_abs_grad = nullptr;  // [N, 2] 1/px; 0 if the view does not see the Gaussian
-  float half_width = 0, half_height = 0;    // px, of the image
-  float* sum = nullptr;                     // [N] in and out: the norm is added, normalised device coordinates
-};
-
-/// Adds the norm of Gaussian i's absolute gradient in one view.
-B3DGS_HD void add_absolute_gradient(const AbsoluteGradArgs& args, std::int64_t i) {
-  const float dx = args.means2d_abs_grad[2 * i] * args.half_width;
-  const float dy = args.means2d_abs_grad[2 * i + 1] * args.half_height;
-  args.sum[i] += std::sqrt(dx * dx + dy * dy);
-}
-
 struct ParentKeyArgs {
   std::int64_t n_rows = 0;
   const std::int64_t* rows = nullptr;  // [n_rows] candidates
@@ -43,28 +28,25 @@ B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   args.keys[i] = static_cast<float>(std::log(uniform) / static_cast<double>(args.scores[row]));
 }
 
-/// Where the two parts of a split Gaussian are placed (--split).
+/// Where the two parts of a split Gaussian are placed on its longest axis (--split). Both rules preserve its mean and
+/// covariance.
 enum class SplitRule {
-  kCover,     // on the longest axis; together they cover the parent's +-3 sigma (0.45 + 0.55 = 1)
-  kMoments,   // on the longest axis; their mixture has the parent's mean and covariance (0.8^2 + 0.6^2 = 1)
-  kSamples,   // at random samples of the parent, 1.6 times smaller, as in the original 3DGS
-  kPreserve,  // on the longest axis, close enough to render like the parent; preserves the covariance too
+  kMoments,   // far apart (0.8^2 + 0.6^2 = 1)
+  kPreserve,  // close enough to render like the parent
 };
 
-/// Distance of a part from its parent, in standard deviations along the longest axis; what the parent's longest axis
-/// and other axes are multiplied by; and what its opacity o is multiplied by: opacity + per_opacity o.
+/// Distance of a part from its parent, in standard deviations along the longest axis; what that axis is multiplied by;
+/// and what the parent's opacity o is multiplied by: opacity + per_opacity o.
 struct SplitShape {
-  double distance, longest, others, opacity, per_opacity;
+  double distance, longest, opacity, per_opacity;
 };
 
 /// kPreserve: the opacities of the parts that come closest to the parent's image, with both parts and the parent
 /// composited, are 0.577 o for small o and 0.683 o for o = 1; a line fits those between to 2 %. The difference to the
-/// parent's image, root mean square, is then 2 to 11 % of the image; it is 24 to 28 % with kMoments, 77 % with kCover.
+/// parent's image, root mean square, is then 2 to 11 % of the image; it is 24 to 28 % with kMoments.
 B3DGS_HD SplitShape split_shape(SplitRule rule) {
-  if (rule == SplitRule::kCover) return {0.45 * 3, 0.55, 0.893, 0.6, 0};
-  if (rule == SplitRule::kMoments) return {0.8, 0.6, 1, 0.5 / 0.6, 0};  // keeps the integral
-  if (rule == SplitRule::kPreserve) return {0.5, 0.86602540378443865, 1, 0.57735026918962576, 0.107};  // 1/2, sqrt(3)/2
-  return {0, 1 / 1.6, 1 / 1.6, 1, 0};
+  if (rule == SplitRule::kMoments) return {0.8, 0.6, 0.5 / 0.6, 0};  // keeps the integral
+  return {0.5, 0.86602540378443865, 0.57735026918962576, 0.107};     // 1/2, sqrt(3)/2
 }
 
 struct PartArgs {
@@ -75,7 +57,6 @@ struct PartArgs {
   const float* quats = nullptr;            // [N, 4] w x y z
   const float* logit_opacities = nullptr;  // [N]
   SplitRule rule{};
-  RandomKey key{};  // used by kSamples only
   // Out: the first parts of all parents, then the second parts.
   float* out_means = nullptr;            // [2 n_parents, 3] world
   float* out_log_scales = nullptr;       // [2 n_parents, 3]
@@ -94,37 +75,18 @@ B3DGS_HD void make_part(const PartArgs& args, std::int64_t i) {
     if (log_scale[axis] > log_scale[longest]) longest = axis;
   }
   double offset[3]{0, 0, 0};  // in standard deviations
-  if (args.rule == SplitRule::kSamples) {
-    const auto normal = random_normal(args.key, static_cast<std::uint64_t>(2 * row + side));
-    for (int axis = 0; axis < 3; ++axis) offset[axis] = static_cast<double>(normal[static_cast<std::size_t>(axis)]);
-  } else {
-    offset[longest] = side == 0 ? split.distance : -split.distance;
-  }
+  offset[longest] = side == 0 ? split.distance : -split.distance;
   const Vec3<double> moved = shape.factor * Vec3<double>{offset[0], offset[1], offset[2]};
   args.out_means[3 * i] = static_cast<float>(mean[0] + moved.x);
   args.out_means[3 * i + 1] = static_cast<float>(mean[1] + moved.y);
   args.out_means[3 * i + 2] = static_cast<float>(mean[2] + moved.z);
   for (int axis = 0; axis < 3; ++axis) {
-    const double factor = axis == longest ? split.longest : split.others;
-    args.out_log_scales[3 * i + axis] = static_cast<float>(log_scale[axis] + std::log(factor));
+    args.out_log_scales[3 * i + axis] =
+        static_cast<float>(log_scale[axis] + (axis == longest ? std::log(split.longest) : 0));
   }
   const double parent_opacity = 1 / (1 + std::exp(-static_cast<double>(args.logit_opacities[row])));
   const double opacity = parent_opacity * (split.opacity + split.per_opacity * parent_opacity);
-  args.out_logit_opacities[i] =
-      split.opacity == 1 ? args.logit_opacities[row] : static_cast<float>(std::log(opacity / (1 - opacity)));
-}
-
-struct DecayArgs {
-  std::int64_t n_gaussians = 0;
-  float* logit_opacities = nullptr;  // [N] in and out
-  double decay = 1;                  // what opacities are multiplied by
-};
-
-/// With o = 1 / (1 + e), e = exp(-x): logit(d o) = ln(d / (1 - d + e)). LibTorch's functions are not used, because on a
-/// CPU their rounding depends on a row's index in the tensor, and so on the number of ranks.
-B3DGS_HD void decay_opacity(const DecayArgs& args, std::int64_t i) {
-  const double e = std::exp(-static_cast<double>(args.logit_opacities[i]));
-  args.logit_opacities[i] = static_cast<float>(std::log(args.decay / (1 - args.decay + e)));
+  args.out_logit_opacities[i] = static_cast<float>(std::log(opacity / (1 - opacity)));
 }
 
 }  // namespace b3dgs

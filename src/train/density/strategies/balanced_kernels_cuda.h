@@ -7,9 +7,7 @@
 
 namespace b3dgs::cuda {
 
-void add_absolute_gradients(const AbsoluteGradArgs& args, cudaStream_t stream);
 void draw_parent_keys(const ParentKeyArgs& args, cudaStream_t stream);
 void make_parts(const PartArgs& args, cudaStream_t stream);
-void decay_opacities(const DecayArgs& args, cudaStream_t stream);
 
 }  // namespace b3dgs::cuda

@@ -7,8 +7,6 @@
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
 #include "train/density/strategies/balanced_kernels.h"
-#include "train/density/strategies/mcmc_strategy.h"
-#include "train/optimizer/lr_schedule.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_launch.h"
@@ -18,7 +16,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr const char* kColumnNames[] = {"abs_grad_sum", "error_sum", "max_weight", "score_views"};
+constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"};
 
 template <class Statistics>
 auto& column(Statistics& statistics, BalancedColumn which) {
@@ -38,22 +36,6 @@ void on_rows(std::int64_t n, const Args& args, OneRow&& one_row) {
   });
 }
 
-/// No temporary tensors, as in add_view().
-void add_absolute_gradients(const DensityStep& step, torch::Tensor& sum) {
-  const torch::Tensor& gradients = step.view.means2d_abs_grad;
-  B3DGS_CHECK(gradients.defined() && gradients.size(0) == sum.size(0), "no absolute gradients of the view");
-  AbsoluteGradArgs args;
-  args.n_gaussians = sum.size(0);
-  args.means2d_abs_grad = gradients.data_ptr<float>();
-  args.half_width = 0.5f * static_cast<float>(step.width);
-  args.half_height = 0.5f * static_cast<float>(step.height);
-  args.sum = sum.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (sum.is_cuda()) return cuda::add_absolute_gradients(args, torch_launch_context().stream);
-#endif
-  on_rows(args.n_gaussians, args, add_absolute_gradient);
-}
-
 /// A value for each of `rows`; those with the largest are the sample.
 torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
   torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
@@ -70,8 +52,7 @@ torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, 
 }
 
 /// Sets the edit's new rows to the parts of `parents`.
-void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, SplitRule rule, const RandomKey& key,
-               RowEdit& edit) {
+void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, SplitRule rule, RowEdit& edit) {
   const std::int64_t n = parents.size(0);
   edit.new_means = torch::empty({2 * n, 3}, gaussians.means.options());
   edit.new_log_scales = torch::empty({2 * n, 3}, gaussians.means.options());
@@ -83,7 +64,6 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
                       gaussians.quats.data_ptr<float>(),
                       gaussians.logit_opacities.data_ptr<float>(),
                       rule,
-                      key,
                       edit.new_means.data_ptr<float>(),
                       edit.new_log_scales.data_ptr<float>(),
                       edit.new_logit_opacities.data_ptr<float>()};
@@ -93,24 +73,16 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
   on_rows(2 * n, args, make_part);
 }
 
-SplitRule split_rule(const std::string& name) {
-  if (name == "cover") return SplitRule::kCover;
-  if (name == "moments") return SplitRule::kMoments;
-  if (name == "preserve") return SplitRule::kPreserve;
-  B3DGS_CHECK(name == "samples", "unknown split: ", name);
-  return SplitRule::kSamples;
-}
-
 int last_growth_round(const TrainConfig& config) {
   return (config.densify_until_iter - 1) / config.densification_interval * config.densification_interval;
 }
 
-/// t^p of budget_growth().
+/// sqrt(t) of budget_growth().
 double budget_progress(const TrainConfig& config, int iteration) {
   const int first = config.densify_from_iter, last = last_growth_round(config);
   if (iteration >= last) return 1;
   if (iteration <= first) return 0;
-  return std::pow(static_cast<double>(iteration - first) / (last - first), config.budget_power);
+  return std::sqrt(static_cast<double>(iteration - first) / (last - first));
 }
 
 /// The next multiple of `interval`, or the iteration itself.
@@ -120,10 +92,8 @@ int next_multiple(int iteration, int interval) {
 
 class BalancedStrategy final : public DensityStrategy {
  public:
-  BalancedStrategy(const TrainConfig& config, double extent)
-      : config_(config), extent_(extent), draws_(config.parents == "draw"), rule_(split_rule(config.split)) {
-    B3DGS_CHECK(draws_ || config.parents == "top", "unknown choice of parents: ", config.parents);
-  }
+  explicit BalancedStrategy(const TrainConfig& config)
+      : config_(config), rule_(config.split == "moments" ? SplitRule::kMoments : SplitRule::kPreserve) {}
 
   DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const override {
     DensityStatistics statistics = make_density_statistics(n_gaussians, device);
@@ -136,20 +106,9 @@ class BalancedStrategy final : public DensityStrategy {
   DensityPlan plan(int iteration) const override { return balanced_plan(config_, iteration); }
 
   void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
-    const DensityPlan now = plan(step.iteration);
-    if (now.absolute_gradients) {
-      add_view(step.view, step.width, step.height, statistics);
-      add_absolute_gradients(step, column(statistics, BalancedColumn::kAbsGradSum));
-    }
-    if (now.score) {
-      step.add_scores({column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
-                       column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
-    }
-  }
-
-  void after_step(int iteration, GaussianTensors& gaussians, const torch::Tensor& model_rows) const override {
-    if (!adds_mean_noise(config_, iteration)) return;
-    add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, model_rows);
+    if (!plan(step.iteration).score) return;
+    step.add_scores({column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
+                     column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
@@ -170,9 +129,7 @@ class BalancedStrategy final : public DensityStrategy {
     const torch::Tensor kept = rows_of(stays);
     round.edit.sources = torch::cat({kept, parents, parents});
     round.edit.n_kept = kept.size(0);
-    add_parts(gaussians, parents, rule_, {config_.seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)},
-              round.edit);
-    round.edit.copies_moments = config_.split_moments == "parent";
+    add_parts(gaussians, parents, rule_, round.edit);
     round.n_split = parents.size(0);
     round.n_pruned = n - n_stay;
     return round;
@@ -187,17 +144,9 @@ class BalancedStrategy final : public DensityStrategy {
     }
   }
 
-  void lower_opacities(int, GaussianTensors& gaussians, AdamState&) const override {
-    const DecayArgs args{gaussians.size(), gaussians.logit_opacities.data_ptr<float>(), config_.opacity_decay};
-#if B3DGS_TORCH_CUDA
-    if (gaussians.logit_opacities.is_cuda()) return cuda::decay_opacities(args, torch_launch_context().stream);
-#endif
-    on_rows(args.n_gaussians, args, decay_opacity);
-  }
+  void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
 
-  bool is_recovering(int) const override {
-    return false;
-  }
+  bool is_recovering(int) const override { return false; }
 
  private:
   /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)
@@ -205,13 +154,7 @@ class BalancedStrategy final : public DensityStrategy {
   torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
                                std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
     const torch::Tensor& scores = column(statistics, BalancedColumn::kErrorSum);
-    torch::Tensor grows = (scores > 0).logical_and_(stays);
-    if (config_.abs_grad_threshold > 0) {
-      const torch::Tensor limits = statistics.view_count * config_.abs_grad_threshold;
-      grows.logical_and_(column(statistics, BalancedColumn::kAbsGradSum) >= limits)
-          .logical_and_(statistics.view_count > 0);
-    }
-    const torch::Tensor rows = rows_of(grows);
+    const torch::Tensor rows = rows_of((scores > 0).logical_and_(stays));
     std::int64_t n_wanted = rows.size(0);
     if (config_.max_gaussians > 0) {
       n_wanted = std::min(n_wanted, budget_growth(config_, iteration, n_stay, config_.max_gaussians));
@@ -220,22 +163,19 @@ class BalancedStrategy final : public DensityStrategy {
     if (max_gaussians > 0) n_parents = std::clamp<std::int64_t>(max_gaussians - n_stay, 0, n_wanted);
     n_over_limit = n_wanted - n_parents;
     const torch::Tensor keys =
-        draws_ ? draw_keys(rows, scores, {config_.seed, RandomStream::kParents, static_cast<std::uint32_t>(iteration)})
-               : scores.index_select(0, rows);
+        draw_keys(rows, scores, {config_.seed, RandomStream::kParents, static_cast<std::uint32_t>(iteration)});
     const torch::Tensor order = std::get<1>(torch::sort(keys, /*stable=*/true, /*dim=*/0, /*descending=*/true));
     return std::get<0>(rows.index_select(0, order.slice(0, 0, n_parents)).sort());
   }
 
   const TrainConfig config_;
-  const double extent_;
-  const bool draws_;
   const SplitRule rule_;
 };
 
 }  // namespace
 
-std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent) {
-  return std::make_unique<BalancedStrategy>(config, extent);
+std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double /*extent*/) {
+  return std::make_unique<BalancedStrategy>(config);
 }
 
 bool is_growth_round(const TrainConfig& config, int iteration) {
@@ -250,17 +190,13 @@ bool is_weight_prune_round(const TrainConfig& config, int iteration) {
 
 DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   DensityPlan plan;
-  const bool grows = is_growth_round(config, iteration);
-  plan.densify = grows || is_weight_prune_round(config, iteration);
-  plan.lower_opacities = grows && config.opacity_decay < 1;
-  plan.absolute_gradients = config.abs_grad_threshold > 0 && iteration <= last_growth_round(config);
+  plan.densify = is_growth_round(config, iteration) || is_weight_prune_round(config, iteration);
   // Also for rounds beyond config.iterations: the training may be resumed with more iterations.
   const int window_end = next_multiple(iteration, config.densification_interval);
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||
                 is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
-  plan.statistics = plan.absolute_gradients || plan.score;
-  plan.after_step = plan.statistics || adds_mean_noise(config, iteration);
+  plan.after_step = plan.statistics = plan.score;
   return plan;
 }
 

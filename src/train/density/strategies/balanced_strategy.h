@@ -1,18 +1,13 @@
 // Strategy balanced: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
-// that contribute most to large errors. Uses ideas of AbsGS (absolute gradients), FastGS (errors over several views)
-// and Improved-GS (budget curve, splits along the longest axis); see docs/recipes.md.
+// that contribute most to large errors. Uses ideas of FastGS (errors over several views) and Improved-GS (budget curve,
+// splits along the longest axis); see docs/recipes.md.
 //
-// Each part has its own options:
-//   score        sum of blend weight times pixel error (--score_power) over the last --score_views steps before a round
-//   candidates   Gaussians with a score above 0 and, if given, a mean absolute gradient of at least
-//                --abs_grad_threshold
-//   parents      --parents: drawn in proportion to the score, or those with the highest scores
+//   score        sum of blend weight times squared pixel error over the last --score_views steps before a round
+//   parents      drawn from the Gaussians with a score, in proportion to it
 //   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
-//   growth       --budget_power: how far each round goes towards the budget
+//   growth       budget_growth(): how far each round goes towards the budget
 //   pruning      in each round, opacity < --prune_opacity; every --prune_interval iterations, also blend weight
 //                < --prune_weight in all views scored since the last such pruning, if at least kPruneViews saw it
-//   opacities    no resets; --opacity_decay
-//   noise        on the means, as in mcmc (--noise_lr)
 #pragma once
 
 #include <cstdint>
@@ -23,8 +18,6 @@
 
 namespace b3dgs {
 
-/// `extent`: the scene extent, world units, which scales the learning rate of the means. @throws LogicError for an
-/// unknown --parents or --split
 std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent);
 
 // The strategy's parts, as stateless functions that tests can call.
@@ -35,7 +28,7 @@ std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& confi
 inline constexpr int kPruneViews = 20;
 
 /// Columns of DensityStatistics::extra.
-enum class BalancedColumn { kAbsGradSum, kErrorSum, kMaxWeight, kScoreViews };
+enum class BalancedColumn { kErrorSum, kMaxWeight, kScoreViews };
 
 DensityPlan balanced_plan(const TrainConfig& config, int iteration);
 

@@ -130,7 +130,7 @@ class McmcStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override {
     DensityPlan plan;
-    plan.after_step = adds_mean_noise(config_, iteration);
+    plan.after_step = config_.noise_lr > 0;
     plan.densify = iteration > config_.densify_from_iter && iteration < config_.densify_until_iter &&
                    iteration % config_.densification_interval == 0;
     return plan;
@@ -139,13 +139,14 @@ class McmcStrategy final : public DensityStrategy {
   void after_view(const DensityStep&, DensityStatistics&) const override {}
 
   void after_step(int iteration, GaussianTensors& gaussians, const torch::Tensor& model_rows) const override {
-    if (!adds_mean_noise(config_, iteration)) return;
+    if (config_.noise_lr == 0) return;
     add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, model_rows);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics&, int iteration,
                           std::int64_t max_gaussians) const override {
-    return plan_mcmc_round(gaussians, {config_.prune_opacity, config_.growth, max_gaussians}, config_.seed, iteration);
+    constexpr double kGrowth = 0.05;  // as in the paper
+    return plan_mcmc_round(gaussians, {config_.prune_opacity, kGrowth, max_gaussians}, config_.seed, iteration);
   }
 
   void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
@@ -208,10 +209,6 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   round.n_pruned = n_dead;
   round.n_over_limit = wanted - n_added;
   return round;
-}
-
-bool adds_mean_noise(const TrainConfig& config, int iteration) {
-  return config.noise_lr > 0 && iteration > config.noise_from_iter;
 }
 
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,

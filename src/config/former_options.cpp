@@ -1,0 +1,90 @@
+#include "config/former_options.h"
+
+#include <algorithm>
+
+#include "config/option_layers.h"
+
+namespace b3dgs {
+namespace {
+
+struct FormerOption {
+  const char* name;
+  const char* value;   // JSON, what it always is now; null: a flag
+  const char* reason;  // ends "--name X has no effect: "; null: no line, since another option says it
+};
+
+constexpr const char* kOriginal = "only the original 3DGS code has it";
+
+constexpr FormerOption kFormerOptions[] = {
+    // Of the original 3DGS code.
+    {"disable_viewer", nullptr, kOriginal},
+    {"debug", nullptr, kOriginal},
+    {"detect_anomaly", nullptr, kOriginal},
+    {"compute_cov3D_python", nullptr, kOriginal},
+    {"convert_SHs_python", nullptr, kOriginal},
+    {"optimizer_type", "\"default\"", kOriginal},
+    {"ip", "\"127.0.0.1\"", kOriginal},
+    {"port", "6009", "the page of a training is at --view_port"},
+    {"debug_from", "-1", kOriginal},
+    {"position_lr_delay_mult", "0.01", kOriginal},
+    {"exposure_lr_delay_steps", "0", kOriginal},
+    {"exposure_lr_delay_mult", "0.0", kOriginal},
+    // Of earlier versions; docs/recipes.md has what was measured.
+    {"rank_splats", "2000000", "each rank draws at most 2,000,000 splats at a time"},
+    {"mask_alpha_weight", "1", "the weight is 1"},
+    {"skip_share", "0", "no step is skipped"},
+    {"skip_from_iter", "15500", nullptr},
+    {"huber", "0", "the loss is L1 and D-SSIM"},
+    {"huber_from_iter", "0", nullptr},
+    {"reg_from_iter", "0", "--opacity_reg and --scale_reg act from the first iteration"},
+    {"noise_from_iter", "0", "--noise_lr acts from the first iteration"},
+    {"growth", "0.05", "mcmc adds 5 % in each round"},
+    {"score_power", "2", "errors are squared"},
+    {"abs_grad_threshold", "0", "every Gaussian with an error may be split"},
+    {"parents", "\"draw\"", "Gaussians to split are drawn in proportion to their error"},
+    {"split_moments", "\"zero\"", "the parts of a Gaussian begin with zero moments"},
+    {"budget_power", "0.5", "the count grows with the square root of the time"},
+    {"opacity_decay", "1", "opacities do not decay"},
+};
+
+/// The option's value among these options, from a file or a command line; null if it is not there.
+const nlohmann::ordered_json* find_value(const nlohmann::ordered_json& options, const char* name) {
+  const auto it = options.find(name);
+  return it == options.end() ? nullptr : &*it;
+}
+
+bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& value) {
+  if (option.value == nullptr) return false;
+  const auto usual = nlohmann::ordered_json::parse(option.value);
+  return value == usual || (usual.is_number() && value.is_string() && value == usual.dump());
+}
+
+}  // namespace
+
+void add_former_options(CommandLine& line) {
+  for (const FormerOption& option : kFormerOptions) {
+    OptionSpec spec;
+    spec.name = option.name;
+    spec.kind = option.value == nullptr ? ValueKind::kFlag : ValueKind::kText;
+    spec.is_ignored = true;
+    line.add(spec);
+  }
+}
+
+nlohmann::ordered_json without_former_options(nlohmann::ordered_json options) {
+  for (const FormerOption& option : kFormerOptions) options.erase(option.name);
+  return options;
+}
+
+std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options) {
+  std::vector<std::string> lines;
+  for (const FormerOption& option : kFormerOptions) {
+    const nlohmann::ordered_json* value = find_value(options, option.name);
+    if (value == nullptr || option.reason == nullptr || has_usual_value(option, *value)) continue;
+    const std::string text = option.value == nullptr ? "" : " " + option_value_text(*value);
+    lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
+  }
+  return lines;
+}
+
+}  // namespace b3dgs
