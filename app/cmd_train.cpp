@@ -138,16 +138,6 @@ void report(const TrainResult& result, const TrainConfig& config, double total_s
     std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
                 format_bytes(result.peak_memory_bytes).c_str());
   }
-  if (result.n_density_rounds > 0) {
-    const std::string phases = result.ranks ? describe_rounds(*result.ranks) : "";
-    std::printf("%-12s%d rounds of density control in %.2f s%s\n", "density", result.n_density_rounds, result.density_s,
-                phases.empty() ? "" : (" (" + phases + ")").c_str());
-  }
-  if (result.ranks) {
-    std::printf("%-12s%s\n", "ranks", describe(*result.ranks).c_str());
-    const std::string steps = describe_steps(*result.ranks);
-    if (!steps.empty()) std::printf("%-12s%s\n", "step", steps.c_str());
-  }
   report_quality(result);
   if (result.n_removed > 0) {
     std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());
@@ -348,6 +338,8 @@ int run_train(const std::vector<std::string>& words) {
   const RankPlan plan = plan_ranks(options.rank, device);
   check_view_options(line, options, plan);
   if (plan.n_to_start > 0) {
+    StatusLine silent = StatusLine::silent();
+    make_plan(line, silent, options, plan.n_to_start);  // an error of the options appears once, not for each rank
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);

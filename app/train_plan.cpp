@@ -101,6 +101,15 @@ void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) 
   if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
 }
 
+/// @throws InputError if a rank would draw nothing
+void check_batch(int batch, int n_ranks) {
+  if (batch >= n_ranks) return;
+  const std::string larger =
+      n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : std::string();
+  input_error("--batch ", batch, " is too small for ", n_ranks, " ranks, each of which draws at least one view of a ",
+              "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
+}
+
 /// @throws InputError if the training reads something at a place where it writes, or where --overwrite removes
 void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan) {
   const TrainConfig& config = plan.config;
@@ -158,6 +167,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     plan.layers.reset();
   }
   if (plan.layers) choose_batch(config, *plan.layers, n_ranks);
+  check_batch(config.batch, n_ranks);
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);

@@ -58,7 +58,7 @@ struct TrainPlan {
 };
 
 /// From the command line, the config file, and the checkpoint or model folder to resume. Without --batch, a step has a
-/// view for each rank. @throws InputError
+/// view for each rank; it cannot have fewer. @throws InputError
 TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks);
 
 /// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError

@@ -42,7 +42,6 @@ struct TrainConfig {
   double image_cache_gb = -1;
   double gpu_memory_gb = 0;  // 0: all free memory
   double host_memory_gb = -1;
-  int rank_splats = 2000000;
 
   // Model and image
   int sh_degree = 3;
@@ -179,8 +178,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
         "photographs in host memory, GB per rank (-1 = ranks share 80 %); rest read from disk");
-  field(Option{"rank_splats"}, c.rank_splats, AtLeast{1},
-        "with several ranks: splats that each draws at a time; fewer take less memory");
 
   field(Option{"sh_degree"}.group("Model and image"), c.sh_degree, InRange{0, 3},
         "highest degree of the spherical harmonics");

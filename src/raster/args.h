@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 
 #include "core/vec.h"
 #include "raster/backward_kernel.h"
@@ -60,11 +59,6 @@ struct TileShape {
   std::int32_t width = 16, height = 16;
 };
 
-/// Half-open interval of rows of tiles.
-struct TileRowSpan {
-  std::int32_t begin = 0, end = std::numeric_limits<std::int32_t>::max();
-};
-
 struct RenderSettings {
   Vec3f background{0, 0, 0};      // RGB, multiplied by the final transmittance
   int sh_degree = 0;              // degree to render, at most sh_degree_max
@@ -81,9 +75,6 @@ struct RenderSettings {
   bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
   bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
   StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
-  // Rows of tiles that forward_splats() draws; the others show the background, and have no part in gradients and
-  // scores.
-  TileRowSpan drawn_rows{};
 };
 
 /// Numbers of a gradient with respect to the camera's pose (math/camera_grad.h): rotation, then translation.
@@ -132,7 +123,6 @@ struct TileGrid {
   std::int32_t image_width = 0, image_height = 0;  // px
   TileShape tile{};
   std::int32_t columns = 0, rows = 0;
-  TileRowSpan drawn_rows{};  // the lists of tiles in other rows are empty
   B3DGS_HD std::int32_t n_tiles() const { return columns * rows; }
 };
 

@@ -54,9 +54,6 @@ std::string kernel_section(const TrainHistory& history);
 /// How the work is distributed over tiles and pixels.
 std::string load_section(const TrainHistory& history);
 
-/// How several ranks share the work, and what they exchange and wait for; empty for a training on one.
-std::string rank_section(const TrainHistory& history);
-
 /// What the terms in the other sections mean.
 std::string words_section();
 

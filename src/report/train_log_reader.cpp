@@ -58,32 +58,6 @@ NamedTimes named_times(const Json& json, const char* key) {
   return times;
 }
 
-/// Empty unless the value is an array of numbers.
-std::vector<double> numbers(const Json& json, const char* key) {
-  std::vector<double> found;
-  const auto it = json.find(key);
-  if (it == json.end() || !it->is_array()) return found;
-  for (const Json& value : *it) {
-    if (!value.is_number()) return {};
-    found.push_back(value.get<double>());
-  }
-  return found;
-}
-
-std::optional<RankPoint> parse_ranks(const Json& json) {
-  const auto it = json.find("ranks");
-  if (it == json.end() || !it->is_object()) return std::nullopt;
-  RankPoint ranks{number(*it, "steps").value_or(0), numbers(*it, "entries"),     numbers(*it, "sent_bytes"),
-                  numbers(*it, "received_bytes"),   numbers(*it, "exchange_ms"), numbers(*it, "wait_ms"),
-                  number(*it, "busiest"),           number(*it, "busiest_equal")};
-  const std::size_t size = ranks.entries.size();
-  for (std::vector<double>* values : {&ranks.sent_bytes, &ranks.received_bytes, &ranks.exchange_ms, &ranks.wait_ms}) {
-    if (values->size() != size) values->clear();
-  }
-  if (size == 0 || !(ranks.n_steps > 0)) return std::nullopt;
-  return ranks;
-}
-
 /// Without elapsed_s in the line, it is computed from the point `before` and this line's mean time per step.
 LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   LogPoint point;
@@ -97,7 +71,6 @@ LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
   point.kernel = text(json, "kernel");
   point.backward_kernel = text(json, "backward_kernel");
   point.stages_ms = named_times(json, "stages_ms");
-  point.ranks = parse_ranks(json);
   const double summed_s = before.elapsed_s + 1e-3 * point.ms.value_or(0) * (iteration - before.iteration);
   point.elapsed_s = number(json, "elapsed_s").value_or(summed_s);
   return point;

@@ -15,16 +15,6 @@ namespace b3dgs {
 /// Milliseconds by name, in the order of the file.
 using NamedTimes = std::vector<std::pair<std::string, double>>;
 
-/// Several processes that train together: means per step since the line before. Vectors have an element for each rank,
-/// or none if the line does not have it.
-struct RankPoint {
-  double n_steps = 0;
-  std::vector<double> entries;                     // list entries of the views drawn
-  std::vector<double> sent_bytes, received_bytes;  // to and from other ranks
-  std::vector<double> exchange_ms, wait_ms;
-  std::optional<double> busiest, busiest_equal;  // entries of the busiest rank, as a multiple of the mean
-};
-
 /// A line without "event": the state of training after `iteration`.
 struct LogPoint {
   int iteration = 0;
@@ -33,7 +23,6 @@ struct LogPoint {
   std::optional<std::int64_t> count, gpu_peak_bytes;
   std::string kernel, backward_kernel;  // "" if the line does not name it
   NamedTimes stages_ms;                 // mean per step; empty if stages were not timed
-  std::optional<RankPoint> ranks;       // with several ranks
 };
 
 /// A timing check of the candidate kernels of one pass.

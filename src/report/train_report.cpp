@@ -180,7 +180,6 @@ std::filesystem::path write_train_report(const ModelFolder& folder) {
   } else {
     body += html::section("Quality", quality_section(config, run)) +
             html::section("Time and memory", time_and_memory_section(run));
-    if (const std::string ranks = rank_section(history); !ranks.empty()) body += html::section("Ranks", ranks);
   }
   body += html::section("Scene, options and machine", settings_section(settings(folder, config), info.machine)) +
           html::folded_section("Load: Gaussians per tile and per pixel", load_section(history)) +

@@ -215,7 +215,6 @@ TrainResult Trainer::run_until(int iteration) {
   result.n_gaussians = impl.state.n_gaussians();
   result.peak_memory_bytes = impl.memory->use().peak_reserved;
   result.n_removed = impl.state.n_removed;
-  if (impl.is_distributed()) result.ranks = impl.rank_load.whole();
   return result;
 }
 

@@ -54,6 +54,9 @@ struct TrainHooks : TrainListeners {
   Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
 
   // For tests and benchmarks.
+  // About how many splats each of several ranks draws at a time. A step of more views is taken in parts: splats and
+  // sums on their way between ranks take up to 400 bytes for each of these splats.
+  std::int64_t rank_splats = 2000000;
   std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty
   bool wait_for_files = false;      // each file is on disk before the next iteration
   std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;  // times candidate kernels; the device's if empty

@@ -125,7 +125,7 @@ void Trainer::Impl::keep_shared_gradients(const std::vector<LearnedView>& learne
                                           const std::vector<torch::Tensor>& drawn) {
   const auto options = torch::dtype(torch::kFloat32).device(device);
   const torch::Tensor own = drawn.empty() ? torch::empty({0, n_shared_columns()}, options) : torch::stack(drawn);
-  const torch::Tensor rows = gather_view_rows(*ranks, own, drawers_of(step_plan));
+  const torch::Tensor rows = gather_view_rows(*ranks, own, step_drawers);
   for (std::size_t v = 0; v < learned.size(); ++v) {
     const torch::Tensor row = rows.select(0, static_cast<std::int64_t>(v));
     const std::size_t place = learned_views.size() + v;

@@ -19,11 +19,9 @@ void Trainer::Impl::control_density(int iteration) {
   if (plan.densify) {
     recorder.report_progress("densifying");
     timer.start(StageTimes::Kind::kDensityRound);
-    if (is_distributed()) round_phases.start();
     flush();
     run_density_round(iteration);
     timer.finish();
-    round_phases.finish();
     if (state.n_gaussians() == 0) {
       is_consistent = false;
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",

@@ -42,7 +42,6 @@ std::string first_line(const char* text) {
 
 void Trainer::Impl::roll_back() {
   timer.cancel();
-  step_phases.cancel();
   if (state.adam.steps != step_start.adam_steps) {
     is_consistent = false;
     return;

@@ -38,11 +38,9 @@
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
 #include "train/ranks/draw_plan.h"
-#include "train/ranks/part_exchange.h"
-#include "train/ranks/rank_load.h"
 #include "train/ranks/rows/row_owners.h"
+#include "train/ranks/splat_exchange.h"
 #include "train/selection/kernel_chooser.h"
-#include "train/timing/phase_timer.h"
 #include "train/timing/stage_timer.h"
 #include "train/timing/time_account.h"
 #include "train/trainer.h"
@@ -131,8 +129,7 @@ struct Trainer::Impl {
   // trainer_batch.cpp
   /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
   /// the backward pass of the one view does that, which is faster. The GPU compiler may fuse multiplications and
-  /// additions differently in the two, so --deterministic keeps them also for one view: several ranks do, and promise
-  /// the same bytes.
+  /// additions differently in the two; --deterministic always has the bytes of the former.
   bool keeps_views() const { return config.batch > 1 || (config.deterministic && !device.is_cpu()); }
   void take_batched_step();
   /// One view of a step: everything up to the gradients of its splats, which are kept.
@@ -160,25 +157,20 @@ struct Trainer::Impl {
   static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
   /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
   std::vector<LearnedView> next_views_of_step(int last);
-  /// Whether views of this iteration may be drawn in bands: what is learned with a view, and the loss of masked
-  /// regions, need the whole image on one rank.
-  bool may_cut_views() const;
-  std::size_t n_views_at_a_time(int iteration) const;
+  std::size_t n_views_at_a_time() const;
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
   /// `from`, `last`: the iteration before this part of the step, and the step's last one.
   void keep_views_of_ranks(int from, const std::vector<LearnedView>& learned, int last, bool is_filter_due);
   struct ViewsOfRanks;  // step.cpp; the next six follow each other
-  /// Returns the number of splats for each part of the plan. Errors are left in the record: all ranks learn of them.
-  std::vector<std::int64_t> project_own_gaussians(ViewsOfRanks& step, bool is_filter_due, StepRecord& record);
-  void exchange_records(ViewsOfRanks& step, StepRecord record, const std::vector<std::int64_t>& n_splats, int last);
-  void draw_own_parts(ViewsOfRanks& step);
-  /// `own_next`: views that this rank draws after this one.
-  void draw_part(ViewsOfRanks& step, const DrawnPart& part, const ViewSplats& drawn,
-                 const std::vector<std::int32_t>& own_next);
+  /// Errors are left in the record: all ranks learn of them.
+  void project_own_gaussians(ViewsOfRanks& step, bool is_filter_due, StepRecord& record);
+  void exchange_records(ViewsOfRanks& step, StepRecord record, int last);
+  void draw_own_views(ViewsOfRanks& step);
+  /// View `v` of the step. `own_next`: views that this rank draws after this one.
+  void draw_view(ViewsOfRanks& step, std::size_t v, const ViewSplats& drawn, const std::vector<std::int32_t>& own_next);
   /// Sends the sums back; `sums` are then those of the own splats of each view, whose gradients are kept.
   void keep_own_splats(ViewsOfRanks& step);
   void gather_pose_gradients(ViewsOfRanks& step);
-  std::int64_t n_image_columns() const { return depth_priors ? 4 : 3; }
   /// Views that this rank will probably draw after this part of the step. Plans the next steps, on all ranks alike.
   std::vector<std::int32_t> own_views_ahead();
   /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of
@@ -191,27 +183,20 @@ struct Trainer::Impl {
   /// The camera of a view, as take_view() has it.
   PinholeView camera_of(std::int32_t index, int iteration);
   /// Who draws these views, which are those of the step after iteration `from`, or of a part of it.
-  StepPlan planned_step(int from, const std::vector<LearnedView>& views);
+  std::vector<int> planned_drawers(int from, const std::vector<LearnedView>& views);
   struct UnreadLoss;
   /// Adds the loss of a view to the average. @throws LossError if it is not finite
   void add_loss(const UnreadLoss& of, double value);
-  /// Whether the phases of the step after iteration `from` are timed; the same on all ranks.
-  bool times_phases(int from, int last) const;
-  /// Adds the times that are known by now to own_totals. Does not wait.
-  void add_phase_times();
-  /// Says once if one process would be about as fast.
-  void advise_on_ranks();
   /// Exchanges what was drawn in the last step, and adds its losses to the average. All ranks call it together.
   void read_losses_of_ranks();
   /// Waits for the loss of the view drawn last, if it has not been read.
   void read_own_loss();
   /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
   torch::Tensor queue_row_entries() const;
-  /// What this rank has drawn in the last step and exchanged so far. Waits for the loss of the view drawn last.
-  DrawnParts take_drawn();
-  void add_drawn(const std::vector<DrawnParts>& of_ranks);
-  /// The work of the views that were drawn, for the plans to come.
-  void count_drawn(const std::vector<UnreadLoss>& views, const std::vector<DrawnParts>& of_ranks);
+  /// What this rank has drawn in the last step. Waits for the loss of the view drawn last.
+  DrawnRecord take_drawn();
+  /// Losses for the average, and work for the plans to come.
+  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
   /// Calls work() on rank 0, which may render the whole model; the other ranks project their Gaussians for it.
   void on_first_rank(const std::function<void()>& work);
   void serve_renders();
@@ -354,23 +339,18 @@ struct Trainer::Impl {
   Agreed agreed;
   /// Views of the last step whose losses have not been added to the average, and who draws them.
   std::vector<UnreadLoss> unread_losses;
-  StepPlan step_plan;
-  std::int32_t tile_height = 1;
-  /// What this rank has drawn of them. The loss of the last one may still be on the device.
-  struct OwnPart {
-    DrawnPart part;
+  std::vector<int> step_drawers;
+  /// Those that this rank has drawn. The loss of the last one may still be on the device.
+  struct OwnView {
+    std::size_t place = 0;  // among them
     std::optional<double> loss;
     torch::Tensor entries;  // queue_row_entries()
   };
-  std::vector<OwnPart> own_parts;
-  std::optional<PartExchange> splats;
+  std::vector<OwnView> own_views;
+  std::optional<SplatExchange> splats;
   RowOwners owners;         // which rows of the model this rank has
-  ViewRatios model_ratios;  // of whole views, to the Gaussians of all ranks; without pairs
+  ViewRatios model_ratios;  // to the Gaussians of all ranks; without pairs
   DrawPlan draw_plan{ranks != nullptr ? ranks->size() : 1};
-  RankLoad rank_load{ranks != nullptr ? ranks->size() : 1};
-  RankTotals own_totals;
-  PhaseTimer<StepPhase, kStepPhaseNames.size()> step_phases{make_stage_clock(device)};
-  PhaseTimer<RoundPhase, kRoundPhaseNames.size()> round_phases{make_stage_clock(device)};
   bool renders_on_first = false;     // within on_first_rank()
   bool has_failed_together = false;  // the exception that is under way was thrown by all ranks
 

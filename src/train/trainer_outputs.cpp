@@ -161,9 +161,7 @@ void Trainer::Impl::write_outputs(const OutputPlan& plan) {
     });
   }
   if (plan.log && writes_files()) {
-    recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name(),
-                           is_distributed() ? rank_load.take() : std::nullopt);
-    advise_on_ranks();
+    recorder.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name());
   }
   if (plan.save) write_ply();
 }

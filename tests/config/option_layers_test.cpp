@@ -63,6 +63,8 @@ TEST(GivenOptions, OfAConfigJsonMayBeOfAnEarlierVersion) {
   EXPECT_EQ(given({}, path), (GivenOptions{{"white_background", true}}));
   write_file(path, R"({"background": "auto", "seed": 3})");
   EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
+  write_file(path, R"({"rank_splats": 2000000, "seed": 3})");
+  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
   write_file(path, R"({"background": "sky"})");
   EXPECT_TRUE(test::fails_with<InputError>({path, "sky", "no longer supported"}, [&] { given({}, path); }));
 }

@@ -139,40 +139,6 @@ TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
   EXPECT_EQ(limit_text(history, 2000), "the limit of 2,000 was not reached: at most 990 after iteration 2,000");
 }
 
-TEST_F(TrainReport, ShowsHowSeveralRanksShareTheWork) {
-  EXPECT_FALSE(contains(page(60, true), "<h2>Ranks")) << "one process";
-  std::ofstream log(folder_.log(), std::ios::app);
-  for (const int iteration : {61, 62}) {
-    log << nlohmann::json{{"iteration", iteration},
-                          {"ranks",
-                           {{"steps", 5},
-                            {"entries", {100, 300}},
-                            {"busiest", 1.5},
-                            {"busiest_equal", 1.75},
-                            {"sent_bytes", {2000000, 1000000}},
-                            {"received_bytes", {1000000, 2000000}},
-                            {"exchange_ms", {0.5, 0.25}},
-                            {"wait_ms", {0.25, 0}}}}}
-        << "\n";
-  }
-  log << R"({"iteration": 63, "ranks": {"steps": 5, "entries": [1, "x"]}})"
-      << "\n"
-      << R"({"iteration": 64, "ranks": {"steps": 0, "entries": [1, 2]}})"
-      << "\n"
-      << R"({"iteration": 65, "ranks": 3})"
-      << "\n";
-  log.close();
-  const std::string html = test::read_bytes(write_train_report(folder_));
-  EXPECT_EQ(test::xml_fault(html), "");
-  std::size_t at = 0;
-  for (const char* part : {"<h2>Ranks", "work, x the mean", "0.500", "2.00", "1.00", "0.500", "0.250", "1.500", "1.00",
-                           "2.00", "0.250", "0.000", "Work of the busiest rank over the iterations", "equal parts"}) {
-    const std::size_t next = html.find(part, at);
-    ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
-    at = next;
-  }
-}
-
 TEST_F(TrainReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
   write_previews(true);
   const std::string html = page(60, true);

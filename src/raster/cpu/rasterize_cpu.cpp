@@ -144,7 +144,6 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
   check_splat_args(n, view, settings);
   Impl& s = *impl_;
   s.begin_view(view, checked_grid(view, settings.tile), settings);
-  s.grid.drawn_rows = settings.drawn_rows;
   begin_stage(s.stages, Stage::kProject);
   Splat* const splats = s.splats.resize(n);
   Vec2f* const extents = s.extents.resize(n);
@@ -250,12 +249,6 @@ void Rasterizer::score_splats(const float* error, ScoreSums* out) {
   cpu::sum_scores({s.n_splats, s.bins.slot_offsets, s.score_pairs(error), out});
 }
 
-const SplatGrad* Rasterizer::pair_grads() const {
-  return impl_->pair_grads.data();
-}
-const Vec2f* Rasterizer::pair_abs() const {
-  return impl_->absolute_gradient ? impl_->pair_abs.data() : nullptr;
-}
 const std::int32_t* Rasterizer::radii() const {
   return impl_->radii.data();
 }

@@ -45,11 +45,6 @@ class Rasterizer {
   /// The backward blend of the last forward_splats(): sums of each row, [M] out.
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out);
 
-  /// What the last backward_splats() summed, by the slots of bins(): [n_pairs]. The second is null unless the settings
-  /// had absolute_gradient.
-  const SplatGrad* pair_grads() const;
-  const Vec2f* pair_abs() const;
-
   /// score() of the last forward_splats(): sums of each row, [M] out; padding is 0.
   void score_splats(const float* error, ScoreSums* out);
 

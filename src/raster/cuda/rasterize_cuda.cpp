@@ -280,7 +280,6 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
   check_kernels(settings);
   Impl& s = *impl_;
   const ProjectOutputs projected = s.begin(n, view, settings, context);
-  s.grid.drawn_rows = settings.drawn_rows;
   load_rows({rows, s.grid, settings.culling, projected}, context);
   const ViewCounts counts = s.count(projected, n, context);
   if (has_too_many_pairs(counts.n_pairs)) {
@@ -396,11 +395,6 @@ void Rasterizer::score_splats(const float* error, ScoreSums* out, const LaunchCo
 
 const float* Rasterizer::splat_grads() const {
   return reinterpret_cast<const float*>(impl_->splat_grads.data());
-}
-
-const SplatGradSum* Rasterizer::pair_grads() const {
-  B3DGS_CHECK(impl_->deterministic, "sums of pairs without RenderSettings::deterministic");
-  return impl_->pair_grads.data();
 }
 
 const std::int32_t* Rasterizer::radii() const {

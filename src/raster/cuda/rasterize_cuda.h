@@ -62,9 +62,6 @@ class Rasterizer {
   /// The backward blend of the last forward_splats(): sums of each row, [M] out, device memory.
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out, const LaunchContext& context);
 
-  /// What the last backward_splats() summed, by the slots of bins(): [n_pairs], device memory. With
-  /// settings.deterministic only.
-  const SplatGradSum* pair_grads() const;
   /// [M] of the last forward_splats(), device memory: place of each row in splats(), for rows with radii() above 0.
   const std::int32_t* rank_of_row() const;
 

@@ -198,15 +198,12 @@ struct TileRows {
 
 B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                             std::int32_t radius) {
-  const TileRowSpan drawn = grid.drawn_rows;
-  const auto first = [&](std::int32_t row) { return row > drawn.begin ? row : drawn.begin; };
-  const auto end = [&](std::int32_t row) { return row < drawn.end ? row : drawn.end; };
   if (culling == Culling::kSquare) {
     const Rect tiles = square_tiles(grid, splat.mean_x, splat.mean_y, static_cast<float>(radius));
-    return {culling, first(tiles.y_begin), end(tiles.y_end), {tiles.x_begin, tiles.x_end}, {}};
+    return {culling, tiles.y_begin, tiles.y_end, {tiles.x_begin, tiles.x_end}, {}};
   }
   const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
-  return {culling, first(tiles.y_begin), end(tiles.y_end), {}, make_ellipse_rows(splat, extent)};
+  return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
 }
 
 /// Half-open interval of pixel rows.

@@ -52,13 +52,6 @@ struct ViewSplats {
   std::int64_t size() const { return splats.defined() ? splats.size(0) : 0; }
 };
 
-/// Sums of the (tile, splat) pairs of some splats, in the order of their slots: row by row of tiles, from left to
-/// right.
-struct SplatPairs {
-  torch::Tensor counts;  // [M] int64: pairs of each splat
-  torch::Tensor sums;    // [sum of counts, 12] float: a SplatGradSum for each pair, splat by splat
-};
-
 /// What Rasterizer::score() adds to (ScoreArrays).
 struct GaussianScores {
   torch::Tensor error_sum, max_weight, n_views;  // [N] each
@@ -118,10 +111,6 @@ class Rasterizer {
   /// The backward pass of the last forward_splats() up to the splats: a new tensor [M, 12] with a SplatGradSum for each
   /// row: SplatGrad, then the sums of absolute values along x and y, 0 unless the settings had absolute_gradient.
   torch::Tensor backward_splats(const RenderedViewGrad& grad);
-
-  /// What the last backward_splats() summed for these rows, [K] int64, ascending: new tensors, with a count of 0 for
-  /// other rows. On a GPU only with settings.deterministic, and it waits for the device.
-  SplatPairs backward_pairs(const torch::Tensor& rows) const;
 
   /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row: error and weight
   /// (64-bit integers in units of 2^-24, lower word first), the bits of the largest weight, and 0.

@@ -221,9 +221,6 @@ struct Rasterizer::Impl {
     return cpu.camera_gradient();
   }
 
-  /// rasterizer_splats.cpp
-  SplatPairs pairs_of(const torch::Tensor& rows) const;
-
   /// Checks gradients against the view of the last forward().
   ImageGradArrays image_grad(const RenderedViewGrad& grad) const {
     B3DGS_CHECK(rendered.color.defined(), "backward() before any forward()");

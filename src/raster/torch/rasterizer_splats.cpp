@@ -38,49 +38,6 @@ std::vector<ViewSplats> Rasterizer::Impl::project_views(const GaussianTensors& g
   return all;
 }
 
-SplatPairs Rasterizer::Impl::pairs_of(const torch::Tensor& rows) const {
-  const torch::TensorOptions floats = rendered.color.options(), integers = floats.dtype(torch::kInt64);
-  constexpr std::int64_t kWords = sizeof(SplatGradSum) / sizeof(float);
-  constexpr std::int64_t kAbsoluteWords = 2, kGradWords = kWords - kAbsoluteWords;
-  const auto array = [](const auto* data, at::IntArrayRef sizes, const torch::TensorOptions& options) {
-    return torch::from_blob(const_cast<void*>(static_cast<const void*>(data)), sizes, options);
-  };
-  torch::Tensor places = rows, is_drawn, pair_sums;  // places in the order of slot_offsets
-  BinnedSplats bins;
-  std::int64_t n_splats = n_rows;
-  if (device.is_cpu()) {
-    bins = cpu.bins();
-    pair_sums = array(cpu.pair_grads(), {bins.n_pairs, kGradWords}, floats);
-    const torch::Tensor absolute = cpu.pair_abs() != nullptr
-                                       ? array(cpu.pair_abs(), {bins.n_pairs, kAbsoluteWords}, floats)
-                                       : torch::zeros({bins.n_pairs, kAbsoluteWords}, floats);
-    pair_sums = torch::cat({pair_sums, absolute}, 1);
-  }
-#if B3DGS_TORCH_CUDA
-  if (!device.is_cpu()) {
-    bins = cuda->bins();
-    n_splats = cuda->n_splats();
-    pair_sums = array(cuda->pair_grads(), {bins.n_pairs, kWords}, floats);
-    is_drawn = array(cuda->radii(), {n_rows}, floats.dtype(torch::kInt32)).index_select(0, rows) > 0;
-    places = array(cuda->rank_of_row(), {n_rows}, floats.dtype(torch::kInt32)).index_select(0, rows).to(torch::kInt64);
-    places = places.where(is_drawn, torch::zeros_like(places));
-  }
-#endif
-  SplatPairs pairs{torch::zeros({n_rows}, integers), torch::empty({0, kWords}, floats)};
-  if (rows.size(0) == 0 || n_splats == 0) return pairs;
-  const torch::Tensor offsets = array(bins.slot_offsets, {n_splats + 1}, integers);
-  const torch::Tensor first = offsets.index_select(0, places);
-  torch::Tensor counts = offsets.index_select(0, places + 1) - first;
-  if (is_drawn.defined()) counts = counts * is_drawn;
-  pairs.counts.index_copy_(0, rows, counts);
-  // Slot of each pair: its splat's first one, and its place among the splat's pairs.
-  const torch::Tensor splat = torch::repeat_interleave(counts);
-  const torch::Tensor before = counts.cumsum(0) - counts;
-  const torch::Tensor slots = torch::arange(splat.size(0), integers) + (first - before).index_select(0, splat);
-  pairs.sums = pair_sums.index_select(0, slots);
-  return pairs;
-}
-
 ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeView& view,
                                const RenderSettings& settings) {
   return impl_->project(gaussians, view, settings, nullptr);
@@ -104,11 +61,6 @@ torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
   const torch::Tensor sums = torch::empty({impl_->n_rows, kWords}, impl_->rendered.color.options());
   impl_->backward_splats(image, rows_at<SplatGradSum>("sums", sums));
   return sums;
-}
-
-SplatPairs Rasterizer::backward_pairs(const torch::Tensor& rows) const {
-  B3DGS_CHECK(impl_->n_rows >= 0, "backward_pairs() before any backward_splats()");
-  return impl_->pairs_of(rows);
 }
 
 torch::Tensor Rasterizer::order_of_splats() const {

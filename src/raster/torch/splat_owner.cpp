@@ -42,35 +42,6 @@ ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& s
   return statistics_;
 }
 
-torch::Tensor sum_splat_pairs(const SplatPairs& pairs) {
-  B3DGS_CHECK(pairs.sums.defined() && pairs.counts.defined(), "pairs are undefined");
-  const torch::Device device = pairs.sums.device();
-  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float), kGradWords = sizeof(SplatGrad) / sizeof(float);
-  const std::int64_t n_splats = pairs.counts.size(0);
-  TensorCheck check(device);
-  check.dims("counts", pairs.counts, {"M"}, torch::kInt64);
-  check.dims("sums of pairs", pairs.sums, {"pairs", kWords});
-  const torch::Tensor offsets = torch::cat({pairs.counts.new_zeros({1}), pairs.counts.cumsum(0)});
-  B3DGS_CHECK(offsets[n_splats].item<std::int64_t>() == pairs.sums.size(0), "counts of ", n_splats,
-              " splats do not add up to ", pairs.sums.size(0), " pairs");
-  const torch::Tensor sums = torch::empty({n_splats, kWords}, pairs.sums.options());
-  auto* const out = rows_at<SplatGradSum>("sums", sums);
-  const std::int64_t* const slots = offsets.data_ptr<std::int64_t>();
-  if (device.is_cpu()) {
-    const torch::Tensor grads = pairs.sums.slice(1, 0, kGradWords).contiguous();
-    const torch::Tensor absolute = pairs.sums.slice(1, kGradWords).contiguous();
-    cpu::sum_splat_grads({n_splats, slots, reinterpret_cast<const SplatGrad*>(grads.data_ptr<float>()),
-                          reinterpret_cast<const Vec2f*>(absolute.data_ptr<float>()), out});
-  }
-#if B3DGS_TORCH_CUDA
-  if (!device.is_cpu()) {
-    cuda::sum_splat_grads({n_splats, slots, rows_at<SplatGradSum>("sums of pairs", pairs.sums), out},
-                          torch_launch_context());
-  }
-#endif
-  return sums;
-}
-
 void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   B3DGS_CHECK(out.error_sum.defined(), "error_sum is undefined");

@@ -20,10 +20,6 @@ class SplatOwner {
   ViewStatistics statistics_;
 };
 
-/// The sums of each splat over its pairs, a new tensor [M, 12], by the code and so with the bytes of
-/// Rasterizer::backward_splats(); on a GPU, with settings.deterministic. @throws LogicError if the tensors do not fit
-torch::Tensor sum_splat_pairs(const SplatPairs& pairs);
-
 /// Adds to `out` what Rasterizer::score() would have added. `splats` is from Rasterizer::project(), `scores` [M, 6]
 /// int32 from Rasterizer::score_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
 void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out);

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "model/evaluation.h"
-#include "train/ranks/rank_load.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {
@@ -38,14 +37,12 @@ struct TrainListeners {
   std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume
 };
 
-/// Files, evaluations and rounds of density control of this session.
+/// Files and evaluations of this session.
 struct TrainOutputs {
   std::filesystem::path ply, checkpoint;  // last ones written
   std::int64_t n_saved = 0;  // Gaussians in the last PLY; density control of the last iteration comes after it
   std::vector<std::filesystem::path> not_written;       // the system refused, e.g. because the disk is full
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
-  int n_density_rounds = 0;
-  double density_s = 0;  // in these rounds
 };
 
 struct TrainResult : TrainOutputs {
@@ -57,7 +54,6 @@ struct TrainResult : TrainOutputs {
   double train_s = 0;                  // uploads, kernel checks, steps, density control; without reading of files
   double output_s = 0;                 // evaluation, statistics, saving, checkpoints
   std::int64_t n_removed = 0;          // invalid Gaussians that were removed, over all sessions
-  std::optional<RankFigures> ranks;    // of this session, with several ranks
 };
 
 }  // namespace b3dgs

@@ -49,17 +49,12 @@ void TrainLog::write(const TrainLogLine& line) {
                {"count", line.count},
                {"elapsed_s", line.elapsed_s}};
   if (line.peak_memory_bytes > 0) json["gpu_peak_bytes"] = line.peak_memory_bytes;
-  if (line.n_density_rounds > 0) {
-    json["density_rounds"] = line.n_density_rounds;
-    json["density_s"] = line.density_s;
-  }
   if (line.stages) json["stages_ms"] = stage_json(*line.stages);
   if (line.test_quality) {
     json["test_psnr"] = line.test_quality->psnr;
     json["test_ssim"] = line.test_quality->ssim;
     if (line.test_quality->corrected_psnr) json["test_cc_psnr"] = *line.test_quality->corrected_psnr;
   }
-  if (line.ranks) json["ranks"] = to_json(*line.ranks);
   if (!line.kernel.empty()) json["kernel"] = line.kernel;
   if (!line.backward_kernel.empty()) json["backward_kernel"] = line.backward_kernel;
   append(json);

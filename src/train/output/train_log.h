@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "train/quality/metrics.h"
-#include "train/ranks/rank_load.h"
 #include "train/timing/stage_timer.h"
 
 namespace b3dgs {
@@ -21,12 +20,9 @@ struct TrainLogLine {
   std::int64_t count = 0;                    // Gaussians
   double elapsed_s = 0;                      // of training, over all sessions
   std::int64_t peak_memory_bytes = 0;        // of this process on the GPU, in this session; 0 = not measured
-  int n_density_rounds = 0;                  // in this session, as far as their times are known
-  double density_s = 0;                      // of these rounds
   std::optional<StageTimes> stages;          // of the average step, if steps were timed since the line before
   std::string kernel, backward_kernel;       // in use; empty = there is no choice
   std::optional<ImageQuality> test_quality;  // mean over the test views, if they were evaluated
-  std::optional<RankFigures> ranks;          // since the line before, with several ranks
 };
 
 class TrainLog {

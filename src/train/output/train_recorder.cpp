@@ -46,7 +46,7 @@ void TrainRecorder::log_event(int iteration, const char* event, const nlohmann::
 }
 
 void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
-                                  const std::string& backward_kernel, const std::optional<RankFigures>& ranks) {
+                                  const std::string& backward_kernel) {
   const TrainState& state = source_.state;
   TrainLogLine line;
   line.test_quality = test_quality;
@@ -60,11 +60,8 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
   collect_stage_times();
   line.stages = stages_.take(state.iteration - staged_iteration_);
   if (line.stages) staged_iteration_ = state.iteration;
-  line.n_density_rounds = outputs_.n_density_rounds;
-  line.density_s = outputs_.density_s;
   line.kernel = kernel;
   line.backward_kernel = backward_kernel;
-  line.ranks = ranks;
   log_->write(line);
   if (const std::string fault = log_->take_fault(); !fault.empty()) {
     warn(fault + "; log lines are kept in memory until it can be written");
@@ -102,10 +99,6 @@ double TrainRecorder::step_ms() const {
 void TrainRecorder::add_stage_times(const std::vector<StageTimes>& known) {
   for (const StageTimes& times : known) {
     stages_.add(times);
-    if (times.kind == StageTimes::Kind::kDensityRound) {
-      ++outputs_.n_density_rounds;
-      outputs_.density_s += 1e-3 * times.wall_ms;
-    }
     if (source_.listeners.on_stage_times) source_.listeners.on_stage_times(times);
   }
 }

@@ -61,9 +61,9 @@ class TrainRecorder {
   void open_log();
   bool is_log_open() const { return log_ != nullptr; }
   void log_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
-  /// The line of this iteration. Kernel names may be empty: then there is no choice. `ranks`: with several of them.
+  /// The line of this iteration. Kernel names may be empty: then there is no choice.
   void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
-                     const std::string& backward_kernel, const std::optional<RankFigures>& ranks = {});
+                     const std::string& backward_kernel);
   /// Writes the results files, and a message. `source` says what was evaluated.
   void add_evaluation(const Evaluation& evaluation, const EvaluationSource& source);
 

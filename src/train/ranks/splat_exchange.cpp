@@ -14,16 +14,14 @@ std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
 }
 
-void check_splats(const SentSplats& sent, std::size_t view, const torch::Device& device) {
-  const ViewSplats& splats = sent.splats;
+void check_splats(const ViewSplats& splats, std::size_t view, const torch::Device& device) {
   const std::int64_t n = splats.splats.defined() ? splats.splats.size(0) : 0;
   const auto fits = [&](const torch::Tensor& tensor, torch::IntArrayRef sizes, torch::ScalarType type) {
     return tensor.defined() && tensor.sizes() == sizes && tensor.scalar_type() == type && tensor.is_contiguous() &&
            tensor.device() == device;
   };
   B3DGS_CHECK(fits(splats.splats, {n, kSplatWords}, torch::kFloat32) && fits(splats.extents, {n, 2}, torch::kFloat32) &&
-                  fits(splats.radii, {n}, torch::kInt32) &&
-                  (!sent.places.defined() || fits(sent.places, {sent.places.size(0)}, torch::kInt64)),
+                  fits(splats.radii, {n}, torch::kInt32),
               "splats of view ", view, " of the step: expected ", n, " rows in each tensor, contiguous on ",
               device.str());
 }
@@ -32,7 +30,7 @@ void check_splats(const SentSplats& sent, std::size_t view, const torch::Device&
 
 SplatExchange::SplatExchange(Communicator& ranks) : ranks_(ranks) {}
 
-void SplatExchange::pack(const std::vector<SentSplats>& own, const std::vector<int>& drawers,
+void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers,
                          const torch::Tensor& model_rows) {
   const auto size = static_cast<std::size_t>(ranks_.size());
   const std::size_t n_views = own.size();
@@ -48,14 +46,11 @@ void SplatExchange::pack(const std::vector<SentSplats>& own, const std::vector<i
   own_.clear();
   send_.assign(size, 0);
   if (n_views == 0) return;
-  B3DGS_CHECK(own[0].splats.splats.defined(), "splats of view 0 of the step are undefined");
-  device_ = own[0].splats.splats.device();
+  B3DGS_CHECK(own[0].splats.defined(), "splats of view 0 of the step are undefined");
+  device_ = own[0].splats.device();
   for (std::size_t v = 0; v < n_views; ++v) check_splats(own[v], v, device_);
   if (size == 1) {
-    for (const SentSplats& sent : own) {
-      B3DGS_CHECK(!sent.places.defined(), "with one rank, all splats are sent");
-      own_.push_back(sent.splats);
-    }
+    own_ = own;
     return;
   }
   packed_ = torch::empty({sum_of(own_counts_), kRowWords}, torch::dtype(torch::kInt32).device(device_));
@@ -90,7 +85,7 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<
   for (std::size_t r = 0; r < size; ++r) {
     for (const std::size_t v : views_of_[rank]) receive_[r] += counts[r][v];
   }
-  const torch::Tensor received = exchange(std::exchange(packed_, {}), send_, receive_);
+  const torch::Tensor received = ranks_.all_to_all_rows(std::exchange(packed_, {}), send_, receive_);
 
   // Rows come by rank, those of a rank by view.
   std::vector<std::int64_t> next(size, 0);  // place of the next row of each rank
@@ -109,15 +104,6 @@ std::vector<ViewSplats> SplatExchange::to_drawers(const std::vector<std::vector<
   return drawn;
 }
 
-torch::Tensor SplatExchange::exchange(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
-                                      const std::vector<std::int64_t>& receive) {
-  const auto own = static_cast<std::size_t>(ranks_.rank());
-  const std::int64_t row_bytes = rows.size(1) * static_cast<std::int64_t>(rows.element_size());
-  sent_bytes_ += (sum_of(send) - send[own]) * row_bytes;
-  received_bytes_ += (sum_of(receive) - receive[own]) * row_bytes;
-  return ranks_.all_to_all_rows(rows, send, receive);
-}
-
 std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
                                                     torch::ScalarType type) {
   B3DGS_CHECK(drawn.size() == drawn_.size(), drawn.size(), " tensors, but this rank draws ", drawn_.size(),
@@ -134,7 +120,7 @@ std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Ten
 
   torch::Tensor sent = torch::empty({sum_of(receive_), n_columns}, torch::dtype(type).device(device_));
   for (std::size_t i = 0; i < drawn.size(); ++i) sent.index_copy_(0, drawn_[i].places, drawn[i]);
-  const torch::Tensor received = exchange(sent, receive_, send_);
+  const torch::Tensor received = ranks_.all_to_all_rows(sent, receive_, send_);
 
   // Rows come by drawer, those of a drawer by view.
   const auto size = static_cast<std::size_t>(ranks_.size());
@@ -144,53 +130,6 @@ std::vector<torch::Tensor> SplatExchange::to_owners(const std::vector<torch::Ten
     for (const std::size_t v : views_of_[drawer]) {
       own[v] = received.slice(0, n_read, n_read + own_counts_[v]);
       n_read += own_counts_[v];
-    }
-  }
-  return own;
-}
-
-std::vector<SplatPairs> SplatExchange::pairs_to_owners(const std::vector<SplatPairs>& drawn, std::int64_t n_columns) {
-  std::vector<torch::Tensor> drawn_counts;
-  for (const SplatPairs& pairs : drawn) drawn_counts.push_back(pairs.counts.unsqueeze(1));
-  const std::vector<torch::Tensor> own_counts = to_owners(drawn_counts, 1, torch::kInt64);
-  if (own_counts.empty()) return {};
-  if (ranks_.size() == 1) return drawn;
-
-  // In the order of the rows that all_to_all_rows() returned.
-  const auto integers = torch::dtype(torch::kInt64).device(device_);
-  const torch::Tensor counts = torch::zeros({sum_of(receive_)}, integers), first = torch::zeros_like(counts);
-  std::vector<torch::Tensor> rows{torch::empty({0, n_columns}, torch::dtype(torch::kFloat32).device(device_))};
-  std::int64_t n_pairs = 0;
-  for (std::size_t i = 0; i < drawn.size(); ++i) {
-    counts.index_copy_(0, drawn_[i].places, drawn[i].counts);
-    first.index_copy_(0, drawn_[i].places, drawn[i].counts.cumsum(0) - drawn[i].counts + n_pairs);
-    rows.push_back(drawn[i].sums);
-    n_pairs += drawn[i].sums.size(0);
-  }
-  const torch::Tensor splat = torch::repeat_interleave(counts);
-  const torch::Tensor places =
-      torch::arange(splat.size(0), integers) + (first - counts.cumsum(0) + counts).index_select(0, splat);
-  const torch::Tensor sent = torch::cat(rows).index_select(0, places);
-
-  std::vector<std::int64_t> send, receive;
-  std::int64_t n_rows = 0;
-  for (const std::int64_t n : receive_) {
-    send.push_back(counts.slice(0, n_rows, n_rows + n).sum().item<std::int64_t>());
-    n_rows += n;
-  }
-  for (const std::vector<std::size_t>& views : views_of_) {
-    receive.push_back(0);
-    for (const std::size_t v : views) receive.back() += own_counts[v].sum().item<std::int64_t>();
-  }
-  const torch::Tensor received = exchange(sent, send, receive);
-
-  std::vector<SplatPairs> own(own_counts.size());
-  std::int64_t n_read = 0;
-  for (const std::vector<std::size_t>& views : views_of_) {  // by drawer, those of a drawer by view
-    for (const std::size_t v : views) {
-      const std::int64_t n = own_counts[v].sum().item<std::int64_t>();
-      own[v] = {own_counts[v].flatten(), received.slice(0, n_read, n_read + n)};
-      n_read += n;
     }
   }
   return own;
@@ -213,7 +152,7 @@ std::vector<torch::Tensor> SplatExchange::columns_to_drawers(const std::vector<t
   for (std::size_t drawer = 0; drawer < size; ++drawer) {
     for (const std::size_t v : views_of_[drawer]) parts.push_back(own[v]);
   }
-  const torch::Tensor received = exchange(torch::cat(parts), send_, receive_);
+  const torch::Tensor received = ranks_.all_to_all_rows(torch::cat(parts), send_, receive_);
   std::vector<torch::Tensor> drawn;
   for (const DrawnView& view : drawn_) drawn.push_back(received.index_select(0, view.places));
   return drawn;

@@ -19,18 +19,17 @@ class SplatExchange {
  public:
   explicit SplatExchange(Communicator& ranks);
 
-  /// Begins a step: own[v] are those of this rank's splats of view v that go to its drawer, ascending by Gaussian, with
-  /// Splat::gaussian = own row; drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and
-  /// does not wait for a GPU.
+  /// Begins a step: own[v] are this rank's splats of view v, ascending by Gaussian, with Splat::gaussian = own row;
+  /// drawers[v] is the rank that draws it, the same on all ranks. Exchanges nothing, and does not wait for a GPU.
   /// @param model_rows  RowOwners::own()
   /// @throws LogicError if they disagree, or naming splats that do not fit
-  void pack(const std::vector<SentSplats>& own, const std::vector<int>& drawers, const torch::Tensor& model_rows);
+  void pack(const std::vector<ViewSplats>& own, const std::vector<int>& drawers, const torch::Tensor& model_rows);
 
   /// counts[r][v] is the number of splats of view v on rank r, the same on all ranks. Returns the splats of the views
   /// that this rank draws, in the order of the views, ascending by Gaussian, with Splat::gaussian = row of the model.
   /// @throws LogicError if they are not those of pack()
   std::vector<ViewSplats> to_drawers(const std::vector<std::vector<std::int64_t>>& counts);
-  std::vector<ViewSplats> to_drawers(const std::vector<SentSplats>& own,
+  std::vector<ViewSplats> to_drawers(const std::vector<ViewSplats>& own,
                                      const std::vector<std::vector<std::int64_t>>& counts,
                                      const std::vector<int>& drawers, const torch::Tensor& model_rows) {
     pack(own, drawers, model_rows);
@@ -43,29 +42,13 @@ class SplatExchange {
   std::vector<torch::Tensor> to_owners(const std::vector<torch::Tensor>& drawn, std::int64_t n_columns,
                                        torch::ScalarType type);
 
-  /// drawn[i] are pairs of the splats of result i of to_drawers(), in its order; sums have n_columns floats. Returns
-  /// those of the rows of own[v] for every view v, in its order. The host waits. @throws LogicError naming a tensor
-  /// that does not fit
-  std::vector<SplatPairs> pairs_to_owners(const std::vector<SplatPairs>& drawn, std::int64_t n_columns);
-
   /// The way back: own[v] is [size of own[v] in to_drawers(), n_columns] of `type`. Returns for each view that this
   /// rank draws a new tensor with a row for each splat, in the order of to_drawers()'s result.
   /// @throws LogicError naming a tensor that does not fit
   std::vector<torch::Tensor> columns_to_drawers(const std::vector<torch::Tensor>& own, std::int64_t n_columns,
                                                 torch::ScalarType type);
 
-  /// Of the tensors of this step.
-  const torch::Device& device() const { return device_; }
-
-  /// To and from other ranks, by all calls so far.
-  std::int64_t sent_bytes() const { return sent_bytes_; }
-  std::int64_t received_bytes() const { return received_bytes_; }
-
  private:
-  /// all_to_all_rows(), counted.
-  torch::Tensor exchange(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
-                         const std::vector<std::int64_t>& receive);
-
   /// A view that this rank draws.
   struct DrawnView {
     std::int64_t n_splats = 0;
@@ -80,7 +63,6 @@ class SplatExchange {
   std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the drawers
   std::vector<DrawnView> drawn_;
   std::vector<std::vector<std::size_t>> views_of_;  // by rank: the views that it draws, ascending
-  std::int64_t sent_bytes_ = 0, received_bytes_ = 0;
 };
 
 }  // namespace b3dgs

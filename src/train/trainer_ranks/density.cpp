@@ -11,7 +11,6 @@
 namespace b3dgs {
 
 void Trainer::Impl::apply_round_of_ranks(const DensityRound& round, int iteration, std::int64_t limit) {
-  round_phases.begin(RoundPhase::kEdit);
   SourceNumbers numbers;
   allocate_together([&] { numbers = source_numbers(round.edit); });
   check_row_edit(*ranks, round.edit, numbers, owners, state.gaussians, state.adam, state.statistics);
@@ -50,7 +49,6 @@ void Trainer::Impl::throw_out_of_memory(int rank, const std::string& reason) {
 }
 
 DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limit) {
-  round_phases.begin(RoundPhase::kGather);
   // Strategies do not read colours.
   GaussianTensors gaussians;
   const GaussianTensors& own = state.gaussians;
@@ -70,7 +68,6 @@ DensityRound Trainer::Impl::plan_round_of_ranks(int iteration, std::int64_t limi
   }
   rows = gather_rows(*ranks, rows, owners);
   for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
-  round_phases.begin(RoundPhase::kPlan);
   DensityRound round;
   allocate_together([&] { round = density->plan_round(gaussians, statistics, iteration, limit); });
   return round;

@@ -58,8 +58,7 @@ RenderedView Trainer::Impl::project_and_draw(const PinholeView& view, const Rend
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  splats->begin(whole_views({0}), {own}, settings.tile.height, owners.own());
-  const std::vector<ViewSplats> drawn = splats->to_drawers(counts);
+  const std::vector<ViewSplats> drawn = splats->to_drawers({own}, counts, {0}, owners.own());
   if (drawn.empty()) return {};
   return rasterizer.forward_splats(drawn.front(), view, settings);
 }

@@ -2,18 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <cstring>
-#include <string>
-#include <utility>
 #include <vector>
 
 #include "config/batch_steps.h"
 #include "core/check.h"
-#include "dist/communicator.h"
 #include "raster/args.h"
 #include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
-#include "train/ranks/rank_load.h"
 
 namespace b3dgs {
 
@@ -21,20 +16,13 @@ namespace b3dgs {
 struct DrawnRecord {
   double losses[kMaxBatch]{};
   std::int64_t entries[kMaxBatch]{};
-  RankTotals totals{};
-};
-/// The record and, of a band that the rank has drawn, the entries of each row of tiles.
-struct DrawnParts {
-  DrawnRecord record;
-  std::vector<std::int64_t> rows;
 };
 
 /// What each rank tells the others in a step, after its projections.
-/// Then follow the numbers of splats for each part of the step, and DrawnParts::rows of the step before.
 struct StepRecord {
-  std::int64_t first_invalid = -1;   // row of the model that cannot be rendered
-  DrawnRecord drawn{};               // of the step before
-  std::int64_t n_seen[kMaxBatch]{};  // splats of each view
+  std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
+  DrawnRecord drawn{};                 // of the step before
+  std::int64_t n_splats[kMaxBatch]{};  // of each view
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used
   std::int32_t is_out_of_memory = 0;
@@ -53,24 +41,6 @@ struct RenderRequest {
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
 };
-
-/// Exchanges a record that numbers follow.
-template <class Record>
-std::vector<std::pair<Record, std::vector<std::int64_t>>> exchange_with_numbers(
-    Communicator& ranks, const char* label, const Record& record, const std::vector<std::int64_t>& numbers) {
-  std::string bytes(reinterpret_cast<const char*>(&record), sizeof record);
-  bytes.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(std::int64_t));
-  std::vector<std::pair<Record, std::vector<std::int64_t>>> all;
-  for (const std::string& other : ranks.exchange(label, bytes)) {
-    B3DGS_CHECK(other.size() >= sizeof(Record), label);
-    auto& [other_record, other_numbers] = all.emplace_back();
-    std::memcpy(&other_record, other.data(), sizeof(Record));
-    other_numbers.resize((other.size() - sizeof(Record)) / sizeof(std::int64_t));
-    if (other_numbers.empty()) continue;  // memcpy() wants no null pointer
-    std::memcpy(other_numbers.data(), other.data() + sizeof(Record), other_numbers.size() * sizeof(std::int64_t));
-  }
-  return all;
-}
 
 /// @throws InvalidGaussianError, on all ranks, if one of them has found an invalid Gaussian
 template <class Record>

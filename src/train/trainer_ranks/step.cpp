@@ -1,7 +1,6 @@
 // A step of several ranks, of all its views at a time or some of them. Every rank projects its Gaussians for these; the
 // splats of a view go to the rank that draws it, which compares it with the photograph and blends backward; the sums of
-// each splat go back to the rank of its Gaussian, which takes the Adam step. With more ranks than views, a view is
-// drawn in bands of tile rows; the ranks of a view exchange their rows of the image, and each compares the whole image.
+// each splat go back to the rank of its Gaussian, which takes the Adam step.
 
 #include <algorithm>
 #include <utility>
@@ -16,20 +15,14 @@ namespace b3dgs {
 void Trainer::Impl::take_distributed_step() {
   const int last = step_end(config.batch, config.iterations, state.iteration);
   bool is_filter_due = begin_step_of_views(last);
-  if (times_phases(state.iteration, last)) step_phases.start();
   do {
-    step_phases.begin(StepPhase::kProject);
     const int from = state.iteration;
     const std::vector<LearnedView> views = next_views_of_step(last);
     keep_views_of_ranks(from, views, last, std::exchange(is_filter_due, false));
   } while (state.iteration < last);
-  if (learned_views.empty()) {
-    step_phases.cancel();
-    return timer.cancel();
-  }
+  if (learned_views.empty()) return timer.cancel();
   learn_from_kept_views();
   timer.finish(state.step_iterations);
-  step_phases.finish();
 }
 
 /// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer if some are skipped.
@@ -43,19 +36,16 @@ struct Trainer::Impl::ViewsOfRanks {
     bool refines_pose = false;
   };
 
-  ViewsOfRanks(const std::vector<LearnedView>& of, StepPlan drawn)
-      : learned(of), plan(std::move(drawn)), views(of.size()) {}
+  ViewsOfRanks(const std::vector<LearnedView>& of, std::vector<int> by)
+      : learned(of), drawers(std::move(by)), views(of.size()) {}
 
   const std::vector<LearnedView>& learned;
-  StepPlan plan;                                  // which rank draws what of which view
+  std::vector<int> drawers;                       // the rank that draws each view
   std::vector<View> views;                        // as `learned`
-  std::vector<std::vector<std::int64_t>> counts;  // by rank: splats for each part of the plan
+  std::vector<std::vector<std::int64_t>> counts;  // by rank: its splats of each view
 
-  // What this rank draws: parts of the plan, in its order.
+  // Of the views that this rank draws, in their order.
   std::vector<torch::Tensor> sums, scores, shared, orders;
-  std::vector<SplatPairs> pairs;
-  /// Whether sums have the bytes of one process wherever views are cut.
-  bool is_exact = false;
 
   bool has_scores() const {
     return std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
@@ -69,15 +59,14 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
                                         bool is_filter_due) {
   const int last_of_part = state.iteration;
   draw_plan.forget_before(from);
-  ViewsOfRanks step(learned, planned_step(from, learned));
+  ViewsOfRanks step(learned, planned_drawers(from, learned));
   StepRecord record;
-  const std::vector<std::int64_t> n_splats = project_own_gaussians(step, is_filter_due, record);
+  project_own_gaussians(step, is_filter_due, record);
   state.iteration = last_of_part;
-  exchange_records(step, record, n_splats, last);
+  exchange_records(step, record, last);
   if (learned.empty()) return;
-  step_plan = step.plan;
-  tile_height = step.views[0].settings.tile.height;
-  draw_own_parts(step);
+  step_drawers = step.drawers;
+  draw_own_views(step);
   keep_own_splats(step);
   if (step.refines_poses()) gather_pose_gradients(step);
   if (n_shared_columns() > 0) keep_shared_gradients(learned, step.shared);
@@ -85,10 +74,8 @@ void Trainer::Impl::keep_views_of_ranks(int from, const std::vector<LearnedView>
   state.iteration = last_of_part;
 }
 
-std::vector<std::int64_t> Trainer::Impl::project_own_gaussians(ViewsOfRanks& step, bool is_filter_due,
-                                                               StepRecord& record) {
-  std::vector<std::int64_t> n_splats(step.plan.size());
-  if (step.views.empty()) return n_splats;
+void Trainer::Impl::project_own_gaussians(ViewsOfRanks& step, bool is_filter_due, StepRecord& record) {
+  if (step.views.empty()) return;
   std::vector<PinholeView> cameras;
   std::vector<RenderSettings> settings;
   update_filters(is_filter_due);
@@ -109,40 +96,30 @@ std::vector<std::int64_t> Trainer::Impl::project_own_gaussians(ViewsOfRanks& ste
     });
     for (std::size_t v = 0; v < own.size(); ++v) {
       step.views[v].own = own[v];
-      record.n_seen[v] = own[v].size();
+      record.n_splats[v] = own[v].size();
     }
-    n_splats = splats->begin(step.plan, own, settings[0].tile.height, owners.own());
+    splats->pack(own, step.drawers, owners.own());
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = owners.row_of_model(error.row());
   } catch (const OutOfMemoryError&) {
     record.is_out_of_memory = 1;
   }
-  return n_splats;
 }
 
-void Trainer::Impl::exchange_records(ViewsOfRanks& step, StepRecord record, const std::vector<std::int64_t>& n_splats,
-                                     int last) {
+void Trainer::Impl::exchange_records(ViewsOfRanks& step, StepRecord record, int last) {
   record.stop = is_stopped();
   record.write_checkpoint = recorder.is_checkpoint_due();
   record.check_kernels = kernels.is_due(check_moment(last + 1));
   poses.finish_step();  // of the step before: the device has finished it by now
-  const DrawnParts drawn_here = take_drawn();
-  record.drawn = drawn_here.record;
-  std::vector<std::int64_t> numbers = n_splats;
-  numbers.insert(numbers.end(), drawn_here.rows.begin(), drawn_here.rows.end());
-  std::vector<StepRecord> records;
-  std::vector<DrawnParts> drawn_before;
+  record.drawn = take_drawn();
+  const std::vector<StepRecord> records = ranks->exchange_record("step", record);
+  std::vector<DrawnRecord> drawn_before;
   agreed = {};
-  for (const auto& [other, numbers_of_other] :
-       step_phases.time(StepPhase::kRecord, [&] { return exchange_with_numbers(*ranks, "step", record, numbers); })) {
-    records.push_back(other);
-    B3DGS_CHECK(numbers_of_other.size() >= step.plan.size(), "numbers of splats of ", step.plan.size(),
-                " parts of a step");
-    const auto rows = numbers_of_other.begin() + static_cast<std::ptrdiff_t>(step.plan.size());
-    step.counts.emplace_back(numbers_of_other.begin(), rows);
-    drawn_before.push_back({other.drawn, {rows, numbers_of_other.end()}});
+  for (const StepRecord& other : records) {
+    step.counts.emplace_back(other.n_splats, other.n_splats + step.views.size());
+    drawn_before.push_back(other.drawn);
     agreed.stop |= other.stop != 0;
-    for (std::size_t v = 0; v < step.views.size(); ++v) step.views[v].n_splats += other.n_seen[v];
+    for (std::size_t v = 0; v < step.views.size(); ++v) step.views[v].n_splats += other.n_splats[v];
   }
   for (std::size_t v = 0; v < step.views.size(); ++v) {
     model_ratios.add(step.views[v].n_splats, 0, state.n_gaussians());
@@ -158,36 +135,31 @@ void Trainer::Impl::exchange_records(ViewsOfRanks& step, StepRecord record, cons
   }
 }
 
-void Trainer::Impl::draw_own_parts(ViewsOfRanks& step) {
-  const std::vector<ViewSplats> splats_of_parts =
-      step_phases.time(StepPhase::kSplats, [&] { return splats->to_drawers(step.counts); });
-  step_phases.begin(StepPhase::kDraw);
-  step.is_exact = splats->is_banded() && (device.is_cpu() || (config.deterministic && !depth_priors));
+void Trainer::Impl::draw_own_views(ViewsOfRanks& step) {
+  const std::vector<ViewSplats> drawn = splats->to_drawers(step.counts);
+  std::vector<std::size_t> own;
   std::vector<std::int32_t> own_next;
-  for (const DrawnPart& part : step.plan) {
-    if (part.rank == ranks->rank()) own_next.push_back(step.learned[part.view].index);
+  for (std::size_t v = 0; v < step.views.size(); ++v) {
+    if (step.drawers[v] != ranks->rank()) continue;
+    own.push_back(v);
+    own_next.push_back(step.learned[v].index);
   }
   if (appearance) {
     for (const LearnedView& view : step.learned) appearance->begin_step(view.index, view.iteration, state.appearance);
   }
   const std::vector<std::int32_t> ahead = own_views_ahead();
   own_next.insert(own_next.end(), ahead.begin(), ahead.end());
-  for (const DrawnPart& part : step.plan) {
-    if (part.rank != ranks->rank()) continue;
-    const std::size_t place = step.sums.size();
+  for (std::size_t i = 0; i < own.size(); ++i) {
     own_next.erase(own_next.begin());
-    draw_part(step, part, splats_of_parts[place], own_next);
+    draw_view(step, own[i], drawn[i], own_next);
   }
-  if (step.sums.empty()) step_phases.time(StepPhase::kRows, [&] { return splats->share_rows({}, n_image_columns()); });
   for (const LearnedView& view : step.learned) {
     unread_losses.push_back({view.iteration, scene.train[static_cast<std::size_t>(view.index)].name, view.index});
   }
 }
 
-void Trainer::Impl::draw_part(ViewsOfRanks& step, const DrawnPart& part, const ViewSplats& drawn,
+void Trainer::Impl::draw_view(ViewsOfRanks& step, std::size_t v, const ViewSplats& drawn,
                               const std::vector<std::int32_t>& own_next) {
-  const std::size_t v = part.view;
-  const std::size_t place = step.sums.size();
   state.iteration = step.learned[v].iteration;
   timer.begin(Stage::kUpload);
   const auto n_next = static_cast<std::ptrdiff_t>(std::min(images.n_upcoming_wanted(), own_next.size()));
@@ -197,23 +169,18 @@ void Trainer::Impl::draw_part(ViewsOfRanks& step, const DrawnPart& part, const V
   ComparedView compared;
   compared.plan = step.views[v].plan;
   try {
-    RenderSettings settings = step.views[v].settings;
-    settings.drawn_rows = part.rows;
-    compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()},
-                                      [&] { return rasterizer.forward_splats(drawn, view.camera, settings); });
+    compared.rendered = with_remedies({wait_for_files(), free_scratch(), release_photographs()}, [&] {
+      return rasterizer.forward_splats(drawn, view.camera, step.views[v].settings);
+    });
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", state.iteration, ", view ", view.name, ": ", error.what()));
   }
   note_view_size();
   read_own_loss();  // of the view before: the next loss takes its place
-  own_parts.push_back({part, std::nullopt, queue_row_entries()});
-  std::vector<torch::Tensor> rendered{compared.rendered.color};
-  if (depth_priors) rendered.push_back(compared.rendered.depth);
-  step_phases.time(StepPhase::kRows, [&] { return splats->share_rows(rendered, n_image_columns()); });
+  own_views.push_back({v, std::nullopt, queue_row_entries()});
   if (appearance) appearance->set_place(static_cast<int>(learned_views.size() + v));
   compare_with_photograph(view, compared);
   step.sums.push_back(rasterizer.backward_splats(compared.grad));
-  if (step.is_exact) step.pairs.push_back(rasterizer.backward_pairs(splats->crossing(place)));
   if (step.refines_poses()) step.orders.push_back(rasterizer.order_of_splats());
   if (n_shared_columns() > 0) step.shared.push_back(shared_gradients());
   if (step.has_scores()) {
@@ -223,13 +190,12 @@ void Trainer::Impl::draw_part(ViewsOfRanks& step, const DrawnPart& part, const V
 }
 
 void Trainer::Impl::keep_own_splats(ViewsOfRanks& step) {
+  constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
+  constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
   std::vector<torch::Tensor>& sums = step.sums;
-  sums = step_phases.time(StepPhase::kSums, [&] { return splats->sums_to_owners(sums, step.pairs, step.is_exact); });
+  sums = splats->to_owners(sums, kSums, torch::kFloat32);
   std::vector<torch::Tensor> scores;
-  if (step.has_scores()) {
-    scores = step_phases.time(StepPhase::kSums, [&] { return splats->scores_to_owners(step.scores); });
-  }
-  step_phases.begin(StepPhase::kLearn);
+  if (step.has_scores()) scores = splats->to_owners(step.scores, kScores, torch::kInt32);
   for (std::size_t v = 0; v < step.views.size(); ++v) {
     const ViewsOfRanks::View& view = step.views[v];
     state.iteration = step.learned[v].iteration;

@@ -71,7 +71,7 @@ TEST(RowOwnersOnGpu, OwnPartsOfAnEditEqualThoseOfTheCpu) {
   }
 }
 
-TEST(SentSplatsOnGpu, ArePackedAndMergedAsOnTheCpu) {
+TEST(SplatsOnGpu, ArePackedAndMergedAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(4);
   const torch::Tensor sources = torch::randint(kRows, {kRows}, torch::kInt64);
@@ -83,11 +83,8 @@ TEST(SentSplatsOnGpu, ArePackedAndMergedAsOnTheCpu) {
     const std::int64_t n = seen.size(0);
     const torch::Tensor words = torch::randint(1 << 20, {n, kSplatWords}, torch::kInt32);
     words.select(1, kGaussianColumn).copy_(seen);
-    SentSplats host{{words.view(torch::kFloat32), torch::rand({n, 2}), torch::randint(99, {n}, torch::kInt32)},
-                    torch::arange(n).slice(0, 0, n, 2).contiguous()};
-    SentSplats device{{on_gpu(host.splats.splats), on_gpu(host.splats.extents), on_gpu(host.splats.radii)},
-                      on_gpu(host.places)};
-    if (rank == 1) host.places = device.places = torch::Tensor();  // all
+    const ViewSplats host{words.view(torch::kFloat32), torch::rand({n, 2}), torch::randint(99, {n}, torch::kInt32)};
+    const ViewSplats device{on_gpu(host.splats), on_gpu(host.extents), on_gpu(host.radii)};
     host_words.push_back(torch::empty({host.size(), kRowWords}, torch::kInt32));
     device_words.push_back(on_gpu(torch::zeros({device.size(), kRowWords}, torch::kInt32)));
     pack_splats(host, own, host_words.back());

@@ -46,8 +46,8 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TransferOnSharedGpu,
                          testing::Combine(testing::Values(2, 3), testing::Values("collectives")), name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainOnSharedGpu,
-                         testing::Combine(testing::Values(2, 3), testing::Values("default", "mcmc", "balanced", "bands",
-                                                                                 "parts", "resume", "failure")),
+                         testing::Combine(testing::Values(2, 3),
+                                          testing::Values("default", "mcmc", "balanced", "parts", "resume", "failure")),
                          name_of);
 
 }  // namespace

@@ -307,8 +307,8 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
       counts[static_cast<std::size_t>(r)].push_back(places_of(view, owners, r).size(0));
     }
   }
-  std::vector<SentSplats> own;
-  for (const WholeView& view : views) own.push_back({own_splats(view, owners), {}});
+  std::vector<ViewSplats> own;
+  for (const WholeView& view : views) own.push_back(own_splats(view, owners));
 
   SplatExchange exchange(ranks);
   for (int step = 0; step < 2; ++step) {
@@ -455,7 +455,7 @@ void check_misfits(Communicator& ranks) {
   const WholeView view = random_view(kRows, 0.5);
   std::vector<Counts> counts;
   for (int r = 0; r < ranks.size(); ++r) counts.push_back({places_of(view, owners, r).size(0)});
-  const std::vector<SentSplats> splats{{own_splats(view, owners), {}}};
+  const std::vector<ViewSplats> splats{own_splats(view, owners)};
   SplatExchange exchange(ranks);
   const torch::Tensor& rows = owners.own();
   expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}, rows); });
@@ -465,8 +465,8 @@ void check_misfits(Communicator& ranks) {
   std::vector<Counts> wrong = counts;
   ++wrong[static_cast<std::size_t>(ranks.rank())][0];
   expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}, rows); });
-  SentSplats without_radii = splats[0];
-  without_radii.splats.radii = torch::Tensor();
+  ViewSplats without_radii = splats[0];
+  without_radii.radii = torch::Tensor();
   expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}, rows); });
   const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0}, rows);
   expect_failure("views of the step", [&] {

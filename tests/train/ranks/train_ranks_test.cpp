@@ -1,5 +1,5 @@
-// Rows, row edits, splats, noise, bands of views and whole trainings on several ranks have the bytes of one rank:
-// train_rank.cpp, draw_bands.cpp and train_together.cpp in real processes.
+// Rows, row edits, splats, noise and whole trainings on several ranks have the bytes of one rank: train_rank.cpp and
+// train_together.cpp in real processes.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -28,12 +28,6 @@ TEST_P(TrainRanks, ComputeTheBytesOfOneRank) {
   expect_success(B3DGS_PROGRAM, std::get<0>(GetParam()), std::get<1>(GetParam()));
 }
 
-class DrawBands : public TrainRanks {};
-
-TEST_P(DrawBands, GivesTheBytesOfOneRasterizer) {
-  expect_success(B3DGS_DRAW_BANDS, std::get<0>(GetParam()), std::get<1>(GetParam()));
-}
-
 class TrainTogether : public TrainRanks {};
 
 TEST_P(TrainTogether, GivesTheFilesOfOneProcess) {
@@ -56,19 +50,15 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
                                                                                        "splats", "noise", "misfits")),
                          name_of);
 
-INSTANTIATE_TEST_SUITE_P(Ranks, DrawBands,
-                         testing::Combine(testing::Values(1, 2, 3, 4), testing::Values("scenes", "views")), name_of);
-
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
-                                          testing::Values("default", "mcmc", "balanced", "options", "bands", "parts",
-                                                          "few", "empty", "resume", "invalid", "stop", "appearance",
-                                                          "poses", "memory", "exhausted", "failure", "scenes")),
+                                          testing::Values("default", "mcmc", "balanced", "options", "parts", "few",
+                                                          "empty", "resume", "invalid", "stop", "appearance", "poses",
+                                                          "memory", "exhausted", "failure", "scenes")),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero,
-                         testing::Combine(testing::Values(2, 3),
-                                          testing::Values("balanced", "bands", "parts", "failure")),
+                         testing::Combine(testing::Values(2, 3), testing::Values("balanced", "parts", "failure")),
                          name_of);
 
 }  // namespace

@@ -70,19 +70,13 @@ MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>&
 
 }  // namespace
 
-void pack_splats(const SentSplats& sent, const torch::Tensor& model_rows, const torch::Tensor& words) {
-  const ViewSplats& splats = sent.splats;
-  const PackSplatsArgs args{sent.size(),
-                            sent.places.defined() ? sent.places.data_ptr<std::int64_t>() : nullptr,
-                            words_of(splats.splats),
-                            words_of(splats.extents),
-                            words_of(splats.radii),
-                            words_of(model_rows),
-                            words.data_ptr<std::int32_t>()};
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
+  const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
+                            words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
 #if B3DGS_TORCH_CUDA
   if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
 #endif
-  parallel_chunks(args.n_packed * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  parallel_chunks(args.n_splats * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t k = begin; k < end; ++k) pack_splat_word(args, k);
   });
 }

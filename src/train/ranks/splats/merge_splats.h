@@ -11,16 +11,9 @@
 
 namespace b3dgs {
 
-/// Splats of a view, and which of them go to one drawer.
-struct SentSplats {
-  ViewSplats splats;
-  torch::Tensor places;  // [K] int64, ascending; undefined: all
-  std::int64_t size() const { return places.defined() ? places.size(0) : splats.size(); }
-};
-
-/// Writes them to `words`, [sent.size(), kRowWords] int32.
+/// Writes the splats of a view to `words`, [splats.size(), kRowWords] int32.
 /// @param model_rows  [own Gaussians] int32, the row of the model that each is
-void pack_splats(const SentSplats& sent, const torch::Tensor& model_rows, const torch::Tensor& words);
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words);
 
 struct RowRange {
   std::int64_t begin = 0, end = 0;

@@ -1,6 +1,6 @@
-// Splats on their way between ranks: a thread per word to pack them, so that neighbours write side by side, and one per
-// row to find the bands that it may touch. To merge them, a thread finds the place of a row, in shared memory; then the
-// block copies its rows, a thread per word, so that neighbours read and write side by side. One barrier.
+// Splats on their way between ranks: a thread per word to pack them, so that neighbours write side by side. To merge
+// them, a thread finds the place of a row, in shared memory; then the block copies its rows, a thread per word, so that
+// neighbours read and write side by side. One barrier.
 
 #include "core/cuda_rows.cuh"
 #include "train/ranks/splats/splat_words_cuda.h"
@@ -17,7 +17,7 @@ struct MergeRowsArgs {
 
 __global__ void __launch_bounds__(kThreads) pack_splats_kernel(const PackSplatsArgs args) {
   const std::int64_t k = own_row<kThreads>();
-  if (k < args.n_packed * kRowWords) pack_splat_word(args, k);
+  if (k < args.n_splats * kRowWords) pack_splat_word(args, k);
 }
 
 __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsArgs args) {
@@ -32,23 +32,14 @@ __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsA
   }
 }
 
-__global__ void __launch_bounds__(kThreads) find_touched_bands_kernel(const TouchBandsArgs args) {
-  const std::int64_t m = own_row<kThreads>();
-  if (m < args.n_splats) b3dgs::find_touched_bands(args, m);
-}
-
 }  // namespace
 
 void pack_splats(const PackSplatsArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(pack_splats_kernel, args, args.n_packed * kRowWords, stream);
+  launch_rows<kThreads>(pack_splats_kernel, args, args.n_splats * kRowWords, stream);
 }
 
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream) {
   launch_rows<kThreads>(merge_splats_kernel, MergeRowsArgs{args, n_splats}, n_splats, stream);
-}
-
-void find_touched_bands(const TouchBandsArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(find_touched_bands_kernel, args, args.n_splats, stream);
 }
 
 }  // namespace b3dgs::cuda

@@ -18,19 +18,18 @@ inline constexpr std::int64_t kRowWords = kRadiusColumn + 1;
 
 /// Splats of a rank to rows of words.
 struct PackSplatsArgs {
-  std::int64_t n_packed = 0;
-  const std::int64_t* places = nullptr;      // [n_packed] which of the splats; null: all
+  std::int64_t n_splats = 0;                 // M
   const std::int32_t* splats = nullptr;      // [M, kSplatWords]
   const std::int32_t* extents = nullptr;     // [M, 2]
   const std::int32_t* radii = nullptr;       // [M]
   const std::int32_t* model_rows = nullptr;  // [own rows] the row of the model that each is
-  std::int32_t* words = nullptr;             // [n_packed, kRowWords] out
+  std::int32_t* words = nullptr;             // [M, kRowWords] out
 };
 
 /// Word k of the rows.
 B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
   const std::int64_t column = k % kRowWords;
-  const std::int64_t row = args.places == nullptr ? k / kRowWords : args.places[k / kRowWords];
+  const std::int64_t row = k / kRowWords;
   std::int32_t word = 0;
   if (column < kSplatWords) {
     word = args.splats[row * kSplatWords + column];
@@ -91,30 +90,6 @@ B3DGS_HD void merge_word(const MergeSplatsArgs& args, const MergedPlace& at, std
   } else {
     args.radii[at.place] = word;
     args.places[at.place] = at.row;
-  }
-}
-
-/// Which bands of tile rows the splats of a view may touch: all that do, and a few more.
-struct TouchBandsArgs {
-  static constexpr int kMaxBands = 32;
-
-  std::int64_t n_splats = 0;
-  const Splat* splats = nullptr;        // [n_splats]
-  const Vec2f* extents = nullptr;       // [n_splats]
-  const std::int32_t* radii = nullptr;  // [n_splats]
-  int n_bands = 0;
-  double top[kMaxBands]{}, bottom[kMaxBands]{};  // px
-  bool* touches = nullptr;                       // [n_bands, n_splats] out
-};
-
-B3DGS_HD void find_touched_bands(const TouchBandsArgs& args, std::int64_t m) {
-  // In double, with a margin that is far above the rounding of the exact test (raster/math/tiling.h).
-  const double mean = args.splats[m].mean_y, radius = args.radii[m], extent = args.extents[m].y;
-  const double reach = extent > radius ? extent : radius;
-  const double margin = ((mean < 0 ? -mean : mean) + reach) * 1e-5 + 1;
-  for (int band = 0; band < args.n_bands; ++band) {
-    args.touches[band * args.n_splats + m] =
-        mean + reach + margin >= args.top[band] && mean - reach - margin < args.bottom[band];
   }
 }
 

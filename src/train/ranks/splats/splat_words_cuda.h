@@ -11,6 +11,4 @@ void pack_splats(const PackSplatsArgs& args, cudaStream_t stream);
 /// `n_splats`: of all lists.
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream);
 
-void find_touched_bands(const TouchBandsArgs& args, cudaStream_t stream);
-
 }  // namespace b3dgs::cuda
