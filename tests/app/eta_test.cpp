@@ -21,9 +21,10 @@ TEST(Eta, NeedsTwoIterations) {
 
 TEST(Eta, IsExactAtAConstantSpeedAndZeroAtTheEnd) {
   Eta eta(1000);
-  for (int i = 400; i <= 1000; ++i) {  // a resumed training
+  eta.add(400, 0);  // a resumed training
+  for (int i = 401; i <= 1000; ++i) {
     eta.add(i, 0.25 * (i - 400));
-    if (i > 400) EXPECT_NEAR(eta.seconds_left().value(), 0.25 * (1000 - i), 1e-9);
+    EXPECT_NEAR(eta.seconds_left().value(), 0.25 * (1000 - i), 1e-9);
   }
   EXPECT_EQ(eta.seconds_left(), 0);
 }
