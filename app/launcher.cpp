@@ -47,8 +47,7 @@ void let_waiting_threads_sleep() {
 }
 
 /// The program that has the command. b3dgs-tools also rejects unknown commands.
-const char* program_of(const std::string& command, const std::string& next) {
-  if (command == "bench" && next == "scaling") return "b3dgs-tools";
+const char* program_of(const std::string& command) {
   if (command == "help-markdown") return "b3dgs-engine";  // of scripts/update_options.sh: options of all commands
   for (const CommandName& row : kCommandNames) {
     if (command == row.name) return row.needs_torch ? "b3dgs-engine" : "b3dgs-tools";
@@ -59,8 +58,7 @@ const char* program_of(const std::string& command, const std::string& next) {
 ExitCode run_command(char* const* argv) {
   std::error_code error;
   let_waiting_threads_sleep();
-  const fs::path program =
-      fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1], argv[2] != nullptr ? argv[2] : "");
+  const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path() / program_of(argv[1]);
   execv(program.c_str(), argv);
   return fail(
       "cannot start " + program.string() + " (" + std::strerror(errno) + "); build or copy it together with b3dgs",

@@ -30,7 +30,6 @@ std::string option_tables() {
   run_bench_step(words);
   run_bench_sweep(words);
   run_bench_exchange(words);
-  run_bench_scaling(words);
   return text.str();
 }
 

@@ -1,5 +1,4 @@
 // b3dgs bench on the CPU: forward kernels and the passes of one view.
-#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <functional>
@@ -7,7 +6,6 @@
 
 #include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
-#include "app/bench/bench_scalar_loop.h"
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/cpu/forward/forward_table.h"
@@ -82,21 +80,6 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
     table.add({std::string(kernel.name), timing, frame.color, {}});
     file.set("kernels", table.rows());
   }
-
-  // On one thread each: the gain from SIMD and staging alone, without parallelism.
-  const int threads = thread_count();
-  set_thread_count(1);
-  const int few = std::min(run.repeat, 3);
-  const Timing shared = time_runs(few, [&] { cpu::blend_forward(ForwardKernel::kSharedMemory, frame.forward); });
-  const Timing scalar = time_runs(few, [&] { blend_forward_scalar_loop(frame.forward); });
-  set_thread_count(threads);
-  table.add({"scalar loop, 1T", scalar, frame.color, {}});
-  file.set("kernels", table.rows());
-  const double speedup = scalar.median_ms / shared.median_ms;
-  std::printf("shared-memory on one thread: %.1f ms, %.2f times as fast as the scalar loop with exp() of libm\n",
-              shared.median_ms, speedup);
-  file.set("one_thread",
-           {{"shared_memory_ms", shared.median_ms}, {"scalar_loop_ms", scalar.median_ms}, {"speedup", speedup}});
 }
 
 void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame, BenchFile& file) {

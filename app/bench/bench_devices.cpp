@@ -22,9 +22,6 @@ ForwardTimes time_forward_kernels_cuda(const BenchRun&, const BenchScene&) {
 bool has_gpu() {
   return false;
 }
-std::optional<GpuSpecs> gpu_specs(int) {
-  return std::nullopt;
-}
 #endif
 
 std::string default_bench_device() {

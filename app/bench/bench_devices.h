@@ -2,13 +2,11 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
-#include "app/bench/step_floor.h"
 
 namespace b3dgs {
 
@@ -37,8 +35,6 @@ ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene);
 void bench_kernels_cpu(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file);
 bool has_gpu();
-/// nullopt if this build has no CUDA kernels.
-std::optional<GpuSpecs> gpu_specs(int device_index);
 ForwardTimes time_forward_kernels_cpu(const BenchRun& run, const BenchScene& scene);
 ForwardTimes time_forward_kernels_cuda(const BenchRun& run, const BenchScene& scene);
 

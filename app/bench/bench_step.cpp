@@ -4,11 +4,9 @@
 #include <cstdio>
 #include <limits>
 #include <numeric>
-#include <optional>
 
 #include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
-#include "app/bench/step_floor.h"
 #include "app/model.h"
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
@@ -71,56 +69,45 @@ class StepTimes {
 /// The table of stages, and the same as JSON.
 class StageTable {
  public:
-  /// The column of lower bounds is left out without `has_floor`.
-  StageTable(double total_ms, bool has_floor) : total_ms_(total_ms), has_floor_(has_floor) {
-    std::printf("\n%-16s %10s %23s %7s%s\n", "stage", "median ms", "min .. max", "share",
-                has_floor ? " lower bound, ms" : "");
+  explicit StageTable(double total_ms) : total_ms_(total_ms) {
+    std::printf("\n%-16s %10s %23s %7s\n", "stage", "median ms", "min .. max", "share");
   }
 
   /// `ms`: one value per step; adds no row if it is empty. `name` is the stage in JSON, `text` in the printed table.
-  void add(const char* name, const char* text, const std::vector<double>& ms, std::optional<double> floor_ms) {
+  void add(const char* name, const char* text, const std::vector<double>& ms) {
     if (ms.empty()) return;
     const Timing timing = summarize(ms);
     const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms_;
-    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%", text, timing.median_ms, timing.min_ms, timing.max_ms,
+    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%\n", text, timing.median_ms, timing.min_ms, timing.max_ms,
                 100 * share);
     Json row = {{"stage", name}};
     row.update(to_json(timing));
     row["share"] = share;
-    if (has_floor_ && floor_ms) {
-      std::printf(" %15.3f", *floor_ms);
-      row["floor_ms"] = *floor_ms;
-    }
-    std::printf("\n");
     rows_.push_back(std::move(row));
   }
   const Json& rows() const { return rows_; }
 
  private:
   double total_ms_;
-  bool has_floor_;
   Json rows_ = Json::array();
 };
 
-Json show_stages(const std::vector<StageTimes>& steps, const StepSize& size, const std::optional<GpuRates>& rates) {
+Json show_stages(const std::vector<StageTimes>& steps) {
   std::vector<double> wall_ms, host_ms;
   for (const StageTimes& step : steps) {
     wall_ms.push_back(step.wall_ms);
     host_ms.push_back(step.host_ms());
   }
-  double floor_sum = 0;
-  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0), rates.has_value());
+  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0));
   for (std::size_t i = 0; i < kStageCount; ++i) {
     std::vector<double> ms;
     for (const StageTimes& step : steps) {
       if (step.ms[i]) ms.push_back(*step.ms[i]);
     }
-    const std::optional<double> floor_ms = rates ? step_floor_ms(static_cast<Stage>(i), size, *rates) : std::nullopt;
-    floor_sum += floor_ms.value_or(0);
-    table.add(kStageNames[i], kStageNames[i], ms, floor_ms);
+    table.add(kStageNames[i], kStageNames[i], ms);
   }
-  table.add("host", "remaining CPU", host_ms, std::nullopt);
-  table.add("step", "step", wall_ms, floor_sum);
+  table.add("host", "remaining CPU", host_ms);
+  table.add("step", "step", wall_ms);
   return table.rows();
 }
 
@@ -154,6 +141,13 @@ Json show_rounds(const std::vector<StageTimes>& rounds) {
   return json;
 }
 
+/// After the last step.
+struct StepSize {
+  std::int64_t n_gaussians = 0;
+  int sh_degree = 3;    // of the rendered colours
+  double n_pixels = 0;  // per view
+};
+
 double mean_pixels(const Scene& scene) {
   double sum = 0;
   for (const View& view : scene.train) sum += static_cast<double>(view.camera.width) * view.camera.height;
@@ -177,24 +171,16 @@ double run_steps(Trainer& trainer, int n) {
 /// Prints all results and returns them as JSON.
 Json report_steps(const StepTimes& times, const TrainConfig& config, const StepSize& size, double wall_ms) {
   const torch::Device device = choose_device(config.device);
-  const std::optional<GpuSpecs> gpu =
-      device.is_cuda() ? gpu_specs(device.has_index() ? device.index() : 0) : std::nullopt;
-  const std::optional<GpuRates> rates = gpu ? reachable_rates(*gpu) : std::nullopt;
   const TileShape tile = tile_shape(config);
   std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
               config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels, tile.width,
               tile.height, config.kernel.c_str(), size.sh_degree, times.steps().size(),
               describe_device(device).c_str());
   Json report;
-  report["stages"] = show_stages(times.steps(), size, rates);
+  report["stages"] = show_stages(times.steps());
   std::printf("%-16s %10.3f  per step, including density control and time between steps\n", "wall clock", wall_ms);
   report["wall_ms"] = wall_ms;
   if (!times.rounds().empty()) report["density_rounds"] = show_rounds(times.rounds());
-  if (rates) {
-    const std::string assumptions = step_floor_assumptions(*gpu, *rates);
-    std::printf("lower bounds: %s\n", assumptions.c_str());
-    report["floor"] = assumptions;
-  }
   report["steps"] = times.steps().size();
   report["n_gaussians"] = size.n_gaussians;
   report["n_pixels"] = size.n_pixels;
@@ -237,7 +223,6 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
   if (times.steps().empty()) return 128 + stop_signal();  // interrupted before the first timed step
-  // Sizes at the end, so the lower bounds are those of the largest step.
   const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
   const Json report = report_steps(times, config, size, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");

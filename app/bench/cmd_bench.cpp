@@ -15,13 +15,12 @@ namespace {
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "balanced", "kernels", "step", "sweep", "exchange", "scaling"};
+  static const std::vector<std::string> kNames{"street", "balanced", "kernels", "step", "sweep", "exchange"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty()
-                  ? " (expected a COLMAP or model folder, street, balanced, step, sweep, exchange or scaling)"
-                  : "; did you mean " + nearest + "?");
+              nearest.empty() ? " (expected a COLMAP or model folder, street, balanced, step, sweep or exchange)"
+                              : "; did you mean " + nearest + "?");
 }
 
 int run_bench_kernels(const std::vector<std::string>& words) {
@@ -30,7 +29,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
       "bench",
       "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
       "bench sweep` times the forward kernels for various numbers and distributions of Gaussians, `b3dgs bench "
-      "exchange` what several processes exchange; `b3dgs bench scaling` predicts what several GPUs gain.",
+      "exchange` what several processes exchange.",
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
@@ -59,7 +58,6 @@ int run_bench(const std::vector<std::string>& words) {
   if (what == "sweep") return run_bench_sweep(rest());
   if (what == "step") return run_bench_step(rest());
   if (what == "exchange") return run_bench_exchange(rest());
-  if (what == "scaling") return run_bench_scaling(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

@@ -52,9 +52,8 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
                               const Scene& scene, std::optional<std::int64_t> image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
   const TrainConfig config = with_scene_limits(run_config(configuration, folder, seed), scene);
-  const EtaPlan eta{config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians};
   turns_.push_back(std::make_unique<Turn>(
-      Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, EtaHistory(eta)}));
+      Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, Eta(config.iterations)}));
   Turn& turn = *turns_.back();
   TrainHooks hooks;
   hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
@@ -119,16 +118,11 @@ bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& ma
 }
 
 void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
-  turn.eta.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
-  std::optional<Eta> all = Eta{};
+  turn.eta.add(progress.iteration, progress.elapsed_s);
+  std::optional<double> all = 0.0;  // known once every configuration has had a turn
   for (const auto& own : turns_) {
-    const std::optional<Eta> eta = own->eta.estimate();
-    if (!eta || !all) {
-      all.reset();
-      break;
-    }
-    all->seconds += eta->seconds;
-    all->is_lower_bound = all->is_lower_bound || eta->is_lower_bound;
+    const std::optional<double> left = own->eta.seconds_left();
+    all = all && left ? std::optional(*all + *left) : std::nullopt;
   }
   status_.show(turn.configuration.name + ", " + label_ + ": " +
                format_train_progress(progress, turn.eta.iterations_per_second(), all));

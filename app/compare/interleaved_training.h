@@ -32,7 +32,7 @@ class InterleavedTraining {
     std::unique_ptr<FolderLock> lock;
     std::unique_ptr<Trainer> trainer;
     TrainResult result;
-    EtaHistory eta;
+    Eta eta;
     int iterations() const { return configuration.config.iterations; }
   };
 

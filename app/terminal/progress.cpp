@@ -14,24 +14,23 @@ constexpr int kBarFromColumns = 100;  // narrower terminals show the numbers onl
 }  // namespace
 
 std::string format_train_progress(const TrainProgress& progress, double iterations_per_second,
-                                  const std::optional<Eta>& eta) {
+                                  std::optional<double> seconds_left) {
   const double percent = progress.iterations > 0 ? 100.0 * progress.iteration / progress.iterations : 0;
   std::string text = print_to_string("%3.0f%%  %d/%d", std::floor(percent), progress.iteration, progress.iterations);
   if (iterations_per_second > 0) {
     text += print_to_string(iterations_per_second < 10 ? "  %.1f it/s" : "  %.0f it/s", iterations_per_second);
   }
-  if (eta) text += (eta->is_lower_bound ? "  ETA > " : "  ETA ") + format_duration(eta->seconds);
+  if (seconds_left) text += "  ETA " + format_duration(*seconds_left);
   text += print_to_string("  loss %.4f  ", progress.loss) + format_count(progress.n_gaussians) + " Gaussians";
   if (progress.held_at > 0) text += " (held: GPU memory)";
   return text + "  " + progress.activity;
 }
 
 TrainProgressView::TrainProgressView(StatusLine& status, const TrainConfig& config)
-    : status_(status),
-      history_({config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians}) {}
+    : status_(status), eta_(config.iterations) {}
 
 void TrainProgressView::operator()(const TrainProgress& progress) {
-  history_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
+  eta_.add(progress.iteration, progress.elapsed_s);
   if (last_line_ == 0) last_line_ = progress.iteration;  // of a resumed training
   const bool is_due =
       progress.iteration >= last_line_ + kPlainLineIterations || progress.iteration == progress.iterations;
@@ -39,7 +38,7 @@ void TrainProgressView::operator()(const TrainProgress& progress) {
   const bool now = status_.is_terminal() ? !is_step : is_step && is_due && progress.iteration != last_line_;
   if (now) last_line_ = progress.iteration;
 
-  std::string text = format_train_progress(progress, history_.iterations_per_second(), history_.estimate());
+  std::string text = format_train_progress(progress, eta_.iterations_per_second(), eta_.seconds_left());
   if (status_.columns() >= kBarFromColumns) {
     text = format_bar(static_cast<double>(progress.iteration) / std::max(1, progress.iterations), kBarColumns) + text;
   }

@@ -13,7 +13,7 @@ namespace b3dgs {
 
 /// "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"
 std::string format_train_progress(const TrainProgress& progress, double iterations_per_second,
-                                  const std::optional<Eta>& eta);
+                                  std::optional<double> seconds_left);
 
 /// Shows the progress of training; a callback for TrainHooks::on_progress.
 class TrainProgressView {
@@ -23,7 +23,7 @@ class TrainProgressView {
 
  private:
   StatusLine& status_;
-  EtaHistory history_;
+  Eta eta_;
   int last_line_ = 0;  // iteration
 };
 

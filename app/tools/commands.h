@@ -42,6 +42,5 @@ int run_bench(const std::vector<std::string>& words);
 int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
 int run_bench_exchange(const std::vector<std::string>& words);  // b3dgs bench exchange
-int run_bench_scaling(const std::vector<std::string>& words);   // b3dgs bench scaling; needs no LibTorch
 
 }  // namespace b3dgs

@@ -11,8 +11,6 @@ int main(int argc, char** argv) {
     if (name == "info") return run_info(rest);
     if (name == "synth") return run_synth(rest);
     if (name == "report") return run_report(rest);
-    if (name == "bench" && !rest.empty() && rest[0] == "scaling")
-      return run_bench_scaling({rest.begin() + 1, rest.end()});
     reject_command(name);
   });
 }

@@ -39,7 +39,7 @@ WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, 
       stop_(std::move(stop)),
       painter_(choose_device(config.device), scene.frame.unit),
       budget_(kShare),
-      eta_({config.iterations, config.densify_from_iter, config.densify_until_iter, config.max_gaussians}) {
+      eta_(config.iterations) {
   state_.iterations = config.iterations;
   state_.activity = "starting";
 }
@@ -70,7 +70,7 @@ void WatchedTraining::attach(TrainHooks& hooks) {
 
 void WatchedTraining::note_progress(const TrainProgress& progress) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  eta_.add({progress.iteration, progress.elapsed_s, progress.n_gaussians, progress.view_scale});
+  eta_.add(progress.iteration, progress.elapsed_s);
   state_.iteration = progress.iteration;
   state_.iterations = progress.iterations;
   state_.loss = progress.loss;
@@ -147,7 +147,7 @@ ViewState WatchedTraining::state(int since) const {
   state.is_paused = is_paused_;
   if (state.is_paused) state.activity = "paused";
   state.iterations_per_second = eta_.iterations_per_second();
-  if (const std::optional<Eta> eta = eta_.estimate()) state.eta_s = eta->seconds;
+  state.eta_s = eta_.seconds_left();
   const auto first =
       std::upper_bound(state.curve.begin(), state.curve.end(), since,
                        [](int iteration, const CurvePoint& point) { return iteration < point.iteration; });

@@ -66,7 +66,7 @@ class WatchedTraining final : public FrameSource {
 
   mutable std::mutex mutex_;  // of what follows
   ViewState state_;
-  EtaHistory eta_;
+  Eta eta_;
   int curve_spacing_ = 1;  // iterations between points of the curve
 };
 

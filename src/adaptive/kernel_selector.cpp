@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <iterator>
 #include <limits>
+#include <numeric>
 #include <set>
 #include <utility>
 
@@ -21,11 +22,6 @@ constexpr double kMinMargin = 0.01;
 /// The margin in standard errors. With a handful of views the error estimate itself is uncertain: with three, noise of
 /// 3 % selects a kernel that is 5 % slower in less than one of 100 checks.
 constexpr double kStandardErrors = 3;
-/// Tracking switches at once if the lead exceeds the margin by this, else after two checks in a row.
-constexpr double kClearLead = 0.1;
-/// Tracking: the interval between checks grows to at most this multiple while nothing changes. Density control rebuilds
-/// a scene within a few thousand iterations; rarer checks would miss that.
-constexpr int kMaxBackOff = 4;
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -73,36 +69,6 @@ std::string percent(double share) {
   return text;
 }
 
-const char* policy_name(KernelPolicy policy) {
-  switch (policy) {
-    case KernelPolicy::kPaper:
-      return "paper";
-    case KernelPolicy::kTracking:
-      return "tracking";
-    case KernelPolicy::kPublished:
-      return "published";
-  }
-  return "";
-}
-
-KernelDecision decision_from_json(const Json& json, const std::string& place) {
-  KernelDecision decision;
-  decision.iteration = json_integer<int>(json.at("iteration"), "iteration", place, 0);
-  json.at("times_ms").get_to(decision.times_ms);
-  json.at("spread_ms").get_to(decision.spread_ms);
-  decision.views = json_integer<int>(json.at("views"), "views", place, 0);
-  json.at("before").get_to(decision.before);
-  json.at("after").get_to(decision.after);
-  json.at("reason").get_to(decision.reason);
-  if (json.contains("refused")) json.at("refused").get_to(decision.disabled);
-  json.at("cost_ms").get_to(decision.cost_ms);
-  if (decision.cost_ms < 0) input_error(place, ": cost_ms must be at least 0, found ", decision.cost_ms);
-  // Missing in checkpoints of early versions.
-  decision.step_ms = json.value("step_ms", 0.0);
-  if (json.contains("next_check")) decision.next_check = json_integer<int>(json["next_check"], "next_check", place, 0);
-  return decision;
-}
-
 }  // namespace
 
 KernelTimes summarize(const std::vector<KernelMeasurement>& measurements) {
@@ -121,9 +87,7 @@ KernelTimes summarize(const std::vector<KernelMeasurement>& measurements) {
 struct KernelSelector::Lead {
   double median = 0;  // > 0 = the other kernel is faster
   double margin = 0;
-  std::size_t n_pairs = 0;
   bool is_certain() const { return median > margin; }
-  bool has_enough_pairs() const { return n_pairs >= static_cast<std::size_t>(kMinViews); }
 };
 
 KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
@@ -160,59 +124,35 @@ bool KernelSelector::is_finished() const {
   return options_.policy != KernelPolicy::kTracking && kernel_ != options_.candidates.front();
 }
 
-bool KernelSelector::is_affordable(double cost_ms, int n_steps, double step_ms) const {
-  return cost_ms <= options_.cost_share * n_steps * step_ms;
-}
-
-double KernelSelector::cost_with_next_ms() const {
-  double sum_ms = history_.back().cost_ms;
-  for (const KernelDecision& decision : history_) sum_ms += decision.cost_ms;
-  return sum_ms;
-}
-
 double KernelSelector::budget_ms(double step_ms) const {
   if (step_ms <= 0 || options_.policy == KernelPolicy::kPublished) return std::numeric_limits<double>::infinity();
   return options_.cost_share * options_.interval * step_ms;
 }
 
-/// The multiple of the interval at which the next check comes if its cost is ignored.
-int KernelSelector::next_multiple() const {
-  const int back_off = options_.policy == KernelPolicy::kTracking ? back_off_ : 1;
-  const std::int64_t next = (std::int64_t{last_check_} / options_.interval + back_off) * options_.interval;
-  return static_cast<int>(std::min<std::int64_t>(next, std::numeric_limits<int>::max()));
-}
-
 bool KernelSelector::is_due(const CheckMoment& now) const {
   if (is_finished()) return false;
-  if (options_.policy == KernelPolicy::kPublished) return now.iteration >= next_multiple();
+  const std::int64_t next_multiple = (std::int64_t{last_check_} / options_.interval + 1) * options_.interval;
+  const bool is_over = now.iteration >= next_multiple;
+  if (options_.policy == KernelPolicy::kPublished) return is_over;
   if (now.is_after_reset) return false;
-  if (history_.empty()) return true;
-  if (!is_affordable(history_.back().cost_ms, now.n_steps_left, now.step_ms)) return false;
-  if (last_check_ == 0) return true;
-  return now.iteration >= next_multiple() && is_affordable(cost_with_next_ms(), now.iteration - 1, now.step_ms);
+  if (last_check_ == 0 || costs_ms_.empty()) return true;
+  const double with_this_ms = std::accumulate(costs_ms_.begin(), costs_ms_.end(), costs_ms_.back());
+  return is_over && with_this_ms <= options_.cost_share * (now.iteration - 1) * now.step_ms;
 }
 
-/// Iteration of the next check if steps keep taking `step_ms`; 0 = none.
-int KernelSelector::earliest_check(double step_ms) const {
-  if (is_finished()) return 0;
-  if (step_ms <= 0 || options_.policy == KernelPolicy::kPublished) return next_multiple();
-  const double n_steps = std::ceil(cost_with_next_ms() / (options_.cost_share * step_ms));
-  constexpr double kNever = std::numeric_limits<int>::max();
-  return std::max(next_multiple(), static_cast<int>(std::min(kNever, 1 + n_steps)));
-}
-
-KernelSelector::Lead KernelSelector::lead_over_current(const KernelMeasurement& other,
-                                                       const KernelMeasurement& current) const {
+/// Nothing if fewer than kMinViews views have valid times of both.
+std::optional<KernelSelector::Lead> KernelSelector::lead_over_current(const KernelMeasurement& other,
+                                                                      const KernelMeasurement& current) const {
   std::vector<double> ratios;
   for (std::size_t view = 0; view < std::min(other.ms.size(), current.ms.size()); ++view) {
     if (!is_time(other.ms[view]) || !is_time(current.ms[view])) continue;
     ratios.push_back(std::log(current.ms[view] / other.ms[view]));
   }
-  if (ratios.empty()) return {};
+  if (ratios.size() < static_cast<std::size_t>(kMinViews)) return std::nullopt;
   const double margin = options_.policy == KernelPolicy::kPublished
                             ? 0
                             : std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios));
-  return {median(ratios), margin, ratios.size()};
+  return Lead{median(ratios), margin};
 }
 
 bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
@@ -220,13 +160,13 @@ bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements
   return current != nullptr && options_.policy != KernelPolicy::kPublished &&
          std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
            if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
-           const Lead lead = lead_over_current(other, *current);
-           return lead.has_enough_pairs() && std::fabs(lead.median) > 2 * lead.margin;
+           const std::optional<Lead> lead = lead_over_current(other, *current);
+           return lead && std::fabs(lead->median) > 2 * lead->margin;
          });
 }
 
-const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
-                                             double cost_ms) {
+KernelDecision KernelSelector::decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
+                                      double cost_ms) {
   KernelDecision decision;
   decision.iteration = now.iteration;
   decision.before = kernel_;
@@ -234,16 +174,12 @@ const KernelDecision& KernelSelector::decide(const CheckMoment& now, const std::
   decision.step_ms = now.step_ms;
   static_cast<KernelTimes&>(decision) = summarize(measurements);
   disable_faulty(measurements, decision);
-  if (disabled_.count(kernel_) > 0) {
-    replace_disabled(measurements, decision);
-  } else {
-    choose(measurements, decision);
-  }
+  if (disabled_.count(kernel_) > 0) kernel_ = first_enabled();
+  if (candidates().size() > 1) choose(measurements, decision);
   decision.after = kernel_;
   last_check_ = now.iteration;
-  history_.push_back(std::move(decision));
-  history_.back().next_check = earliest_check(now.step_ms);
-  return history_.back();
+  costs_ms_.push_back(cost_ms);
+  return decision;
 }
 
 void KernelSelector::disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
@@ -253,78 +189,42 @@ void KernelSelector::disable_faulty(const std::vector<KernelMeasurement>& measur
     decision.disabled.push_back(measurement.kernel);
     decision.reason +=
         detail::concat(decision.reason.empty() ? "" : "; ", measurement.kernel, " is disabled: ", measurement.fault);
-    if (challenger_ == measurement.kernel) challenger_.clear();
   }
 }
 
-/// Replaces a disabled kernel by the fastest candidate that agrees with the reference, else by the reference itself.
-void KernelSelector::replace_disabled(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
-  double least_ms = std::numeric_limits<double>::infinity();
-  kernel_ = first_enabled();
-  for (const KernelMeasurement& measurement : measurements) {
-    const auto ms = decision.times_ms.find(measurement.kernel);
-    if (!is_candidate(measurement.kernel) || ms == decision.times_ms.end() || ms->second >= least_ms) continue;
-    least_ms = ms->second;
-    kernel_ = measurement.kernel;
-  }
-  back_off_ = 1;
-}
-
+/// Switches to the fastest candidate if its lead over the kernel in use exceeds the margin.
 void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   const KernelMeasurement* const current = find_measurement(measurements, kernel_);
   std::string fastest;  // among those that lead by more than their margin, or among all if there are none
   Lead best;
   for (const KernelMeasurement& other : measurements) {
     if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
-    const Lead lead = lead_over_current(other, *current);
-    if (!lead.has_enough_pairs()) continue;
+    const std::optional<Lead> lead = lead_over_current(other, *current);
+    if (!lead) continue;
     // A lead within its margin may be noise, however large: it must not hide a smaller lead that is certain.
     const auto rank = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
-    if (!fastest.empty() && rank(lead) <= rank(best)) continue;
+    if (!fastest.empty() && rank(*lead) <= rank(best)) continue;
     fastest = other.kernel;
-    best = lead;
+    best = *lead;
   }
   if (!decision.reason.empty()) decision.reason += "; ";
   if (fastest.empty()) {
     decision.reason += detail::concat("no two candidates have valid times on ", kMinViews, " or more views");
     return;
   }
-  decision.reason += decide_challenge(fastest, best);
-}
-
-/// Switches to the challenger or not; returns the reason.
-std::string KernelSelector::decide_challenge(const std::string& challenger, const Lead& lead) {
-  std::string figures = detail::concat(challenger, " takes ", percent(std::fabs(std::expm1(-lead.median))),
-                                       lead.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
-                                       percent(std::expm1(lead.margin)), ")");
-  if (!lead.is_certain()) {
-    back_off_ = std::min(2 * back_off_, kMaxBackOff);
-    challenger_.clear();
-    return figures;
-  }
-  back_off_ = 1;
-  const bool waits = options_.policy == KernelPolicy::kTracking && lead.median <= lead.margin + kClearLead &&
-                     challenger_ != challenger;
-  if (waits) {
-    challenger_ = challenger;
-    return figures + "; switches if the next check confirms it";
-  }
-  kernel_ = challenger;
-  challenger_.clear();
-  return figures;
+  decision.reason += detail::concat(fastest, " takes ", percent(std::fabs(std::expm1(-best.median))),
+                                    best.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
+                                    percent(std::expm1(best.margin)), ")");
+  if (best.is_certain()) kernel_ = fastest;
 }
 
 nlohmann::ordered_json KernelSelector::to_json() const {
   Json history = Json::array();
-  for (const KernelDecision& decision : history_) history.push_back(b3dgs::to_json(decision));
-  return {{"policy", policy_name(options_.policy)},
-          {"candidates", options_.candidates},
-          {"interval", options_.interval},
+  for (const double cost_ms : costs_ms_) history.push_back({{"cost_ms", cost_ms}});
+  return {{"candidates", options_.candidates},
           {"kernel", kernel_},
           {"refused", disabled_},
           {"last_check", last_check_},
-          {"challenger", challenger_},
-          {"back_off", back_off_},
           {"history", std::move(history)}};
 }
 
@@ -338,7 +238,10 @@ void KernelSelector::restore(const nlohmann::ordered_json& json, const std::stri
 
 void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const std::string& place) {
   KernelSelector read(options_);
-  for (const Json& decision : json.at("history")) read.history_.push_back(decision_from_json(decision, place));
+  for (const Json& check : json.at("history")) {  // older files also have what was measured
+    read.costs_ms_.push_back(check.at("cost_ms").get<double>());
+    if (read.costs_ms_.back() < 0) input_error(place, ": cost_ms must be at least 0, found ", read.costs_ms_.back());
+  }
   if (options_.candidates.size() > 1) json.at("refused").get_to(read.disabled_);
   read.kernel_ = read.first_enabled();
   const auto kernel = json.at("kernel").get<std::string>();
@@ -346,8 +249,6 @@ void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const s
   if (same_candidates && (read.is_candidate(kernel) || kernel == options_.reference)) {
     read.kernel_ = kernel;
     read.last_check_ = json_integer<int>(json.at("last_check"), "last_check", place, 0);
-    json.at("challenger").get_to(read.challenger_);
-    read.back_off_ = json_integer<int>(json.at("back_off"), "back_off", place, 1, kMaxBackOff);
   }
   *this = std::move(read);
 }
@@ -380,7 +281,6 @@ nlohmann::ordered_json to_json(const KernelDecision& decision) {
   json["reason"] = decision.reason;
   json["cost_ms"] = decision.cost_ms;
   if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
-  if (decision.next_check > 0) json["next_check"] = decision.next_check;
   if (!decision.disabled.empty()) json["refused"] = decision.disabled;
   return json;
 }

@@ -9,6 +9,7 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,7 @@ namespace b3dgs {
 
 enum class KernelPolicy {
   kPaper,     // the first candidate until a check finds it slower; then switches to the fastest one, permanently
-  kTracking,  // keeps checking and may switch back, with hysteresis; checks become rarer while nothing changes
+  kTracking,  // keeps checking and may switch back
   // Exactly as in the paper, for comparison: like kPaper, but without a check before the first step, at every multiple
   // of the interval whatever it costs, on all views, and without a margin.
   kPublished,
@@ -26,15 +27,14 @@ struct KernelSelectorOptions {
   KernelPolicy policy = KernelPolicy::kPaper;
   std::vector<std::string> candidates;  // training starts with the first; a single one is fixed
   std::string reference;                // used if every candidate is disabled
-  int interval = 1000;                  // iterations between two checks; more if they cost too much
+  int interval = 1000;                  // iterations between two checks; more if they would cost too much
   double cost_share = 0.005;            // share of the training time that checks may take
 };
 
 /// The situation before a step.
 struct CheckMoment {
-  int iteration = 0;     // of that step
-  int n_steps_left = 0;  // including that step
-  double step_ms = 0;    // duration of a step; 0 = not known yet
+  int iteration = 0;   // of that step
+  double step_ms = 0;  // duration of a step; 0 = not known yet
   // Opacities were reset so recently that times measured now say little about later steps.
   bool is_after_reset = false;
 };
@@ -62,7 +62,6 @@ struct KernelDecision : KernelTimes {
   std::vector<std::string> disabled;  // by this check (JSON key "refused")
   double cost_ms = 0;                 // of the check itself
   double step_ms = 0;                 // duration of a step; 0 = not known
-  int next_check = 0;                 // earliest iteration of the next check, as estimated now; 0 = no more checks
 };
 
 class KernelSelector {
@@ -78,10 +77,10 @@ class KernelSelector {
   /// The kernels that a check has to time; the kernel in use first.
   std::vector<std::string> candidates() const;
 
-  /// Whether a check is due. The first check comes before the very first step. Later checks come at multiples of the
-  /// interval, or as soon afterwards as all checks so far plus this one (estimated by the last one) cost at most their
-  /// share of the training time so far. There is no check that would cost more than that share of the remaining time,
-  /// and none just after an opacity reset. KernelPolicy::kPublished only follows the multiples of the interval.
+  /// Whether a check is due. The first one comes before the very first step. Later ones come at multiples of the
+  /// interval, or as soon afterwards as all checks so far plus one more like the last cost at most their share of the
+  /// training time so far. There is none just after an opacity reset. KernelPolicy::kPublished only follows the
+  /// multiples of the interval.
   bool is_due(const CheckMoment& now) const;
 
   /// The most that a check may cost if it is to be repeated after one interval, ms; infinite if the duration of a step
@@ -95,15 +94,11 @@ class KernelSelector {
   /// the margin, so that more views would not change the decision.
   bool is_clear(const std::vector<KernelMeasurement>& measurements) const;
 
-  /// Decides, and appends to the history. Times that are missing, zero or not finite are ignored; with fewer than
-  /// kMinViews pairs nothing changes.
-  const KernelDecision& decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements,
-                               double cost_ms);
-
-  const std::vector<KernelDecision>& history() const { return history_; }
+  /// Decides. Times that are missing, zero or not finite are ignored; with fewer than kMinViews pairs nothing changes.
+  KernelDecision decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements, double cost_ms);
 
   /// Saves and restores the state. The current options apply: with another policy or interval, selection continues from
-  /// the kernel in use; with other candidates it starts over, keeping only history and disabled kernels. A single
+  /// the kernel in use; with other candidates it starts over, keeping only costs and disabled kernels. A single
   /// candidate is used even if it was disabled.
   /// @throws InputError that starts with `place` if `json` was not written by to_json()
   nlohmann::ordered_json to_json() const;
@@ -115,15 +110,9 @@ class KernelSelector {
   struct Lead;
   /// @throws nlohmann::json::exception too
   void restore_checked(const nlohmann::ordered_json& json, const std::string& place);
-  Lead lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
+  std::optional<Lead> lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
   void disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  void replace_disabled(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  std::string decide_challenge(const std::string& challenger, const Lead& lead);
-  bool is_affordable(double cost_ms, int n_steps, double step_ms) const;
-  double cost_with_next_ms() const;  // of all checks so far and one more like the last
-  int next_multiple() const;
-  int earliest_check(double step_ms) const;
   bool is_candidate(const std::string& kernel) const;  // and not disabled
   std::string first_enabled() const;
 
@@ -131,9 +120,7 @@ class KernelSelector {
   std::string kernel_;
   std::map<std::string, std::string> disabled_;  // kernel: why
   int last_check_ = 0;                           // iteration; 0 = none yet
-  std::string challenger_;                       // tracking: was faster in the last check; a second time is needed
-  int back_off_ = 1;                             // tracking: intervals to the next check
-  std::vector<KernelDecision> history_;
+  std::vector<double> costs_ms_;                 // of all checks
 };
 
 /// One line for the user if a check changes something, else "".

@@ -224,7 +224,7 @@ BlendInput Trainer::Impl::kernel_check_input() {
 }
 
 CheckMoment Trainer::Impl::check_moment(int iteration) const {
-  CheckMoment now{iteration, config.iterations - iteration + 1, recorder.step_ms()};
+  CheckMoment now{iteration, recorder.step_ms()};
   if (kernels.is_due(now)) now.is_after_reset = density->is_recovering(iteration);
   return now;
 }

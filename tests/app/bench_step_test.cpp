@@ -1,9 +1,8 @@
-// b3dgs bench step and its lower bounds.
+// b3dgs bench step.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 
-#include "app/bench/step_floor.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
@@ -47,7 +46,6 @@ TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
     names.push_back(row["stage"]);
     EXPECT_LE(row["min_ms"], row["median_ms"]) << row;
     EXPECT_LE(row["median_ms"], row["max_ms"]) << row;
-    EXPECT_FALSE(row.contains("floor_ms")) << "there are lower bounds only for GPUs";
     if (row["stage"] != "step") share += row["share"].get<double>();
   }
   std::vector<std::string> expected(kStageNames.begin(), kStageNames.end());
@@ -85,48 +83,6 @@ TEST_F(BenchStep, NamesAMissingArgument) {
   const Outcome nothing = run_b3dgs({"bench", "step"});
   EXPECT_EQ(nothing.exit_code, 2);
   EXPECT_NE(nothing.err.find("missing argument: SOURCE_PATH"), std::string::npos) << nothing.err;
-}
-
-/// An invented GPU: 0.875 x 2 x 1 GHz x 512 bytes = 0.896e9 bytes and 100 x 4 x 1 GHz = 0.4e9 warp instructions per ms.
-GpuSpecs invented_gpu() {
-  return {"Testla T1", 100, 1e6, 1e6, 4096};
-}
-
-TEST(StepFloor, RatesFollowFromClocksBusAndMultiprocessors) {
-  const std::optional<GpuRates> rates = reachable_rates(invented_gpu());
-  ASSERT_TRUE(rates);
-  EXPECT_DOUBLE_EQ(rates->bytes_per_ms, 0.896e9);
-  EXPECT_DOUBLE_EQ(rates->warp_instructions_per_ms, 0.4e9);
-  const std::string assumptions = step_floor_assumptions(invented_gpu(), *rates);
-  for (const char* part : {"Testla T1", "0.90 TB/s", "4e+11 warp instructions/s", "not measured"}) {
-    EXPECT_NE(assumptions.find(part), std::string::npos) << assumptions;
-  }
-  GpuSpecs without_memory_clock = invented_gpu();
-  without_memory_clock.memory_clock_khz = 0;
-  EXPECT_FALSE(reachable_rates(without_memory_clock)) << "some drivers do not report it";
-}
-
-TEST(StepFloor, AddsTheTimesOfBytesAndInstructions) {
-  const GpuRates rates = *reachable_rates(invented_gpu());
-  // A million Gaussians of SH degree 3 in a million pixels.
-  const StepSize size{1000000, 3, 1e6};
-  EXPECT_NEAR(*step_floor_ms(Stage::kProject, size, rates), 504.8e6 / 0.896e9, 1e-9);
-  EXPECT_NEAR(*step_floor_ms(Stage::kBin, size, rates), 59.4e6 / 0.896e9, 1e-9);
-  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, size, rates), 462.4e6 / 0.896e9, 1e-9);
-  EXPECT_NEAR(*step_floor_ms(Stage::kBlendForward, size, rates), 128e6 / 0.896e9 + 110e6 / 0.4e9, 1e-9);
-  EXPECT_NEAR(*step_floor_ms(Stage::kLoss, size, rates), 110e6 / 0.896e9 + 37.5e6 / 0.4e9, 1e-9);
-  EXPECT_NEAR(*step_floor_ms(Stage::kBlendBackward, size, rates), 128e6 / 0.896e9 + 398.125e6 / 0.4e9, 1e-9);
-  EXPECT_FALSE(step_floor_ms(Stage::kProjectBackward, size, rates)) << "it is counted in the optimizer";
-  EXPECT_FALSE(step_floor_ms(Stage::kUpload, size, rates));
-  EXPECT_FALSE(step_floor_ms(Stage::kDensify, size, rates));
-  const StepSize degree_0{1000000, 0, 1e6};
-  EXPECT_NEAR(*step_floor_ms(Stage::kOptimizer, degree_0, rates), (336e6 + 41.6e6) / 0.896e9, 1e-9);
-
-  GpuSpecs twice = invented_gpu();
-  twice.n_multiprocessors *= 2;
-  twice.memory_bus_bits *= 2;
-  EXPECT_NEAR(*step_floor_ms(Stage::kLoss, size, *reachable_rates(twice)),
-              0.5 * *step_floor_ms(Stage::kLoss, size, rates), 1e-9);
 }
 
 }  // namespace

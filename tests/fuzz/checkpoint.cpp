@@ -37,7 +37,7 @@ void restore_selector(const CheckpointHeader& header) {
   const auto it = header.kernel_selection.find("forward");
   if (it == header.kernel_selection.end()) return;
   selector.restore(*it, kName);
-  selector.is_due({header.iteration, 1000, 1.0});
+  selector.is_due({header.iteration, 1.0});
   selector.to_json();
 }
 

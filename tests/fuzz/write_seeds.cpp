@@ -116,15 +116,16 @@ void write_spz_seeds(const fs::path& folder) {
   }
 }
 
-nlohmann::ordered_json kernel_selection() {
+/// A selector after one check, and that check.
+std::pair<KernelSelector, KernelDecision> kernel_check() {
   KernelSelectorOptions options;
   options.candidates = TrainConfig{}.kernel_candidates;
   options.reference = "naive";
   KernelSelector selector(options);
   std::vector<KernelMeasurement> times;
   for (const std::string& name : selector.candidates()) times.push_back({name, {1.0, 1.5, 2.0 + times.size()}, ""});
-  selector.decide({1, 100, 5}, times, 9);
-  return {{"forward", selector.to_json()}};
+  const KernelDecision decision = selector.decide({1, 5}, times, 9);
+  return {selector, decision};
 }
 
 void write_checkpoint_seeds(const fs::path& folder) {
@@ -147,7 +148,7 @@ void write_checkpoint_seeds(const fs::path& folder) {
     state.view_order.remaining = {1, 0};
     state.loss_average = 0.25;
     state.elapsed_s = 1.5;
-    if (degree > 0) state.kernel_selection = kernel_selection();
+    if (degree > 0) state.kernel_selection = {{"forward", kernel_check().first.to_json()}};
     write_checkpoint(folder / ("degree" + std::to_string(degree)), config, state, scene);
   }
 }
@@ -201,7 +202,7 @@ void write_log_seeds(const fs::path& folder) {
     if (iteration == 30) line.test_quality = ImageQuality{};
     log.write(line);
   }
-  log.write_event(30, "kernel_check", kernel_selection().at("forward").at("history").at(0));
+  log.write_event(30, "kernel_check", to_json(kernel_check().second));
   log.write_event(30, "kernel_times", {{"pass", "forward"}, {"times_ms", {{"naive", 2.5}}}, {"views", 3}});
   log.write_event(30, "load_statistics", {{"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});
 }

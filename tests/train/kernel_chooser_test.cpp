@@ -52,9 +52,9 @@ class WrongBlend final : public BlendPass {
   std::string image_, kept_;
 };
 
-/// Before a step of a long training; the duration of a step is not known unless given.
+/// Before a step; its duration is not known unless given.
 CheckMoment at(int iteration, double step_ms = 0) {
-  return {iteration, 1 << 30, step_ms};
+  return {iteration, step_ms};
 }
 
 class KernelChooserTest : public testing::Test {

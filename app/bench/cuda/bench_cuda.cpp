@@ -149,23 +149,6 @@ bool has_gpu() {
   return is_found;
 }
 
-std::optional<GpuSpecs> gpu_specs(int device_index) {
-  const auto attribute = [&](cudaDeviceAttr name) {
-    int value = 0;
-    B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&value, name, device_index));
-    return value;
-  };
-  cudaDeviceProp properties{};
-  B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device_index));
-  GpuSpecs gpu;
-  gpu.name = properties.name;
-  gpu.n_multiprocessors = attribute(cudaDevAttrMultiProcessorCount);
-  gpu.clock_khz = attribute(cudaDevAttrClockRate);
-  gpu.memory_clock_khz = attribute(cudaDevAttrMemoryClockRate);
-  gpu.memory_bus_bits = attribute(cudaDevAttrGlobalMemoryBusWidth);
-  return gpu;
-}
-
 void bench_kernels_cuda(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
   check_tile(run);
   const cudaDeviceProp properties = device_properties();

@@ -20,7 +20,6 @@ struct TrainProgress {
   std::int64_t n_gaussians = 0;
   std::int64_t held_at = 0;  // the count is held here for lack of GPU memory; 0 = not held
   double elapsed_s = 0;      // of training in this session, without evaluation and saving
-  int view_scale = 1;        // 1 / view_scale of the views' width and height is in use (--coarse_scale)
   // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint",
   // "counting floaters"
   std::string activity;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "config/coarse_schedule.h"
 #include "model/disk_space.h"
 #include "train/checkpoint/checkpoint.h"
 
@@ -23,7 +22,6 @@ void TrainRecorder::report_progress(const char* activity) const {
   progress.n_gaussians = source_.state.n_gaussians();
   progress.held_at = source_.state.held_at;
   progress.elapsed_s = source_.time.train_s();
-  progress.view_scale = coarse_scale_at(source_.config, std::max(1, source_.state.iteration));
   progress.activity = activity;
   source_.listeners.on_progress(progress);
 }

@@ -37,7 +37,7 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
   Rasterizer rasterizer(device);
   KernelChooser chooser(measured_config(), device);
-  const std::vector<KernelCheck> done = chooser.check({1, 1000, 0}, {rasterizer, gaussians, {}, cameras});
+  const std::vector<KernelCheck> done = chooser.check({1, 0}, {rasterizer, gaussians, {}, cameras});
   ASSERT_EQ(done.size(), 2u);
   EXPECT_STREQ(done[0].pass, "forward");
   EXPECT_STREQ(done[1].pass, "backward");
