@@ -72,7 +72,6 @@ struct RenderSettings {
   bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
   bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
   bool inverse_depth = false;       // the depth image is the sum of weight over camera-space z, 1 / world units
-  bool absolute_gradient = false;   // backward() also sums absolute values for absolute_gradients()
   bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
   StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
 };
@@ -196,9 +195,6 @@ struct BlendBackwardArgs {
   const std::int32_t* last_ids = nullptr;  // [H, W]
   ImageGradArrays grad{};
   SplatGrad* pair_grads = nullptr;  // [n_pairs] out, by slot; every one is written
-  // [n_pairs] out, by slot: sums of |q times pull| along x and y, the absolute values of the terms of q_x and q_y.
-  // Null: not computed. The CPU's; on CUDA they are a part of SplatGradSum.
-  Vec2f* pair_abs = nullptr;
 };
 
 /// Sums over the pixels of a view, and what they are added to. Fixed point, so that a sum does not depend on the order

@@ -28,11 +28,10 @@ struct SplatRowArrays {
 /// Returns memory for M splats.
 using SplatAllocator = std::function<SplatRowArrays(std::int64_t n_splats)>;
 
-/// A splat's sums of the backward blend, in three 16-byte words for vector atomics. The words have room for the sums of
-/// absolute values.
+/// A splat's sums of the backward blend, in three 16-byte words for vector atomics.
 struct alignas(16) SplatGradSum {
   SplatGrad sum;
-  float abs_x, abs_y;  // sums of |q times pull|; 0 unless RenderSettings::absolute_gradient
+  float unused[2];  // 0
 };
 static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 
@@ -60,7 +59,6 @@ struct KeepSplatsArgs {
   const SplatGradSum* sums = nullptr;  // [M]
   SplatRecordArrays out{};             // record m is that of row m
   std::int32_t* radii = nullptr;       // [N] out: 0 if not seen
-  float* means2d_abs = nullptr;        // [N, 2] out: absolute gradients, 1/px; 0 if not seen. Null: not wanted
 };
 
 }  // namespace b3dgs

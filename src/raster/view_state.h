@@ -13,7 +13,6 @@ struct ViewState {
   PinholeView view{};
   int sh_degree = 0;
   bool antialiasing = false;
-  bool absolute_gradient = false, has_absolute_gradients = false;
   bool camera_gradient = false, has_camera_gradient = false;
   bool inverse_depth = false;
   TileGrid grid{};
@@ -35,13 +34,12 @@ struct ViewState {
     sh_degree = settings.sh_degree;
     antialiasing = settings.antialiasing;
     stages = settings.stages;
-    has_absolute_gradients = has_camera_gradient = false;
+    has_camera_gradient = false;
   }
   /// Before binning.
   void begin_drawing(const RenderSettings& settings, const ImageArrays& out) {
     background = settings.background;
     rendered = out;
-    absolute_gradient = settings.absolute_gradient;
     camera_gradient = settings.camera_gradient;
     inverse_depth = settings.inverse_depth;
   }

@@ -45,10 +45,10 @@ class CpuSplit {
   torch::Tensor score_splats(const torch::Tensor& error) { return rasterizer_.score_splats(error); }
 
   OwnedView keep(const ViewSplats& splats, const torch::Tensor& sums, const torch::Tensor& scores,
-                 std::int64_t n_gaussians, bool absolute_gradient) {
+                 std::int64_t n_gaussians) {
     OwnedView out{{}, make_room(splats.size(), n_gaussians), make_scores(n_gaussians)};
     SplatOwner owner;
-    out.statistics = owner.keep(splats, sums, n_gaussians, absolute_gradient, out.kept);
+    out.statistics = owner.keep(splats, sums, n_gaussians, out.kept);
     add_splat_scores(splats, scores, out.scores);
     return out;
   }
@@ -78,8 +78,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewTest, testing::ValuesIn(test_scenes())
 
 TEST(SplitView, OfManyGaussiansIsTheSameForAnyNumberOfThreads) {
   const TestScene scene = large_cloud();
-  RenderSettings settings = settings_of(scene);
-  settings.absolute_gradient = true;
+  const RenderSettings settings = settings_of(scene);
   for (const int threads : {1, 3}) {
     const ScopedThreadCount scoped(threads);
     EXPECT_TRUE(expect_same_through_splats<CpuSplit>(scene, settings, 3));
@@ -126,7 +125,6 @@ TEST(SplitView, OfHostileScenesIsTheSameOrRefused) {
     SCOPED_TRACE(seed);
     const TestScene scene = hostile_scene(seed);
     RenderSettings settings = hostile_settings(scene, seed);
-    settings.absolute_gradient = seed % 3 == 0;
     settings.inverse_depth = seed % 5 == 0;
     ++(expect_same_through_splats<CpuSplit>(scene, settings, 1 + seed % 3) ? rendered : refused);
   }

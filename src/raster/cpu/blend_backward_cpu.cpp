@@ -77,23 +77,16 @@ struct SplatGradLanes {
   Lanes depth;
 };
 
-/// Sums of absolute values, spread over lanes.
-struct AbsoluteLanes {
-  Lanes x, y;
-};
-
-/// Sums the gradient of the splat at `position` of the list over rows [row_begin, row_end), and with kAbsolute the
-/// absolute values. Returns false if no pixel of them blended it.
-template <bool kAbsolute>
+/// Sums the gradient of the splat at `position` of the list over rows [row_begin, row_end). Returns false if no pixel
+/// of them blended it.
 HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_begin, int row_end,
-                              std::int32_t position, SplatGrad& out, Vec2f& out_abs) {
+                              std::int32_t position, SplatGrad& out) {
   const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const IntTag di;
   const IntVec own_position = hn::Set(di, position);
   const Lanes zero(0.0f);
   SplatGradLanes sums{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
-  AbsoluteLanes absolute{zero, zero};
   bool any = false;
   const int lanes = lane_count();
   for (int row = row_begin; row < row_end; ++row) {
@@ -118,42 +111,32 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       pixel.behind.store(tile.behind + p);
 
       accumulate(sums, reach, grad, grad_red, grad_green, grad_blue, grad_depth);
-      if constexpr (kAbsolute) accumulate_absolute(absolute, reach, grad);
     }
   }
   if (!any) return false;
   out = {sums.q.sum(),    sums.q_x.sum(), sums.q_y.sum(),   sums.q_xx.sum(), sums.q_xy.sum(),
          sums.q_yy.sum(), sums.red.sum(), sums.green.sum(), sums.blue.sum(), sums.depth.sum()};
-  if constexpr (kAbsolute) out_abs = {absolute.x.sum(), absolute.y.sum()};
   return true;
 }
 
-template <bool kAbsolute>
-void backward_tile(const BlendBackwardArgs& args, std::int64_t index) {
+}  // namespace
+
+void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
   TileGradients tile;
   tile.begin(args, static_cast<std::int32_t>(index));
   const float top = static_cast<float>(tile.rect.y_begin);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   for (std::int64_t i = last - 1; i >= first; --i) {
     SplatGrad grad{};
-    Vec2f absolute{0, 0};
     const auto position = static_cast<std::int32_t>(i - first);
     if (position <= tile.tile_last) {
       const std::int32_t id = args.bins.splat_ids[i];
       const Splat& splat = args.splats[id];
       const RowSpan reached = rows_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
-      if (!backward_rows<kAbsolute>(tile, splat, reached.begin, reached.end, position, grad, absolute)) grad = {};
+      if (!backward_rows(tile, splat, reached.begin, reached.end, position, grad)) grad = {};
     }
     args.pair_grads[args.bins.pair_slots[i]] = grad;
-    if constexpr (kAbsolute) args.pair_abs[args.bins.pair_slots[i]] = absolute;
   }
-}
-
-}  // namespace
-
-void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
-  if (args.pair_abs != nullptr) return backward_tile<true>(args, index);
-  backward_tile<false>(args, index);
 }
 
 }  // namespace HWY_NAMESPACE

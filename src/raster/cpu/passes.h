@@ -43,16 +43,6 @@ void sum_scores(const SumScoresArgs& args);
 
 void blend_backward(const BlendBackwardArgs& args);
 
-/// Absolute gradients with respect to the projected centres from the pairs' sums (BlendBackwardArgs::pair_abs).
-struct AbsoluteGradientArgs {
-  std::int64_t n_gaussians = 0, n_splats = 0;
-  const Splat* splats = nullptr;               // [M]
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
-  const Vec2f* pair_abs = nullptr;             // [n_pairs] by slot
-  float* out = nullptr;                        // [N, 2] out, 1/px; 0 if not seen
-};
-void absolute_gradients(const AbsoluteGradientArgs& args);
-
 void project_backward(const ProjectBackwardArgs& args);
 
 /// Sums of each splat's pairs, for a later backward projection.
@@ -70,7 +60,6 @@ struct SumSplatGradsArgs {
   std::int64_t n_splats = 0;
   const std::int64_t* slot_offsets = nullptr;  // [M + 1]
   const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
-  const Vec2f* pair_abs = nullptr;             // [n_pairs] by slot; null: sums of absolute values are 0
   SplatGradSum* out = nullptr;                 // [M] out
 };
 void sum_splat_grads(const SumSplatGradsArgs& args);

@@ -132,18 +132,4 @@ void project_backward(const ProjectBackwardArgs& args) {
   });
 }
 
-void absolute_gradients(const AbsoluteGradientArgs& args) {
-  parallel_chunks(2 * args.n_gaussians, kGrain,
-                  [&](std::int64_t begin, std::int64_t end) { std::fill(args.out + begin, args.out + end, 0.0f); });
-  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      const Vec2f gradient =
-          centre_gradient(sum_slots(args.pair_abs + args.slot_offsets[m], args.pair_abs + args.slot_offsets[m + 1]));
-      float* const row = args.out + 2 * std::int64_t{args.splats[m].gaussian};
-      row[0] = gradient.x;
-      row[1] = gradient.y;
-    }
-  });
-}
-
 }  // namespace b3dgs::cpu

@@ -57,7 +57,6 @@ struct Rasterizer::Impl : ViewState {
   Buffer<std::int32_t> radii, last_ids;
   Buffer<float> transmittance;
   Buffer<SplatGrad> pair_grads;
-  Buffer<Vec2f> pair_abs;
   BinBuffers bin_buffers;
 
   BinnedSplats bins{};
@@ -166,9 +165,8 @@ void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, 
 void Rasterizer::Impl::blend_backward(const ImageGradArrays& grad) {
   begin_stage(stages, Stage::kBlendBackward);
   SplatGrad* const pairs = pair_grads.resize(bins.n_pairs);
-  Vec2f* const absolute = absolute_gradient ? pair_abs.resize(bins.n_pairs) : nullptr;
   cpu::blend_backward({splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(),
-                       last_ids.data(), grad, pairs, absolute});
+                       last_ids.data(), grad, pairs});
   if (inverse_depth) invert_depth_gradients(splats.data(), n_splats, bins.slot_offsets, pairs);
 }
 
@@ -176,7 +174,6 @@ void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays
   Impl& s = *impl_;
   s.check_gaussians(gaussians);
   s.blend_backward(grad);
-  s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   const ProjectBackwardArgs args = s.project_args(gaussians, out);
   project_backward(args);
@@ -189,7 +186,6 @@ void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const Image
   Impl& s = *impl_;
   s.check_gaussians(gaussians);
   s.blend_backward(grad);
-  s.has_absolute_gradients = s.absolute_gradient;
   begin_stage(s.stages, Stage::kProjectBackward);
   keep_splat_records({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_grads.data(), out});
   s.project_camera_gradient(s.project_args(gaussians, {}));
@@ -201,8 +197,7 @@ void Rasterizer::backward_splats(const ImageGradArrays& grad, SplatGradSum* out)
   B3DGS_CHECK(s.n_rows >= 0, "backward_splats() before any forward_splats()");
   s.blend_backward(grad);
   begin_stage(s.stages, Stage::kProjectBackward);
-  sum_splat_grads(
-      {s.n_splats, s.bins.slot_offsets, s.pair_grads.data(), s.absolute_gradient ? s.pair_abs.data() : nullptr, out});
+  sum_splat_grads({s.n_splats, s.bins.slot_offsets, s.pair_grads.data(), out});
   end_stage(s.stages);
 }
 
@@ -215,13 +210,6 @@ void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing)
   const Impl& s = *impl_;
   B3DGS_CHECK(s.has_view(), "count_load() before any forward()");
   cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
-}
-
-void Rasterizer::absolute_gradients(float* out) const {
-  const Impl& s = *impl_;
-  B3DGS_CHECK(s.has_absolute_gradients,
-              "absolute_gradients() without a forward() with absolute_gradient and its backward()");
-  cpu::absolute_gradients({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_abs.data(), out});
 }
 
 const double* Rasterizer::camera_gradient() const {

@@ -34,20 +34,16 @@ void keep_splat_records(const SplatRecordArgs& args) {
 void sum_splat_grads(const SumSplatGradsArgs& args) {
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      const std::int64_t first = args.slot_offsets[m], last = args.slot_offsets[m + 1];
-      const Vec2f absolute =
-          args.pair_abs != nullptr ? sum_slots(args.pair_abs + first, args.pair_abs + last) : Vec2f{0, 0};
-      args.out[m] = {sum_slots(args.pair_grads + first, args.pair_grads + last), absolute.x, absolute.y};
+      const SplatGrad* const pairs = args.pair_grads;
+      args.out[m] = {sum_slots(pairs + args.slot_offsets[m], pairs + args.slot_offsets[m + 1]), {0, 0}};
     }
   });
 }
 
 void keep_splats(const KeepSplatsArgs& args) {
   write_unseen(args.out, args.n_gaussians);
-  parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::fill(args.radii + begin, args.radii + end, 0);
-    if (args.means2d_abs != nullptr) std::fill(args.means2d_abs + 2 * begin, args.means2d_abs + 2 * end, 0.0f);
-  });
+  parallel_chunks(args.n_gaussians, kGrain,
+                  [&](std::int64_t begin, std::int64_t end) { std::fill(args.radii + begin, args.radii + end, 0); });
   parallel_chunks(args.rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) keep_splat(args, m);
   });

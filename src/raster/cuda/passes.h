@@ -195,17 +195,7 @@ struct BlendBackwardCudaArgs {
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-splat kernel supports it.
   SplatGradSum* pair_grads = nullptr;
-  bool absolute = false;  // also sum absolute values
 };
-
-/// Absolute gradients with respect to the projected centres from the splats' sums.
-struct AbsoluteGradientArgs {
-  std::int64_t n_gaussians = 0, n_splats = 0;
-  const Splat* splats = nullptr;              // [M]
-  const SplatGradSum* splat_grads = nullptr;  // [M]
-  float* out = nullptr;                       // [N, 2] out, 1/px; 0 if not seen
-};
-void absolute_gradients(const AbsoluteGradientArgs& args, const LaunchContext& context);
 
 /// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits.
 struct SumSplatGradsArgs {

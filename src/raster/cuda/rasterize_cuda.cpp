@@ -148,13 +148,11 @@ void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArra
   args.bucket_ends = allocate_bucket_ends(context);
   args.splat_grads = zeroed(splat_grads, n_splats);
   if (deterministic) args.pair_grads = zeroed(pair_grads, binned.bins.n_pairs);
-  args.absolute = absolute_gradient;
   kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
   if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
   if (inverse_depth && grad.depth != nullptr) {
     invert_depth_gradients(binned.splats, n_splats, args.splat_grads, context);
   }
-  has_absolute_gradients = absolute_gradient;
 }
 
 Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
@@ -353,13 +351,6 @@ void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing,
   cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
 }
 
-void Rasterizer::absolute_gradients(float* out, const LaunchContext& context) const {
-  const Impl& s = *impl_;
-  B3DGS_CHECK(s.has_absolute_gradients && s.n_gaussians >= 0,
-              "absolute_gradients() without a forward() with absolute_gradient and its backward()");
-  cuda::absolute_gradients({s.n_gaussians, s.n_splats, s.binned.splats, s.splat_grads.data(), out}, context);
-}
-
 const double* Rasterizer::camera_gradient() const {
   B3DGS_CHECK(impl_->has_camera_gradient,
               "camera_gradient() without a forward() with camera_gradient and its backward()");
@@ -374,7 +365,6 @@ const std::int32_t* Rasterizer::rank_of_row() const {
 ScoreSums* Rasterizer::Impl::score(const float* error, const LaunchContext& context) {
   static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
   auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads.resize(n_splats, context));
-  has_absolute_gradients = false;
   const std::size_t bytes = static_cast<std::size_t>(n_splats) * sizeof(ScoreSums);
   B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
   cuda::score({binned.splats, binned.extents, binned.bins, grid, error, sums}, context);

@@ -54,7 +54,7 @@ class Rasterizer {
 
   /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
   /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
-  /// backward_to_splats(), absolute_gradients(), camera_gradient() and score(). Waits for the device once.
+  /// backward_to_splats(), camera_gradient() and score(). Waits for the device once.
   /// @throws LogicError if settings.camera_gradient; NumericError for too many pairs; CudaError
   void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
                       const ImageArrays& out, const LaunchContext& context);
@@ -74,10 +74,6 @@ class Rasterizer {
 
   /// Counts the load of the last forward() into two device arrays, [H, W] each (CountLoadArgs).
   void count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const;
-
-  /// [N, 2] out, device memory: for each Gaussian the sums over pixels of |dL/dx| and |dL/dy| of its projected centre,
-  /// 1/px; 0 if not seen. Of the last backward blend, after a forward() with absolute_gradient.
-  void absolute_gradients(float* out, const LaunchContext& context) const;
 
   /// [kCameraGradients] device memory: gradient with respect to the camera's pose (math/camera_grad.h), of the last
   /// backward_blend(), after a forward() with camera_gradient.

@@ -230,13 +230,6 @@ B3DGS_BLEND_FN void accumulate(Sums& sums, const Reach<Real>& reach, const Blend
   sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
 }
 
-/// Adds the absolute values of what one pixel contributes to q_x and q_y. `Sums` has the members x and y.
-template <class Sums, class Real>
-B3DGS_BLEND_FN void accumulate_absolute(Sums& sums, const Reach<Real>& reach, const BlendGrad<Real>& grad) {
-  sums.x = sums.x + magnitude(grad.q * reach.pull_x);
-  sums.y = sums.y + magnitude(grad.q * reach.pull_y);
-}
-
 #undef B3DGS_BLEND_FN
 #if defined(HWY_NAMESPACE)
 }  // namespace HWY_NAMESPACE

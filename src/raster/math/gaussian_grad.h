@@ -82,14 +82,8 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
 /// Writes all of row m, whose sums are complete. Rows of Gaussians without a splat are written elsewhere.
 B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
   const std::int32_t i = args.rows.splats[m].gaussian;
-  const SplatGradSum sums = args.sums[m];
-  keep_splat(args.out, m, i, sums.sum, args.rows.splats[m].clamped);
+  keep_splat(args.out, m, i, args.sums[m].sum, args.rows.splats[m].clamped);
   args.radii[i] = args.rows.radii[m];
-  if (args.means2d_abs != nullptr) {
-    const Vec2f absolute = centre_gradient(Vec2f{sums.abs_x, sums.abs_y});
-    args.means2d_abs[2 * std::int64_t{i}] = absolute.x;
-    args.means2d_abs[2 * std::int64_t{i} + 1] = absolute.y;
-  }
 }
 
 }  // namespace b3dgs

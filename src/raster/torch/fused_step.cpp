@@ -29,7 +29,6 @@ ViewStatistics FusedStep::backward_blend(const GaussianTensors& gaussians, const
     rest = impl.cuda->backward_blend(arrays, impl.image_grad(grad), torch_launch_context());
     const ViewStatistics& statistics = impl.make_statistics(arrays.n_gaussians);
     rest.grad.means2d = statistics.means2d_grad.data_ptr<float>();
-    if (impl.absolute_gradient) impl.absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
     impl.add_camera_gradient();
     return statistics;
   }

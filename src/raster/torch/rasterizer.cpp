@@ -48,7 +48,6 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                   {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
                    grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
                    statistics.means2d_grad.data_ptr<float>()});
-  if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   impl_->add_camera_gradient();
   return statistics;
 }
@@ -61,7 +60,6 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
   check.bind("N", arrays.n_gaussians);
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
   impl_->backward_to_splats(arrays, image, arrays_of(out, view_size().n_splats, check, statistics.means2d_grad));
-  if (impl_->absolute_gradient) impl_->absolute_gradients(statistics.means2d_abs_grad.data_ptr<float>());
   impl_->add_camera_gradient();
   return statistics;
 }
@@ -105,8 +103,7 @@ void Rasterizer::release_memory() {
 #if B3DGS_TORCH_CUDA
   if (impl_->cuda != nullptr) impl_->cuda->release_memory();
 #endif
-  impl_->color_storage = impl_->depth_storage = impl_->alpha_storage = impl_->means2d_storage =
-      impl_->means2d_abs_storage = torch::Tensor();
+  impl_->color_storage = impl_->depth_storage = impl_->alpha_storage = impl_->means2d_storage = torch::Tensor();
   impl_->rendered = RenderedView{};
   impl_->statistics = ViewStatistics{};
 }

@@ -28,9 +28,6 @@ struct RenderedViewGrad {
 struct ViewStatistics {
   torch::Tensor means2d_grad;  // [N, 2] gradient of the loss with respect to the projected centre, 1/px
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
-  // [N, 2] sums over pixels of |dL/dx| and |dL/dy| of the projected centre, 1/px. Undefined unless the settings had
-  // absolute_gradient.
-  torch::Tensor means2d_abs_grad;
   // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/camera_grad.h): rotation
   // (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
   // camera_gradient.
@@ -109,7 +106,7 @@ class Rasterizer {
   RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings);
 
   /// The backward pass of the last forward_splats() up to the splats: a new tensor [M, 12] with a SplatGradSum for each
-  /// row: SplatGrad, then the sums of absolute values along x and y, 0 unless the settings had absolute_gradient.
+  /// row.
   torch::Tensor backward_splats(const RenderedViewGrad& grad);
 
   /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row: error and weight

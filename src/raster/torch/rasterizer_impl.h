@@ -31,13 +31,12 @@ struct Rasterizer::Impl {
   std::unique_ptr<cuda::Rasterizer> cuda;  // created on first use, so that the CPU path never initialises CUDA
 #endif
   RenderedView rendered;
-  torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage, means2d_abs_storage;
+  torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage;
   ViewStatistics statistics;
-  std::int64_t n_gaussians = -1;   // of the last forward(); -1: none
-  std::int64_t n_rows = -1;        // of the last forward_splats(); -1: none
-  bool absolute_gradient = false;  // of its settings
-  bool camera_gradient = false;
-  double seen_share = 0;  // largest share of the Gaussians that a view of project_views() has seen
+  std::int64_t n_gaussians = -1;  // of the last forward(); -1: none
+  std::int64_t n_rows = -1;       // of the last forward_splats(); -1: none
+  bool camera_gradient = false;   // of its settings
+  double seen_share = 0;          // largest share of the Gaussians that a view of project_views() has seen
   static constexpr double kSeenMargin = 1.1;
 
   RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings,
@@ -113,7 +112,6 @@ struct Rasterizer::Impl {
     place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
     place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
     n_gaussians = n_rows = -1;
-    absolute_gradient = settings.absolute_gradient;
     camera_gradient = settings.camera_gradient;
     return {rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(), rendered.alpha.data_ptr<float>()};
   }
@@ -158,13 +156,6 @@ struct Rasterizer::Impl {
 #if B3DGS_TORCH_CUDA
     B3DGS_CHECK(cuda != nullptr, "reblend() before any forward()");
     cuda->reblend(kernel, torch_launch_context());
-#endif
-  }
-
-  void absolute_gradients(float* out) const {
-    if (device.is_cpu()) return cpu.absolute_gradients(out);
-#if B3DGS_TORCH_CUDA
-    cuda->absolute_gradients(out, torch_launch_context());
 #endif
   }
 
@@ -247,11 +238,6 @@ struct Rasterizer::Impl {
   const ViewStatistics& make_statistics(std::int64_t n_gaussians) {
     const torch::TensorOptions options = rendered.color.options();
     place_tensor(statistics.means2d_grad, means2d_storage, {n_gaussians, 2}, options, /*spare_part=*/4);
-    statistics.means2d_abs_grad = torch::Tensor();
-    if (absolute_gradient) {
-      torch::Tensor& absolute = statistics.means2d_abs_grad;
-      place_tensor(absolute, means2d_abs_storage, {n_gaussians, 2}, options, /*spare_part=*/4);
-    }
     statistics.radii =
         torch::from_blob(const_cast<std::int32_t*>(radii()), {n_gaussians}, options.dtype(torch::kInt32));
     return statistics;

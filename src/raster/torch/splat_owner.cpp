@@ -12,7 +12,7 @@
 namespace b3dgs {
 
 ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
-                                bool absolute_gradient, const KeptSplats& out) {
+                                const KeptSplats& out) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
@@ -25,16 +25,9 @@ ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& s
   constexpr std::int64_t kSpare = 4;
   place_tensor(statistics_.means2d_grad, means2d_storage_, {n_gaussians, 2}, options, kSpare);
   place_tensor(statistics_.radii, radii_storage_, {n_gaussians}, options.dtype(torch::kInt32), kSpare);
-  statistics_.means2d_abs_grad = torch::Tensor();
-  if (absolute_gradient) {
-    place_tensor(statistics_.means2d_abs_grad, means2d_abs_storage_, {n_gaussians, 2}, options, kSpare);
-  }
-  const KeepSplatsArgs args{n_gaussians,
-                            rows,
-                            rows_at<SplatGradSum>("sums", sums),
+  const KeepSplatsArgs args{n_gaussians, rows, rows_at<SplatGradSum>("sums", sums),
                             arrays_of(out, rows.n_splats, check, statistics_.means2d_grad),
-                            statistics_.radii.data_ptr<std::int32_t>(),
-                            data_or_null(statistics_.means2d_abs_grad)};
+                            statistics_.radii.data_ptr<std::int32_t>()};
   if (device.is_cpu()) cpu::keep_splats(args);
 #if B3DGS_TORCH_CUDA
   if (!device.is_cpu()) cuda::keep_splats(args, torch_launch_context());

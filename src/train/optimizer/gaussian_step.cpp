@@ -165,8 +165,7 @@ ViewStatistics GaussianStepper::keep_splats(const ViewSplats& own, const torch::
                                             const RenderSettings& settings, const GaussianTensors& gaussians,
                                             std::int64_t n_splats, const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
-  const ViewStatistics statistics =
-      impl_->owner.keep(own, sums, gaussians.size(), settings.absolute_gradient, impl_->batch.room());
+  const ViewStatistics statistics = impl_->owner.keep(own, sums, gaussians.size(), impl_->batch.room());
   impl_->batch.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
   return statistics;
 }

@@ -62,41 +62,5 @@ TEST(ScoreCuda, AllocatesNothingAfterABackwardPass) {
   EXPECT_EQ(view.rasterizer().memory_bytes(), before);
 }
 
-TEST(AbsoluteGradientCuda, OfEveryKernelIsThatOfTheCpuAndChangesNoOther) {
-  B3DGS_NEEDS_GPU();
-  for (const TestScene& scene : {smooth_scene(), anisotropic_cloud(), saturated_pixels(), large_cloud()}) {
-    RenderSettings settings = settings_of(scene);
-    settings.absolute_gradient = true;
-    const RenderedViewGrad grad =
-        uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
-    CpuView cpu(scene, settings);
-    cpu.backward(grad);
-    const torch::Tensor expected = cpu.absolute_gradients().to(torch::kFloat64);
-    for (const TileShape tile : kTiles) {
-      settings.tile = tile;
-      for (const BackwardKernelName& kernel : kBackwardKernels) {
-        for (const bool deterministic : {false, true}) {
-          if (deterministic && kernel.kernel != BackwardKernel::kPerSplat) continue;
-          SCOPED_TRACE(testing::Message() << kernel.name << ", " << tile.height << ", " << deterministic);
-          settings.backward_kernel = kernel.kernel;
-          settings.deterministic = deterministic;
-          CudaView view(scene, settings);
-          const torch::Tensor centres = view.backward(grad).means2d, found = view.absolute_gradients();
-          // Rounding may change a decision at a threshold, so sums are compared as a whole, too.
-          const torch::Tensor error = (found.to(torch::kFloat64) - expected).norm();
-          EXPECT_LE(error.item<double>(), 1e-3 * expected.norm().item<double>());
-          EXPECT_TRUE(within(found, expected, 1e-3 * expected + 1e-3 * expected.max()));
-          EXPECT_TRUE(torch::all(found * (1 + 1e-4) + 1e-6 >= centres.abs()).item<bool>());
-          if (!deterministic) continue;
-          settings.absolute_gradient = false;
-          CudaView plain(scene, settings);
-          EXPECT_TRUE(torch::equal(plain.backward(grad).means2d, centres));
-          settings.absolute_gradient = true;
-        }
-      }
-    }
-  }
-}
-
 }  // namespace
 }  // namespace b3dgs::test

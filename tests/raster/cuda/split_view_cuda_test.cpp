@@ -70,17 +70,16 @@ struct DeviceSplats {
 /// What the owner of N Gaussians gets of a view of M splats, in device memory.
 struct DeviceOwned {
   DeviceOwned(std::int64_t n_splats, std::int64_t n_gaussians)
-      : m(n_splats), n(n_gaussians), records(12 * m), index(n), radii(n), means2d(2 * n), means2d_abs(2 * n) {
+      : m(n_splats), n(n_gaussians), records(12 * m), index(n), radii(n), means2d(2 * n) {
     for (int i = 0; i < 4; ++i) scores.push_back(to_device(torch::zeros({n})));
   }
   SplatRecordArrays record_arrays() const {
     return {reinterpret_cast<SplatRecord*>(records.data()), index.data(), means2d.data()};
   }
   ScoreArrays score_arrays() const { return {scores[0].data(), scores[1].data(), scores[2].data(), scores[3].data()}; }
-  OwnedView to_host(bool absolute_gradient) const {
+  OwnedView to_host() const {
     OwnedView out;
     out.statistics.means2d_grad = test::to_host(means2d, {n, 2});
-    if (absolute_gradient) out.statistics.means2d_abs_grad = test::to_host(means2d_abs, {n, 2});
     out.statistics.radii = words_to_host(radii, {n});
     out.kept = {words_to_host(records, {m, 12}, torch::kFloat32), words_to_host(index, {n})};
     out.scores.error_sum = test::to_host(scores[0], {n});
@@ -92,7 +91,7 @@ struct DeviceOwned {
 
   std::int64_t m, n;
   DeviceArray<std::int32_t> records, index, radii;
-  DeviceArray<float> means2d, means2d_abs;
+  DeviceArray<float> means2d;
   std::vector<DeviceArray<float>> scores;
 };
 
@@ -144,11 +143,10 @@ class CudaSplit {
     const DeviceOwned owned(rasterizer_.n_splats(), n);
     const Grad device_grad(grad);
     rasterizer_.backward_to_splats(device.arrays(), device_grad.arrays(), owned.record_arrays(), context_);
-    if (settings.absolute_gradient) rasterizer_.absolute_gradients(owned.means2d_abs.data(), context_);
     rasterizer_.score(to_device(error).data(), owned.score_arrays(), context_);
     B3DGS_CUDA_CHECK(
         cudaMemcpy(owned.radii.data(), rasterizer_.radii(), static_cast<std::size_t>(n) * 4, cudaMemcpyDeviceToDevice));
-    view.owned = owned.to_host(settings.absolute_gradient);
+    view.owned = owned.to_host();
     return view;
   }
 
@@ -175,18 +173,17 @@ class CudaSplit {
   }
 
   OwnedView keep(const ViewSplats& splats, const torch::Tensor& sums, const torch::Tensor& scores,
-                 std::int64_t n_gaussians, bool absolute_gradient) {
+                 std::int64_t n_gaussians) {
     const DeviceSplats device(splats);
     const DeviceArray<std::int32_t> device_sums = words_to_device(sums), device_scores = words_to_device(scores);
     const DeviceOwned owned(splats.size(), n_gaussians);
-    cuda::keep_splats(
-        {n_gaussians, device.rows(), reinterpret_cast<const SplatGradSum*>(device_sums.data()), owned.record_arrays(),
-         owned.radii.data(), absolute_gradient ? owned.means2d_abs.data() : nullptr},
-        context_);
+    cuda::keep_splats({n_gaussians, device.rows(), reinterpret_cast<const SplatGradSum*>(device_sums.data()),
+                       owned.record_arrays(), owned.radii.data()},
+                      context_);
     cuda::add_scores({device.rows().splats, splats.size(), nullptr,
                       reinterpret_cast<const ScoreSums*>(device_scores.data()), owned.score_arrays()},
                      context_);
-    return owned.to_host(absolute_gradient);
+    return owned.to_host();
   }
 
  private:
@@ -239,7 +236,7 @@ TEST(SplitViewCuda, OfManyGaussiansIsTheSame) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = large_cloud();
   RenderSettings settings = settings_of(scene);
-  settings.absolute_gradient = settings.deterministic = true;
+  settings.deterministic = true;
   EXPECT_TRUE(expect_same_through_splats<CudaSplit>(scene, settings, 3));
 }
 
@@ -251,7 +248,6 @@ TEST(SplitViewCuda, OfHostileScenesIsTheSameOrRefused) {
     const TestScene scene = hostile_scene(seed);
     RenderSettings settings = hostile_settings(scene, seed);
     settings.deterministic = true;
-    settings.absolute_gradient = seed % 3 == 0;
     settings.inverse_depth = seed % 5 == 0;
     ++(expect_same_through_splats<CudaSplit>(scene, settings, 1 + seed % 3) ? rendered : refused);
   }

@@ -96,13 +96,6 @@ class CpuView {
     return out;
   }
 
-  /// Of the last backward(), [N, 2].
-  torch::Tensor absolute_gradients() const {
-    torch::Tensor out = torch::full({scene_.gaussians.size(), 2}, NAN, torch::kFloat32);
-    rasterizer_.absolute_gradients(out.data_ptr<float>());
-    return out;
-  }
-
   /// Of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
     return torch::from_blob(const_cast<double*>(rasterizer_.camera_gradient()), {kCameraGradients}, torch::kFloat64)

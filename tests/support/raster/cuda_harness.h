@@ -61,14 +61,6 @@ class CudaView {
     return out;
   }
 
-  /// Of the last backward(), [N, 2].
-  torch::Tensor absolute_gradients() const {
-    const std::int64_t n = scene_.gaussians.size();
-    const DeviceArray<float> out(2 * n);
-    rasterizer_.absolute_gradients(out.data(), context_);
-    return to_host(out, {n, 2});
-  }
-
   /// Of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
     const std::vector<double> values = download(rasterizer_.camera_gradient(), kCameraGradients);

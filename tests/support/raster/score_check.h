@@ -33,20 +33,4 @@ void expect_same_scores(FoundView& found, const TestScene& scene, const DenseVie
   EXPECT_TRUE(torch::equal(scores.n_views, (found.radii() > 0).to(torch::kFloat32)));
 }
 
-/// [N, 2] sums over pixels of the absolute values of the gradient with respect to the projected centres, by autograd,
-/// one pixel at a time.
-inline torch::Tensor dense_absolute_gradients(const Reference& reference) {
-  torch::Tensor sum = torch::zeros_like(reference.gradients.means2d);
-  const std::int64_t h = reference.grad.depth.size(0), w = reference.grad.depth.size(1);
-  for (std::int64_t pixel = 0; pixel < h * w; ++pixel) {
-    torch::Tensor only = torch::zeros({h * w});
-    only[pixel] = 1;
-    only = only.view({h, w});
-    const RenderedViewGrad grad{reference.grad.color * only.unsqueeze(2), reference.grad.depth * only,
-                                reference.grad.alpha * only};
-    sum += dense_gradients(reference.leaves, reference.view, grad).means2d.abs();
-  }
-  return sum;
-}
-
 }  // namespace b3dgs::test

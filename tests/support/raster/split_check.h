@@ -62,10 +62,6 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
   };
   expect_rows(found.statistics.means2d_grad, all.statistics.means2d_grad, "means2d_grad");
   expect_rows(found.statistics.radii, all.statistics.radii, "radii");
-  ASSERT_EQ(found.statistics.means2d_abs_grad.defined(), all.statistics.means2d_abs_grad.defined());
-  if (all.statistics.means2d_abs_grad.defined()) {
-    expect_rows(found.statistics.means2d_abs_grad, all.statistics.means2d_abs_grad, "means2d_abs_grad");
-  }
   expect_rows(found.scores.error_sum, all.scores.error_sum, "error_sum");
   expect_rows(found.scores.weight_sum, all.scores.weight_sum, "weight_sum");
   expect_rows(found.scores.max_weight, all.scores.max_weight, "max_weight");
@@ -89,7 +85,7 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
 ///     Gaussian;
 ///   std::optional<WholeView> whole(scene, settings, grad, error) and
 ///   RenderedView forward_splats(ViewSplats, PinholeView, RenderSettings), backward_splats(grad), score_splats(error);
-///   OwnedView keep(ViewSplats, sums, scores, n_gaussians, absolute_gradient).
+///   OwnedView keep(ViewSplats, sums, scores, n_gaussians).
 /// Returns whether the scene can be rendered.
 template <class Split>
 bool expect_same_through_splats(const TestScene& scene, const RenderSettings& settings, std::int64_t n_shards) {
@@ -137,9 +133,8 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
   std::int64_t begin = 0;
   for (std::size_t shard = 0; shard < own.size(); ++shard) {
     const std::int64_t end = begin + own[shard].size();
-    const OwnedView found =
-        Split().keep(own[shard], sums.slice(0, begin, end).contiguous(), scores.slice(0, begin, end).contiguous(),
-                     rows[shard].numel(), settings.absolute_gradient);
+    const OwnedView found = Split().keep(own[shard], sums.slice(0, begin, end).contiguous(),
+                                         scores.slice(0, begin, end).contiguous(), rows[shard].numel());
     expect_rows_of_view(found, expected->owned, rows[shard]);
     begin = end;
   }
@@ -149,7 +144,7 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
 /// The settings that matter for the split, in turn.
 inline std::vector<RenderSettings> split_settings(const RenderSettings& base) {
   RenderSettings inverse = base, smooth = base;
-  inverse.inverse_depth = inverse.absolute_gradient = true;
+  inverse.inverse_depth = true;
   inverse.tile = {16, 8};
   smooth.antialiasing = true;
   smooth.culling = Culling::kSquare;

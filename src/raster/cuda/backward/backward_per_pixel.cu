@@ -15,9 +15,8 @@
 namespace b3dgs::cuda {
 namespace {
 
-/// The kernel's body. With kAbsolute it also sums absolute values.
-template <int kThreads, bool kAbsolute>
-__device__ __forceinline__ void backward_tile(const BlendBackwardCudaArgs& args) {
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
   __shared__ float4 places[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
   __shared__ std::int32_t tile_last;
@@ -58,31 +57,17 @@ __device__ __forceinline__ void backward_tile(const BlendBackwardCudaArgs& args)
       const bool blended = reach.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
       SplatGrad grad{};
-      float2 absolute{0, 0};
       if (blended) {
         const float4 color = colors[j];
         const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
         const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
         accumulate(grad, reach, part, g.color.x, g.color.y, g.color.z, g.depth);
-        if constexpr (kAbsolute) accumulate_absolute(absolute, reach, part);
       }
       grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
               warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
-      if constexpr (kAbsolute) absolute = {warp_sum(absolute.x), warp_sum(absolute.y)};
-      if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad, absolute);
+      if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad);
     }
   }
-}
-
-// Two kernels, so that the one without absolute values keeps its registers.
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
-  backward_tile<kThreads, false>(args);
-}
-
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) backward_absolute_kernel(const BlendBackwardCudaArgs args) {
-  backward_tile<kThreads, true>(args);
 }
 
 }  // namespace
@@ -90,9 +75,7 @@ __global__ void __launch_bounds__(kThreads) backward_absolute_kernel(const Blend
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
   B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-splat backward kernel");
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    const auto kernel =
-        args.absolute ? backward_absolute_kernel<pixels.value> : backward_per_pixel_kernel<pixels.value>;
-    kernel<<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+    backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

@@ -104,8 +104,8 @@ __global__ void __launch_bounds__(kChunks* kWarpSize) sum_behind_kernel(const Bl
   }
 }
 
-/// Kernel 2 for one warp. With kAbsolute it also sums absolute values.
-template <int kTilePixels, bool kWithDepth, bool kAbsolute>
+/// Kernel 2 for one warp.
+template <int kTilePixels, bool kWithDepth>
 __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& args, PixelRing& ring) {
   const BlendBackwardArgs& blend = args.blend;
   const int lane = lane_id();
@@ -142,7 +142,6 @@ __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& arg
   reached_groups = warp_or(reached_groups);  // by any splat of the bucket
 
   SplatGrad sum{};
-  float2 absolute{0, 0};
   ReverseState<float> state{};
   int step = 0;      // pixel that is in the last lane
   int produced = 0;  // pixels added to the ring so far
@@ -188,7 +187,6 @@ __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& arg
     if constexpr (kWithDepth) value += g.w * depth;
     const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
     accumulate(sum, reach, part, g.x, g.y, g.z, g.w);
-    if constexpr (kAbsolute) accumulate_absolute(absolute, reach, part);
   };
 
   // Keep at least 32 pixels ahead, then step through all that are there; finally let the last 31 pass the lanes.
@@ -204,23 +202,16 @@ __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& arg
   if (id < 0) return;  // beyond the end of the list
   if (sum.q == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
   if (args.pair_grads != nullptr) {
-    args.pair_grads[blend.bins.pair_slots[first + own_position]] = {sum, absolute.x, absolute.y};
+    args.pair_grads[blend.bins.pair_slots[first + own_position]] = {sum, {0, 0}};
   } else {
-    atomic_add(args.splat_grads + id, sum, absolute);
+    atomic_add(args.splat_grads + id, sum);
   }
 }
 
-// Two kernels, so that the one without absolute values keeps its registers.
 template <int kTilePixels, bool kWithDepth>
 __global__ void __launch_bounds__(kWarps* kWarpSize) backward_per_splat_kernel(const BlendBackwardCudaArgs args) {
   __shared__ PixelRing rings[kWarps];
-  backward_bucket<kTilePixels, kWithDepth, false>(args, rings[threadIdx.x / kWarpSize]);
-}
-
-template <int kTilePixels, bool kWithDepth>
-__global__ void __launch_bounds__(kWarps* kWarpSize) backward_absolute_kernel(const BlendBackwardCudaArgs args) {
-  __shared__ PixelRing rings[kWarps];
-  backward_bucket<kTilePixels, kWithDepth, true>(args, rings[threadIdx.x / kWarpSize]);
+  backward_bucket<kTilePixels, kWithDepth>(args, rings[threadIdx.x / kWarpSize]);
 }
 
 template <int kTilePixels, bool kWithDepth>
@@ -229,9 +220,7 @@ void launch(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
   sum_behind_kernel<kTilePixels, kWithDepth><<<n_groups, kChunks * kWarpSize, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
   const auto blocks = static_cast<unsigned>((args.buckets.n_max + kWarps - 1) / kWarps);
-  const auto kernel = args.absolute ? backward_absolute_kernel<kTilePixels, kWithDepth>
-                                    : backward_per_splat_kernel<kTilePixels, kWithDepth>;
-  kernel<<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
+  backward_per_splat_kernel<kTilePixels, kWithDepth><<<blocks, kWarps * kWarpSize, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

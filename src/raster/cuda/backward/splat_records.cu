@@ -48,7 +48,6 @@ void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context) {
   fill(args.out.record_of_gaussian, 0xff, sizeof(std::int32_t));  // -1
   fill(args.out.means2d, 0, 2 * sizeof(float));
   fill(args.radii, 0, sizeof(std::int32_t));
-  if (args.means2d_abs != nullptr) fill(args.means2d_abs, 0, 2 * sizeof(float));
   if (args.rows.n_splats == 0) return;
   const auto blocks = static_cast<unsigned>((args.rows.n_splats + kThreads - 1) / kThreads);
   keep_splats_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
