@@ -65,8 +65,7 @@ struct HeldFolder {
 std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
   const bool is_default = layers && layers->config.batch != config.batch;
   const std::string reason = config.batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
-  return detail::concat("ranks       ", n_ranks, ", ", config.batch, config.batch > 1 ? " views" : " view", " per step",
-                        is_default ? reason : "");
+  return detail::concat("ranks       ", n_ranks, ", ", config.batch, " views per step", is_default ? reason : "");
 }
 
 /// How ranks exchange, where that is slow; otherwise empty.

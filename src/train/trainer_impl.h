@@ -19,6 +19,7 @@
 #include "config/output_plan.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
+#include "dist/communicator.h"
 #include "raster/math/invalid_gaussian.h"
 #include "scene/view_image.h"
 #include "train/appearance/appearance_model.h"
