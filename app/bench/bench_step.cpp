@@ -15,6 +15,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
+#include "raster/stages.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"

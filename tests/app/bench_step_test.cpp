@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "raster/stages.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
