@@ -60,7 +60,6 @@ nlohmann::ordered_json without_background(nlohmann::ordered_json options, const 
   }
   options.erase("background");
   options.erase("background_lr");
-  options.erase("rank_splats");  // it changed nothing that is learned
   return options;
 }
 
