@@ -215,7 +215,7 @@ TEST(SplitView, RefusesTensorsThatDoNotFit) {
   const KeptSplats room{torch::zeros({m, 12}), torch::zeros({n}, torch::kInt32)};
   SplatOwner owner;
   const auto keep = [&](const torch::Tensor& some_sums, const KeptSplats& some_room) {
-    return [=, &owner, &good] { owner.keep(good, some_sums, n, false, some_room); };
+    return [=, &owner, &good] { owner.keep(good, some_sums, n, some_room); };
   };
   EXPECT_TRUE(fails_with<LogicError>({"sums"}, keep(sums.slice(0, 1), room)));
   EXPECT_TRUE(fails_with<LogicError>({"room for"}, keep(sums, {room.records.slice(0, 1), room.record_of_gaussian})));
