@@ -29,8 +29,8 @@ constexpr FormerOption kFormerOptions[] = {
     {"position_lr_delay_mult", "0.01", kOriginal},
     {"exposure_lr_delay_steps", "0", kOriginal},
     {"exposure_lr_delay_mult", "0.0", kOriginal},
-    // Of earlier versions; docs/recipes.md has what was measured.
-    {"rank_splats", "2000000", "each rank draws at most 2,000,000 splats at a time"},
+    // Of earlier versions; docs/lab/experiments.md has what was measured.
+    {"rank_splats", "2000000", "each rank draws about 2,000,000 splats at a time, or one view"},
     {"mask_alpha_weight", "1", "the weight is 1"},
     {"skip_share", "0", "no step is skipped"},
     {"skip_from_iter", "15500", nullptr},

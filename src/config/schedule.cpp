@@ -74,9 +74,10 @@ std::string describe_epochs(const TrainConfig& config, const Photographs& photog
   for (const int uses : {config.max_epochs, uses_by_overlap(config.max_epochs, photographs)}) {
     if (uses == 0 || config.iterations != iterations_of(uses, photographs.n)) continue;
     const bool has_known_overlap = photographs.overlap < static_cast<double>(photographs.n);
-    const std::string reason = uses < config.max_epochs && has_known_overlap
-                                   ? print_to_string(": about %.0f of them show the same point", photographs.overlap)
-                                   : "";
+    const std::string reason =
+        uses < config.max_epochs && has_known_overlap
+            ? print_to_string("; about %.0f photographs show the same point", photographs.overlap)
+            : "";
     return detail::concat("schedule    ", format_count(config.iterations), " iterations: each photograph ",
                           format_count(uses), uses == 1 ? " time" : " times", " (--max_epochs", reason, ")");
   }

@@ -17,7 +17,6 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kRoot = B3DGS_SOURCE;
-constexpr std::size_t kMaxFiles = 16;  // sources in one folder
 
 struct Layer {
   std::string folder;
@@ -200,14 +199,6 @@ TEST(Includes, AllOfLibTorchIsIncludedNowhere) {
     for (std::string line; std::getline(text, line);) {
       EXPECT_EQ(line.find(include), std::string::npos) << fs::relative(file, kRoot);
     }
-  }
-}
-
-TEST(Folders, HoldFewFiles) {
-  std::map<fs::path, std::size_t> counts;
-  for (const fs::path& file : sources({"src", "app", "data_synth", "tests"})) ++counts[file.parent_path()];
-  for (const auto& [folder, count] : counts) {
-    EXPECT_LE(count, kMaxFiles) << fs::relative(folder, kRoot);
   }
 }
 

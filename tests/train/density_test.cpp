@@ -263,27 +263,6 @@ TEST(RowEdit, GivesNewRowsTheirOpacities) {
   EXPECT_EQ(model.gaussians.logit_opacities[4].item<float>(), before[0].item<float>()) << "that of the source";
 }
 
-TEST(RowEdit, GivesNewRowsTheMomentsOfTheirSourcesIfAsked) {
-  Model model = make_model({{kSmall, 0.5f, 0}, {kSmall, 0.25f, 0}, {kLarge, 0.75f, 0}});
-  std::vector<torch::Tensor> expected, found;
-  for (GaussianTensors* moments : {&model.adam.m, &model.adam.v}) {
-    for (const torch::Tensor* moment : moments->all()) expected.push_back(moment->clone());
-  }
-  RowEdit edit;
-  edit.sources = torch::tensor({1, 2, 0, 2}, torch::kInt64);
-  edit.n_kept = 2;
-  edit.new_means = edit.new_log_scales = torch::zeros({2, 3});
-  edit.copies_moments = true;
-  apply_row_edit(edit, model.gaussians, model.adam, model.statistics);
-  for (GaussianTensors* moments : {&model.adam.m, &model.adam.v}) {
-    for (const torch::Tensor* moment : moments->all()) found.push_back(*moment);
-  }
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_TRUE(torch::equal(found[i], expected[i].index_select(0, edit.sources))) << i;
-  }
-  EXPECT_EQ(model.statistics.view_count.slice(0, 2).sum().item<float>(), 0);
-}
-
 TEST(RowEdit, CanRemoveEveryRow) {
   Model model = make_model({{kSmall, 0.004f, 1.5f}, {kLarge, 0.004f, 1.5f}});
   apply_row_edit(densify(model, kRule).edit, model.gaussians, model.adam, model.statistics);

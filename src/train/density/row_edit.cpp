@@ -135,8 +135,8 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
       edit_tensor(edit, piece_rows(*tensor, piece_elements_), scratch, *tensor, copies_new);
   };
   edit_all(gaussians, true);
-  edit_all(adam.m, edit.copies_moments);
-  edit_all(adam.v, edit.copies_moments);
+  edit_all(adam.m, false);
+  edit_all(adam.v, false);
   edit_all(statistics, false);
   gaussians.means.slice(0, edit.n_kept).copy_(edit.new_means);
   gaussians.log_scales.slice(0, edit.n_kept).copy_(edit.new_log_scales);

@@ -11,14 +11,13 @@
 
 namespace b3dgs {
 
-/// Rows after the edit: first the kept ones, in ascending order, then the new ones.
+/// Rows after the edit: first the kept ones, in ascending order, then the new ones, whose Adam moments are 0.
 struct RowEdit {
   torch::Tensor sources;              // [M] int64, row before the edit whose parameters each row takes
   std::int64_t n_kept = 0;            // of the M rows
   torch::Tensor new_means;            // [M - n_kept, 3] of the new rows, instead of the source's
   torch::Tensor new_log_scales;       // [M - n_kept, 3] of the new rows, instead of the source's
   torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
-  bool copies_moments = false;        // whether new rows take their source's Adam moments; otherwise these are 0
 };
 
 /// An uninitialised tensor. @throws OutOfMemoryError

@@ -20,12 +20,11 @@ void Trainer::Impl::take_distributed_step() {
     const std::vector<LearnedView> views = next_views_of_step(last);
     keep_views_of_ranks(from, views, last, std::exchange(is_filter_due, false));
   } while (state.iteration < last);
-  if (learned_views.empty()) return timer.cancel();
   learn_from_kept_views();
   timer.finish(state.step_iterations);
 }
 
-/// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer if some are skipped.
+/// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer at the end of a step.
 struct Trainer::Impl::ViewsOfRanks {
   struct View {
     DensityPlan plan;

@@ -86,12 +86,12 @@ TEST(McmcTraining, HoldsTheCountOnlyWhereMemoryIsShort) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = std::int64_t{1} << 30;
-  EXPECT_EQ(counts_with(memory, temp / "ample"), (std::pair<std::int64_t, std::int64_t>{160, 0}))
+  EXPECT_EQ(counts_with(memory, temp / "ample"), (std::pair<std::int64_t, std::int64_t>{130, 0}))
       << "--max_gaussians is no lack of memory";
   memory->bytes = 200000;
   const auto [count, held_at] = counts_with(memory, temp / "short");
   EXPECT_GE(held_at, 120);
-  EXPECT_LT(held_at, 160);
+  EXPECT_LT(held_at, 130);
   EXPECT_EQ(count, held_at);
   memory->bytes.reset();
   memory->rows_that_fit = 125;  // an allocation for more fails
@@ -135,7 +135,7 @@ TEST(McmcTraining, CanTakeOverFromAnotherStrategyAndBack) {
   EXPECT_EQ(trainer.resume(first),
             (std::vector<std::string>{"iterations: 8 -> 18", "strategy: \"default\" -> \"mcmc\""}));
   const fs::path second = trainer.run().checkpoint;
-  EXPECT_EQ(trainer.n_gaussians(), 160);
+  EXPECT_EQ(trainer.n_gaussians(), 130);
   config.strategy = "default";
   config.iterations = 19;
   EXPECT_EQ(train(config, scene, temp / "model", second).result.iteration, 19);
@@ -148,7 +148,7 @@ TEST(McmcTraining, ReadsCheckpointsFromBeforeTheOption) {
   config.iterations = 6;
   const fs::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
   CheckpointFile file = read_checkpoint_file(checkpoint);
-  for (const char* key : {"strategy", "opacity_reg", "scale_reg", "init_opacity", "init_scale", "growth", "noise_lr"}) {
+  for (const char* key : {"strategy", "opacity_reg", "scale_reg", "init_opacity", "init_scale", "noise_lr"}) {
     ASSERT_EQ(file.header["config"].erase(key), 1u) << key;
   }
   write_checkpoint_file(temp / "old.ckpt", file);

@@ -211,7 +211,7 @@ Model own_part(const Model& whole, const RowOwners& owners) {
 }
 
 /// Keeps each row with probability `keeps`, and adds copies of n_new rows.
-RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_opacities, bool copies_moments) {
+RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_opacities) {
   const torch::Tensor kept = (torch::rand({n}) < keeps).nonzero().flatten();
   RowEdit edit;
   edit.sources = n == 0 ? kept : torch::cat({kept, torch::randint(n, {n_new}, torch::kInt64)});
@@ -220,7 +220,6 @@ RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_o
   edit.new_means = torch::randn({n_new, 3});
   edit.new_log_scales = torch::randn({n_new, 3});
   if (has_opacities) edit.new_logit_opacities = torch::randn({n_new});
-  edit.copies_moments = copies_moments;
   return edit;
 }
 
@@ -250,12 +249,12 @@ void check_edits(Communicator& ranks) {
   for (const std::int64_t n : {0, 5, 1024, 5000, 9000}) {
     for (const std::int64_t n_coefficients : {0, 3}) {
       const Model before = random_model(n, n_coefficients, n_coefficients == 0 ? 0 : 4);
-      check_edit(ranks, before, random_edit(n, 0.8, n / 3, false, false));
-      check_edit(ranks, before, random_edit(n, 0.3, 2 * n, true, true));
-      check_edit(ranks, before, random_edit(n, 0.9, n / 20, true, false));
-      check_edit(ranks, before, random_edit(n, 1.1, 0, false, true));    // changes nothing
-      check_edit(ranks, before, random_edit(n, -1, 2500, false, true));  // only new rows
-      check_edit(ranks, before, random_edit(n, -1, 0, true, false));     // removes all
+      check_edit(ranks, before, random_edit(n, 0.8, n / 3, false));
+      check_edit(ranks, before, random_edit(n, 0.3, 2 * n, true));
+      check_edit(ranks, before, random_edit(n, 0.9, n / 20, true));
+      check_edit(ranks, before, random_edit(n, 1.1, 0, false));    // changes nothing
+      check_edit(ranks, before, random_edit(n, -1, 2500, false));  // only new rows
+      check_edit(ranks, before, random_edit(n, -1, 0, true));      // removes all
     }
   }
 }
@@ -432,7 +431,7 @@ void check_misfits(Communicator& ranks) {
     expect_failure(part, [&] { apply_row_edit(ranks, edit, before, model.gaussians, model.adam, model.statistics); });
     expect_same(model.gaussians.means, means, "means after a refused edit");
   };
-  const RowEdit edit = random_edit(kRows, 0.7, 500, true, false);
+  const RowEdit edit = random_edit(kRows, 0.7, 500, true);
   edit_fails(last, edit, is_last ? others : owners, own_part(whole, owners));
   Model short_column = own_part(whole, owners);
   if (is_last) short_column.statistics.extra[0].values = short_column.statistics.extra[0].values.slice(0, 1);
@@ -446,9 +445,6 @@ void check_misfits(Communicator& ranks) {
   if (ranks.size() > 1) {
     other = edit;
     if (is_last) other.sources = edit.sources.flip(0);
-    edit_fails("disagree on the row edit", other, owners, own_part(whole, owners));
-    other = edit;
-    other.copies_moments = is_last;
     edit_fails("disagree on the row edit", other, owners, own_part(whole, owners));
   }
 

@@ -42,7 +42,6 @@ std::vector<std::int64_t> identify(const RowEdit& edit, const SourceNumbers& num
           edit.sources.size(0),
           edit.n_kept,
           numbers.weighted_sum,
-          static_cast<std::int64_t>(edit.copies_moments),
           static_cast<std::int64_t>(edit.new_logit_opacities.defined()),
           gaussians.shN.size(1),
           static_cast<std::int64_t>(statistics.extra.size())};
