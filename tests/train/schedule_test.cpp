@@ -174,7 +174,7 @@ TEST(EpochLimit, FollowsHowManyPhotographsShowTheSamePoint) {
   EXPECT_DOUBLE_EQ(limit_epochs(config, {200, 10.0}, GivenOptions::object()), 16000.0 / 24000) << "80 uses";
   EXPECT_EQ(config.iterations, 16000);
   EXPECT_EQ(describe_epochs(config, {200, 10.0}),
-            "schedule    16,000 iterations: each photograph 80 times (--max_epochs: about 10 of them show the same "
+            "schedule    16,000 iterations: each photograph 80 times (--max_epochs; about 10 photographs show the same "
             "point)");
   config = resolve_options(GivenOptions::object()).config;
   EXPECT_EQ(limit_epochs(config, {60, 50.0}, GivenOptions::object()), 1);
