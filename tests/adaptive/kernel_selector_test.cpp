@@ -41,6 +41,7 @@ std::vector<KernelDecision> run(KernelSelector& selector, int first, int last, T
 
 std::vector<int> iterations_of(const std::vector<KernelDecision>& checks) {
   std::vector<int> iterations;
+  iterations.reserve(checks.size());
   for (const KernelDecision& check : checks) iterations.push_back(check.iteration);
   return iterations;
 }
