@@ -72,6 +72,7 @@ void add_former_options(CommandLine& line) {
 }
 
 nlohmann::ordered_json without_former_options(nlohmann::ordered_json options) {
+  if (!options.is_object()) return options;
   for (const FormerOption& option : kFormerOptions) options.erase(option.name);
   return options;
 }

@@ -50,6 +50,7 @@ void add_lines(std::vector<std::string>& lines, const std::string& label, const 
 
 /// Black and white are -w now, a learned background cannot be had.
 nlohmann::ordered_json without_background(nlohmann::ordered_json options, const std::string& place) {
+  if (!options.is_object()) return options;  // config_from_json() refuses it
   const auto own = options.find("background");
   if (own != options.end()) {
     if (*own == "learned" || *own == "sky") {
@@ -82,7 +83,8 @@ void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& 
   nlohmann::ordered_json known =
       without_former_options(without_pixels_per_gaussian(without_background(options, place)));
   // Splits of earlier versions, which were worse.
-  if (known.value("split", "") == "cover" || known.value("split", "") == "samples") known["split"] = "preserve";
+  if (known.contains("split") && (known["split"] == "cover" || known["split"] == "samples"))
+    known["split"] = "preserve";
   config_from_json(config, known, place);
 }
 

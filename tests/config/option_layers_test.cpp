@@ -100,6 +100,20 @@ TEST(FormerOptions, OfAFileAreLeftOut) {
   EXPECT_EQ(config.split, "preserve") << "the former splits are gone";
 }
 
+TEST(FormerOptions, AreLookedForOnlyInObjects) {
+  const test::TempDir temp;
+  const std::string path = (temp / "config.json").string();
+  TrainConfig config;
+  for (const char* text : {"[1]", "3", "\"huber\"", "null"}) {
+    write_file(path, text);
+    EXPECT_TRUE(test::fails_with<InputError>({"not a JSON object", path}, [&] { given({}, path); })) << text;
+    EXPECT_TRUE(test::fails_with<InputError>({"not a JSON object"}, [&] {
+      stored_config_from_json(config, nlohmann::ordered_json::parse(text), path);
+    })) << text;
+  }
+  EXPECT_TRUE(test::fails_with<InputError>({"split"}, [&] { stored_config_from_json(config, {{"split", 3}}, path); }));
+}
+
 TEST(Presets, HaveARowForEveryName) {
   ASSERT_EQ(presets().size(), std::size(kPresetNames));
   for (std::size_t i = 0; i < presets().size(); ++i) EXPECT_STREQ(presets()[i].name, kPresetNames[i]);
