@@ -10,8 +10,12 @@ set(skipped "\\[  PASSED  \\] 0 tests\\.\n(\\[  SKIPPED \\][^\n]*\n)+$")
 set(text)
 foreach(suite IN LISTS suites)
   string(REGEX REPLACE "[\n.]" "" suite "${suite}")
+  set(alone OFF)
+  if(suite MATCHES "RunsAlone$")  # it leaves nothing of a GPU's memory to others
+    set(alone ON)
+  endif()
   string(APPEND text "add_test([==[${suite}]==] [==[${PROGRAM}]==] [==[--gtest_filter=${suite}.*]==])\n"
-    "set_tests_properties([==[${suite}]==] PROPERTIES WORKING_DIRECTORY [==[${FOLDER}]==] TIMEOUT 1800\n"
+    "set_tests_properties([==[${suite}]==] PROPERTIES WORKING_DIRECTORY [==[${FOLDER}]==] TIMEOUT 1800 RUN_SERIAL ${alone}\n"
     "  LABELS [==[${LABELS}]==] ENVIRONMENT OMP_WAIT_POLICY=passive SKIP_REGULAR_EXPRESSION [==[${skipped}]==])\n")
 endforeach()
 file(WRITE ${OUTPUT} "${text}")

@@ -250,7 +250,7 @@ class FullGpu {
   std::vector<void*> blocks_;
 };
 
-TEST(TrainerOnGpu, KeepsPhotographsWithoutMemoryToUploadThemAgain) {
+TEST(FullGpuRunsAlone, KeepsPhotographsWithoutMemoryToUploadThemAgain) {
   B3DGS_NEEDS_GPU();
   const test::DiskScene disk;
   const Scene scene = disk.load();
