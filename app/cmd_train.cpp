@@ -32,6 +32,7 @@
 #include "core/shell_quote.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
+#include "multi/train_on_ranks.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
 #include "train/checkpoint/checkpoint.h"
@@ -218,7 +219,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainHooks hooks;
   hooks.stop_signal = &stop_signal();
   hooks.on_loading = on_loading;
-  if (has_peers) hooks.ranks = &ranks;
+  train_on_ranks(ranks, config, hooks);
   if (is_first) {
     hooks.on_progress = std::ref(progress);
     hooks.on_message = [&](const std::string& message) {
@@ -227,7 +228,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   }
   std::unique_ptr<Trainer> owned;
-  hooks.on_result = [&] { record_previews(*owned, scene, folder, hooks.ranks); };
+  hooks.on_result = [&] { record_previews(*owned, scene, folder, has_peers ? &ranks : nullptr); };
   std::optional<WatchedTraining> watched;
   std::unique_ptr<ViewServer> server;
   if (options.view) {
@@ -267,7 +268,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
   try {
-    record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, hooks.ranks);
+    record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, has_peers ? &ranks : nullptr);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
       std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());

@@ -12,8 +12,8 @@ namespace b3dgs {
 
 /// Renders up to three views (test views if there are any) and saves them for the report. To be called from
 /// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. Of several ranks, all
-/// call this together, since rendering may need all of them, and rank 0 writes. `ranks` as in TrainHooks. @throws
-/// IoError
+/// call this together, since rendering may need all of them, and rank 0 writes. `ranks`: null if there is one process.
+/// @throws IoError
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator* ranks = nullptr);
 
 /// What one session adds.

@@ -19,33 +19,43 @@ namespace b3dgs {
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
+  /// Throws the same error with more text at its end.
+  [[noreturn]] virtual void rethrow_with(const std::string& more) const { throw Error(what() + more); }
+};
+
+/// A kind of error: class InputError : public ErrorOf<InputError>.
+template <class Self, class Base = Error>
+class ErrorOf : public Base {
+ public:
+  using Base::Base;
+  [[noreturn]] void rethrow_with(const std::string& more) const override { throw Self(this->what() + more); }
 };
 
 /// One line: "WHAT: WHERE (expected X, found Y); what to do", for example
 /// "scene folder not found: data/garden (expected images/ and sparse/0/)".
-class InputError : public Error {
+class InputError : public ErrorOf<InputError> {
  public:
-  using Error::Error;
+  using ErrorOf::ErrorOf;
 };
 
-class IoError : public Error {
+class IoError : public ErrorOf<IoError> {
  public:
-  using Error::Error;
+  using ErrorOf::ErrorOf;
 };
 
-class NumericError : public Error {
+class NumericError : public ErrorOf<NumericError> {
  public:
-  using Error::Error;
+  using ErrorOf::ErrorOf;
 };
 
-class OutOfMemoryError : public Error {
+class OutOfMemoryError : public ErrorOf<OutOfMemoryError> {
  public:
-  using Error::Error;
+  using ErrorOf::ErrorOf;
 };
 
-class LogicError : public Error {
+class LogicError : public ErrorOf<LogicError> {
  public:
-  using Error::Error;
+  using ErrorOf::ErrorOf;
 };
 
 namespace detail {

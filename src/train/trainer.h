@@ -1,25 +1,22 @@
 // Trains a model: the public interface.
 #pragma once
 
-#include <atomic>
+#include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
-#include "adaptive/kernel_timer.h"
 #include "config/train_config.h"
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
-#include "train/memory/memory_source.h"
-#include "train/output/train_events.h"
-#include "train/poses/pose_state.h"
+#include "train/train_hooks.h"
 
 namespace b3dgs {
 
-class Communicator;
+class Session;
 
 /// Of a GPU, bytes besides the CUDA context, before the first step.
 struct MemoryForecast {
@@ -28,41 +25,6 @@ struct MemoryForecast {
   std::int64_t model = 0;          // parameters, moments and statistics at the initial count
   std::int64_t pairs = 0;          // splats and (tile, splat) pairs of a view of that model
   std::int64_t largest_count = 0;  // Gaussians that fit
-};
-
-/// The model between two steps. Valid until TrainHooks::on_model returns.
-struct ModelInTraining {
-  int iteration = 0;
-  const GaussianTensors& gaussians;
-  const PoseState& poses;  // with_refined_poses()
-  int sh_degree = 0;       // optimised so far
-  std::string kernel;      // forward kernel in use
-};
-
-struct TrainHooks : TrainListeners {
-  ProgressFn on_loading;                          // while photographs are read before the first step
-  const std::atomic<int>* stop_signal = nullptr;  // nonzero: write a checkpoint and return
-  // After the files of the last iteration and before its density control: the model is the one that was saved. Of
-  // several ranks, on rank 0.
-  std::function<void()> on_result;
-  // For callers that show the model while it is trained: after each step with its density control, wants_model() is
-  // asked, and on_model() called if it returns true. It may read the model, call Trainer::save(), and take
-  // its time, which counts as output; whatever it does, the training stays the same. Of one process only, not of
-  // several ranks.
-  std::function<bool()> wants_model;
-  std::function<void(const ModelInTraining&)> on_model;
-  Communicator* ranks = nullptr;  // of several processes that train together; null = this one alone
-
-  // For tests and benchmarks.
-  // About how many splats each of several ranks draws at a time. A step of more views is taken in parts: splats and
-  // sums on their way between ranks take up to 400 bytes for each of these splats.
-  std::int64_t rank_splats = 2000000;
-  std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty
-  bool wait_for_files = false;      // each file is on disk before the next iteration
-  std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;  // times candidate kernels; the device's if empty
-  std::shared_ptr<MemorySource> memory;                             // the device's if null
-  // Bytes of photographs that stay on the device, overriding --image_cache_gb, for trainers that share a device.
-  std::optional<std::int64_t> image_budget;
 };
 
 /// Checks the options without the scene: that they go together, and that the file of --init_ply can be read. A Trainer
@@ -98,8 +60,8 @@ class Trainer {
   int iteration() const;
 
   /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
-  /// Call run_until() first. Of several ranks, all call this together, except in TrainHooks::on_result; the result is
-  /// on rank 0.
+  /// Call run_until() first. Of several processes, all call this together, except in TrainHooks::on_result; the result
+  /// is in the first one.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
   /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError
@@ -125,8 +87,7 @@ class Trainer {
   std::optional<MemoryForecast> forecast_memory();
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<Session> session_;
 };
 
 }  // namespace b3dgs

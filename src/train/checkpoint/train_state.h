@@ -16,19 +16,26 @@
 
 namespace b3dgs {
 
-struct TrainState {
-  int iteration = 0;          // last one done; random numbers follow from it and the seed (core/random.h)
-  int step_iterations = 1;    // of the last step, see --batch
-  int sh_degree = 0;          // currently optimised; shN has coefficients up to the config's degree
-  GaussianTensors gaussians;  // of several ranks, each has some of the rows
-  std::optional<std::int64_t> n_of_all_ranks;  // Gaussians of the model, if there are several ranks
+/// What a step changes before it changes the Gaussians.
+struct StepPosition {
+  int iteration = 0;        // last one done; random numbers follow from it and the seed (core/random.h)
+  int step_iterations = 1;  // of the last step, see --batch
+  int sh_degree = 0;        // currently optimised; shN has coefficients up to the config's degree
+  ViewOrder view_order;
+  double loss_average = 0;  // 0.4 x new + 0.6 x old
+
+  /// First iteration of the last step.
+  int first_of_step() const { return iteration - step_iterations + 1; }
+};
+
+struct TrainState : StepPosition {
+  GaussianTensors gaussians;                   // of several processes, each has some of the rows
+  std::optional<std::int64_t> n_of_all_ranks;  // Gaussians of the model, if there are several processes
   AdamState adam;
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
   AppearanceState appearance;
-  ViewOrder view_order;
   ViewRatios view_ratios;   // where memory is limited
-  double loss_average = 0;  // 0.4 x new + 0.6 x old
   double elapsed_s = 0;     // of training, over all sessions
   std::string training_id;  // see training_id.h; empty in checkpoints of early versions
   // The session ended between the last iteration's step and its density control, which is still to be done.

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "support/gpu_test.h"
-#include "train/ranks/rows/sharded_row_edit.h"
-#include "train/ranks/splats/merge_splats.h"
+#include "multi/rows/sharded_row_edit.h"
+#include "multi/splats/merge_splats.h"
 
 namespace b3dgs {
 namespace {

@@ -1,5 +1,5 @@
 // Which rank draws which view.
-#include "train/ranks/draw_plan.h"
+#include "multi/draw_plan.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Splats of several ranks in the order of one, without ranks.
-#include "train/ranks/splats/merge_splats.h"
+#include "multi/splats/merge_splats.h"
 
 #include <gtest/gtest.h>
 #include <torch/types.h>

@@ -11,15 +11,15 @@
 #include "config/train_config.h"
 #include "core/check.h"
 #include "dist/communicator.h"
+#include "multi/draw_plan.h"
+#include "multi/rows/move_rows.h"
+#include "multi/rows/row_owners.h"
+#include "multi/rows/sharded_row_edit.h"
+#include "multi/rows/sharded_rows.h"
+#include "multi/splat_exchange.h"
 #include "support/rank_program.h"
 #include "train/density/density_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
-#include "train/ranks/draw_plan.h"
-#include "train/ranks/rows/move_rows.h"
-#include "train/ranks/rows/row_owners.h"
-#include "train/ranks/rows/sharded_row_edit.h"
-#include "train/ranks/rows/sharded_rows.h"
-#include "train/ranks/splat_exchange.h"
 
 namespace b3dgs {
 namespace {

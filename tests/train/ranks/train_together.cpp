@@ -15,13 +15,14 @@
 
 #include "core/check.h"
 #include "dist/communicator.h"
+#include "multi/rows/row_owners.h"
+#include "multi/train_on_ranks.h"
 #include "support/rank_program.h"
 #include "support/temp_dir.h"
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/ranks/rows/row_owners.h"
 
 namespace b3dgs {
 namespace {
@@ -41,10 +42,12 @@ bool runs_on_gpu() {
   return device != nullptr && std::string(device) == "cuda";
 }
 
+constexpr std::int64_t kSplatsAtATime = 2000000;  // as by default
+
 /// Trains with `ranks`, or alone if it is null.
 Files train(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator* ranks,
-            const fs::path& resume = {}, TrainHooks hooks = {}) {
-  hooks.ranks = ranks;
+            const fs::path& resume = {}, TrainHooks hooks = {}, std::int64_t splats_at_a_time = kSplatsAtATime) {
+  if (ranks != nullptr) train_on_ranks(*ranks, config, hooks, splats_at_a_time);
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Files files;
@@ -107,10 +110,12 @@ TrainConfig config_of(const std::string& strategy) {
   return config;
 }
 
-void check_strategy(const TrainConfig& config, const Scene& scene, Communicator& ranks, const TrainHooks& hooks = {}) {
+void check_strategy(const TrainConfig& config, const Scene& scene, Communicator& ranks,
+                    std::int64_t splats_at_a_time = kSplatsAtATime) {
   const SharedFolder folder(ranks);
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
-  expect_same(train(config, scene, folder / "together", &ranks, {}, hooks), alone, config.strategy, ranks);
+  expect_same(train(config, scene, folder / "together", &ranks, {}, {}, splats_at_a_time), alone, config.strategy,
+              ranks);
 }
 
 /// Everything that the step of a view may do.
@@ -140,18 +145,13 @@ void check_parts(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene(options);
   TrainConfig config = config_of("balanced");
   config.batch = 5;
-  TrainHooks hooks;
-  for (const int rank_splats : {1, 250}) {
-    hooks.rank_splats = rank_splats;
-    check_strategy(config, scene, ranks, hooks);
-  }
-  hooks.rank_splats = 1;
+  for (const std::int64_t splats_at_a_time : {1, 250}) check_strategy(config, scene, ranks, splats_at_a_time);
   config.exposure = true;
-  check_strategy(config, scene, ranks, hooks);
+  check_strategy(config, scene, ranks, 1);
   config.exposure = false;
   config.strategy = "default";
   config.densify_until_iter = 12;
-  check_strategy(config, scene, ranks, hooks);
+  check_strategy(config, scene, ranks, 1);
 }
 
 /// Fewer Gaussians than ranks x rows of a block, some ranks have none.
@@ -226,7 +226,7 @@ void check_invalid(Communicator& ranks) {
   if (ranks.is_first()) expect(together.result.n_removed == 2, "two Gaussians are removed");
 
   TrainHooks hooks;
-  hooks.ranks = &ranks;
+  train_on_ranks(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "evaluated"), hooks);
   trainer.resume(damaged);
   trainer.run_until(3);

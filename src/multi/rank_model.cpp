@@ -1,0 +1,208 @@
+// The model as a whole, of which each rank has some rows: distributed at the start, gathered for PLYs and checkpoints.
+// And density control: each rank plans the same round, from statistics of the whole model.
+
+#include <algorithm>
+#include <limits>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "multi/rank_stepper.h"
+#include "multi/rows/move_rows.h"
+#include "multi/rows/sharded_row_edit.h"
+#include "multi/rows/sharded_rows.h"
+#include "train/checkpoint/checkpoint.h"
+#include "train/density/invalid_gaussians.h"
+
+namespace b3dgs {
+
+namespace {
+
+/// All tensors with a row per Gaussian.
+template <class Visit>
+void visit_rows(TrainState& state, Visit&& visit) {
+  for (GaussianTensors* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
+    for (torch::Tensor* tensor : group->all()) visit(*tensor);
+  }
+  visit(state.gaussians.filters);
+  for (torch::Tensor* column : state.statistics.all()) visit(*column);
+}
+
+}  // namespace
+
+void RankStepper::adopt_model() {
+  const torch::Device device = training_.device;
+  state_.n_of_all_ranks = state_.gaussians.size();
+  owners_ = RowOwners::round_robin(ranks_.rank(), ranks_.size(), state_.gaussians.size(), device);
+  visit_rows(state_, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) tensor = own_rows(tensor, owners_).to(device);
+  });
+  // What is whole on every rank.
+  visit_appearance(state_.appearance, [&](const char*, torch::Tensor& tensor) { tensor = tensor.to(device); });
+}
+
+void RankStepper::redistribute_rows() {
+  std::vector<torch::Tensor*> rows;
+  visit_rows(state_, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) rows.push_back(&tensor);
+  });
+  RowOwners after;
+  bool has_room = true;
+  try {
+    after = RowOwners::round_robin(ranks_.rank(), ranks_.size(), owners_.n_rows(), training_.device);
+    const torch::TensorOptions bytes = state_.gaussians.means.options().dtype(torch::kUInt8);
+    const torch::Tensor room = training_.memory->allocate({bytes_to_move_rows(rows, owners_, after)}, bytes);
+  } catch (const OutOfMemoryError&) {
+    has_room = false;
+  } catch (const c10::OutOfMemoryError&) {
+    has_room = false;
+  }
+  if (ranks_.max("room to move rows", has_room ? 0 : 1) != 0) return;
+  training_.is_consistent = false;
+  move_rows(ranks_, rows, owners_, after);
+  owners_ = after;
+  training_.is_consistent = true;
+}
+
+GaussianTensors RankStepper::whole_gaussians() {
+  GaussianTensors whole = flushed_state().gaussians;
+  const auto gather = [&](torch::Tensor& tensor) {
+    if (tensor.defined()) tensor = gather_rows_on_first(ranks_, tensor, owners_);
+  };
+  for (torch::Tensor* tensor : whole.all()) gather(*tensor);
+  gather(whole.filters);
+  return whole;
+}
+
+void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
+  using TakeBytes = std::function<void(const void*, std::size_t)>;
+  const TrainState& own = flushed_state();
+  std::set<const void*> rows;  // tensors of which each rank has a part
+  visit_rows(state_, [&](torch::Tensor& tensor) {
+    if (tensor.defined()) rows.insert(tensor.unsafeGetTensorImpl());
+  });
+  const TakeBytes ignore = [](const void*, std::size_t) {};
+  std::vector<OutputWriter::TensorPieces> tensors;
+  std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
+  for (const auto& [name, tensor] : checkpoint_tensors(own)) {
+    const bool has_part = rows.count(tensor.unsafeGetTensorImpl()) > 0;
+    TensorEntry entry{name, tensor.scalar_type(), tensor.sizes().vec()};
+    if (has_part) entry.shape[0] = state_.n_gaussians();
+    tensors.push_back({entry, [this, has_part, &n_read, part = tensor](const TakeBytes& take) {
+                         ++n_read;
+                         const auto take_rows = [&](const torch::Tensor& piece) {
+                           take(piece.data_ptr(), piece.nbytes());
+                         };
+                         if (has_part) return stream_rows_to_first(ranks_, part, owners_, take_rows);
+                         take_rows(part.cpu());
+                       }});
+  }
+  if (writes_files()) training_.recorder.write_checkpoint(checkpoint_header(config_, own, scene_fingerprint), tensors);
+  while (n_read < tensors.size()) tensors[n_read].read(ignore);
+}
+
+std::optional<std::int64_t> RankStepper::room_for_gaussians() {
+  // Scaled to the whole model, as if each rank's share stayed the same; the smallest result counts.
+  constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
+  std::int64_t count = Stepper::room_for_gaussians().value_or(kUnlimited);
+  if (owners_.n_own() == 0) count = kUnlimited;
+  if (count != kUnlimited) {
+    const double share = static_cast<double>(owners_.n_own()) / static_cast<double>(owners_.n_rows());
+    count = static_cast<std::int64_t>(static_cast<double>(count) / share);
+  }
+  const std::int64_t least = -ranks_.max("room", -count);
+  return least == kUnlimited ? std::nullopt : std::optional(least);
+}
+
+void RankStepper::begin_round() {
+  Stepper::begin_round();
+  model_ratios_.begin_round();
+}
+
+void RankStepper::end_round() {
+  has_failed_together_ = false;
+  if (owners_.are_uneven()) redistribute_rows();
+}
+
+MemoryRemedy RankStepper::together(MemoryRemedy remedy) {
+  return [this, remedy = std::move(remedy)] { return ranks_.max("remedy", remedy() ? 1 : 0) != 0; };
+}
+
+void RankStepper::apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
+  SourceNumbers numbers;
+  allocate_together([&] { numbers = source_numbers(round.edit); });
+  check_row_edit(ranks_, round.edit, numbers, owners_, state_.gaussians, state_.adam, state_.statistics);
+  OwnRowEdit own;
+  allocate_together([&] {
+    own = own_part(round.edit, owners_);
+    const std::int64_t n_own = own.owners.n_own(), n_rows = std::max<std::int64_t>(1, own.owners.n_rows());
+    reserve_rows(own.edit, limit > 0 ? std::max<std::int64_t>(1, limit * n_own / n_rows) : 0);
+  });
+  apply_reserved(own.edit, iteration);
+  owners_ = std::move(own.owners);
+  state_.n_of_all_ranks = owners_.n_rows();
+}
+
+void RankStepper::allocate_together(const std::function<void()>& work) {
+  std::string failure;
+  try {
+    work();
+  } catch (const OutOfMemoryError& error) {
+    failure = error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    failure = error.what_without_backtrace();
+  }
+  const std::vector<std::string> failures = ranks_.exchange("memory", failure);
+  for (std::size_t r = 0; r < failures.size(); ++r) {
+    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
+  }
+}
+
+void RankStepper::throw_out_of_memory(int rank, const std::string& reason) {
+  has_failed_together_ = true;
+  throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks_.size(), ": ", reason));
+}
+
+DensityRound RankStepper::plan_round(int iteration, std::int64_t limit) {
+  // Strategies do not read colours.
+  GaussianTensors gaussians;
+  const GaussianTensors& own = state_.gaussians;
+  const std::int64_t n = state_.n_gaussians();
+  allocate_together([&] {
+    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
+    const auto n_columns = static_cast<std::int64_t>(state_.statistics.all().size());
+    const torch::Tensor room = training_.memory->allocate({(kFloats + n_columns) * n}, own.means.options());
+  });
+  DensityStatistics statistics = state_.statistics;
+  std::vector<torch::Tensor*> gathered{&gaussians.means, &gaussians.log_scales, &gaussians.quats,
+                                       &gaussians.logit_opacities};
+  std::vector<torch::Tensor> rows{own.means, own.log_scales, own.quats, own.logit_opacities};
+  for (torch::Tensor* column : statistics.all()) {
+    gathered.push_back(column);
+    rows.push_back(*column);
+  }
+  rows = gather_rows(ranks_, rows, owners_);
+  for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
+  DensityRound round;
+  allocate_together([&] { round = training_.density->plan_round(gaussians, statistics, iteration, limit); });
+  return round;
+}
+
+std::int64_t RankStepper::remove_invalid_rows(std::int64_t row) {
+  if (renders_on_first_) {
+    RenderRequest request;
+    request.kind = RenderRequest::kRemove;
+    request.row = row;
+    ranks_.exchange_record("render", request);
+  }
+  const std::int64_t n = state_.n_gaussians();
+  const GaussianWidths widths = gaussian_widths(state_.gaussians, state_.adam);
+  const RowEdit edit = edit_without_invalid(
+      row, training_.scene.extent,
+      {gather_rows(ranks_, widths.is_finite, owners_), gather_rows(ranks_, widths.largest, owners_)});
+  owners_ = apply_row_edit(ranks_, edit, owners_, state_.gaussians, state_.adam, state_.statistics);
+  state_.n_of_all_ranks = owners_.n_rows();
+  return n - owners_.n_rows();
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,257 @@
+// Every rank projects its Gaussians for the views of a step; the splats of a view go to the rank that draws it, which
+// compares it with the photograph and blends backward; the sums of each splat go back to the rank of its Gaussian,
+// which takes the Adam step:
+//
+//   own Gaussians -> splats -> [rank that draws] -> render, loss, backward blend -> sums -> [own rank] -> Adam
+
+#include <algorithm>
+#include <utility>
+
+#include "multi/rank_stepper.h"
+#include "multi/rows/sharded_rows.h"
+#include "raster/torch/splat_owner.h"
+#include "train/optimizer/lr_schedule.h"
+
+namespace b3dgs {
+
+/// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer at the end of a step.
+struct RankStepper::Part {
+  struct View {
+    ViewOfStep of;
+    DensityPlan plan;
+    PinholeView camera;
+    RenderSettings settings;
+    ViewSplats own;             // of the Gaussians of this rank
+    std::int64_t n_splats = 0;  // on all ranks
+    bool refines_pose = false;
+  };
+
+  std::vector<View> views;
+  std::vector<int> drawers;                       // the rank that draws each view
+  std::vector<std::vector<std::int64_t>> counts;  // by rank: its splats of each view
+
+  // Of the views that this rank draws, in their order.
+  std::vector<torch::Tensor> sums, scores, shared, orders;
+
+  bool has_scores() const {
+    return std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
+  }
+  bool refines_poses() const {
+    return std::any_of(views.begin(), views.end(), [](const View& view) { return view.refines_pose; });
+  }
+};
+
+void RankStepper::take_step() {
+  const int last = step_end(config_.batch, config_.iterations, state_.iteration);
+  bool is_filter_due = begin_step(last);
+  do {
+    const int from = state_.iteration;
+    const std::vector<ViewOfStep> views = next_views_of_step(last);
+    learn_part(from, views, last, std::exchange(is_filter_due, false));
+  } while (state_.iteration < last);
+  finish_step(owners_.own());
+}
+
+void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
+  draw_plan_.forget_before(from);
+  Part part;
+  part.drawers = planned_drawers(from, views);
+  for (const ViewOfStep& view : views) part.views.emplace_back().of = view;
+  StepRecord record;
+  project_own_gaussians(part, is_filter_due, record);
+  exchange_records(part, record, last);
+  if (views.empty()) return;
+  drawers_ = part.drawers;
+  draw_own_views(part);
+  unread_losses_ = views;
+  keep_own_splats(part);
+  if (part.refines_poses()) gather_pose_gradients(part);
+  if (n_shared_columns() > 0) keep_shared_gradients(views, part.shared);
+  learned_views_.insert(learned_views_.end(), views.begin(), views.end());
+}
+
+void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record) {
+  if (part.views.empty()) return;
+  std::vector<PinholeView> cameras;
+  std::vector<RenderSettings> settings;
+  update_filters(is_filter_due);
+  try {
+    for (Part::View& view : part.views) {
+      view.plan = training_.density->plan(view.of.iteration);
+      view.refines_pose = training_.views.poses.refines(view.of.index, view.of.iteration);
+      view.camera = training_.views.camera(view.of.index, view.of.iteration);
+      view.settings = step_settings(view.of.iteration);
+      cameras.push_back(view.camera);
+      settings.push_back(view.settings);
+    }
+    const std::vector<ViewSplats> own = with_remedies(training_.remedies(), [&] {
+      return optimizer_.project_views(state_.gaussians, state_.adam, cameras, settings);
+    });
+    for (std::size_t v = 0; v < own.size(); ++v) {
+      part.views[v].own = own[v];
+      record.n_splats[v] = own[v].size();
+    }
+    splats_.pack(own, part.drawers, owners_.own());
+  } catch (const InvalidGaussianError& error) {
+    record.first_invalid = owners_.row_of_model(error.row());
+  } catch (const OutOfMemoryError&) {
+    record.is_out_of_memory = 1;
+  }
+}
+
+void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
+  record.stop = training_.is_stopped();
+  record.write_checkpoint = training_.recorder.is_checkpoint_due();
+  record.check_kernels = training_.kernels.is_due(training_.check_moment(last + 1));
+  training_.views.poses.finish_step();  // of the step before: the device has finished it by now
+  record.drawn = take_drawn();
+  const std::vector<StepRecord> records = ranks_.exchange_record("step", record);
+  std::vector<DrawnRecord> drawn_before;
+  agreed_ = {};
+  for (const StepRecord& other : records) {
+    part.counts.emplace_back(other.n_splats, other.n_splats + part.views.size());
+    drawn_before.push_back(other.drawn);
+    agreed_.stop |= other.stop != 0;
+    for (std::size_t v = 0; v < part.views.size(); ++v) part.views[v].n_splats += other.n_splats[v];
+  }
+  for (const Part::View& view : part.views) {
+    model_ratios_.add(view.n_splats, 0, state_.n_gaussians());
+    note_visibility(view.of.index, view.n_splats == 0);
+  }
+  agreed_.write_checkpoint = records[0].write_checkpoint != 0;
+  agreed_.check_kernels = records[0].check_kernels != 0;
+  add_drawn(drawn_before);
+  check_valid(records);
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
+  }
+}
+
+void RankStepper::draw_own_views(Part& part) {
+  const std::vector<ViewSplats> drawn = splats_.to_drawers(part.counts);
+  std::vector<std::size_t> own;
+  std::vector<std::int32_t> own_next;
+  for (std::size_t v = 0; v < part.views.size(); ++v) {
+    if (part.drawers[v] != ranks_.rank()) continue;
+    own.push_back(v);
+    own_next.push_back(part.views[v].of.index);
+  }
+  if (AppearanceModel* const appearance = training_.objective.appearance()) {
+    for (const Part::View& view : part.views) {
+      appearance->begin_step(view.of.index, view.of.iteration, state_.appearance);
+    }
+  }
+  const std::vector<std::int32_t> ahead = own_views_ahead();
+  own_next.insert(own_next.end(), ahead.begin(), ahead.end());
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    own_next.erase(own_next.begin());
+    draw_view(part, own[i], drawn[i], own_next);
+  }
+}
+
+void RankStepper::draw_view(Part& part, std::size_t v, const ViewSplats& drawn,
+                            const std::vector<std::int32_t>& own_next) {
+  const Part::View& of = part.views[v];
+  const int iteration = of.of.iteration;
+  training_.timer.begin(Stage::kUpload);
+  const std::size_t n_next = std::min(training_.views.images.n_upcoming_wanted(), own_next.size());
+  const TrainView view = training_.views.take(
+      of.of.index, iteration, {own_next.begin(), own_next.begin() + static_cast<std::ptrdiff_t>(n_next)});
+  training_.timer.end();
+  RenderedView rendered;
+  try {
+    rendered = with_remedies(training_.remedies(),
+                             [&] { return training_.rasterizer.forward_splats(drawn, view.camera, of.settings); });
+  } catch (const NumericError& error) {
+    throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
+  }
+  note_view_size(iteration);
+  read_own_loss();  // of the view before: the next loss takes its place
+  own_views_.push_back({v, std::nullopt, queue_row_entries()});
+  AppearanceModel* const appearance = training_.objective.appearance();
+  if (appearance != nullptr) appearance->set_place(static_cast<int>(learned_views_.size() + v));
+  const RenderedViewGrad grad = compare(view, iteration, rendered, of.plan.score);
+  part.sums.push_back(training_.rasterizer.backward_splats(grad));
+  if (part.refines_poses()) part.orders.push_back(training_.rasterizer.order_of_splats());
+  if (n_shared_columns() > 0) part.shared.push_back(shared_gradients());
+  if (part.has_scores()) {
+    part.scores.push_back(training_.rasterizer.score_splats(of.plan.score ? training_.objective.errors()
+                                                                          : torch::zeros_like(rendered.alpha)));
+  }
+}
+
+void RankStepper::keep_own_splats(Part& part) {
+  constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
+  constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
+  std::vector<torch::Tensor>& sums = part.sums;
+  sums = splats_.to_owners(sums, kSums, torch::kFloat32);
+  std::vector<torch::Tensor> scores;
+  if (part.has_scores()) scores = splats_.to_owners(part.scores, kScores, torch::kInt32);
+  for (std::size_t v = 0; v < part.views.size(); ++v) {
+    const Part::View& view = part.views[v];
+    const ViewStatistics statistics =
+        optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings, state_.gaussians, view.n_splats,
+                               regularization_weights(config_, training_.scene.extent));
+    if (!view.plan.statistics) continue;
+    training_.timer.begin(Stage::kDensify);
+    make_room_for_statistics();
+    save_statistics();
+    DensityStep step{view.of.iteration, statistics, view.camera.width, view.camera.height};
+    if (view.plan.score) {
+      step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
+    }
+    training_.density->after_view(step, state_.statistics);
+    training_.timer.end();
+  }
+}
+
+void RankStepper::gather_pose_gradients(Part& part) {
+  // What each splat adds to the gradient of the camera, added up where the view was drawn, in its order.
+  std::vector<torch::Tensor> columns;
+  for (std::size_t v = 0; v < part.views.size(); ++v) {
+    const Part::View& view = part.views[v];
+    columns.push_back(camera_parts(state_.gaussians, view.own, part.sums[v], view.camera, view.settings));
+  }
+  columns = splats_.columns_to_drawers(columns, kCameraGradients, torch::kFloat32);
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const torch::Tensor ordered = torch::empty_like(columns[i]).index_copy_(0, part.orders[i], columns[i]);
+    part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(ordered).view(torch::kFloat32));
+  }
+}
+
+std::int64_t RankStepper::n_shared_columns() const {
+  std::int64_t n = config_.pose_opt ? kCameraColumns : 0;
+  if (AppearanceModel* const appearance = training_.objective.appearance()) n += appearance->grad().numel();
+  return n + n % 2;  // rows of doubles
+}
+
+torch::Tensor RankStepper::shared_gradients() const {
+  torch::Tensor row = torch::zeros({n_shared_columns()}, torch::dtype(torch::kFloat32).device(training_.device));
+  const std::int64_t begin = config_.pose_opt ? kCameraColumns : 0;
+  if (AppearanceModel* const appearance = training_.objective.appearance()) {
+    const torch::Tensor grad = appearance->grad();
+    row.slice(0, begin, begin + grad.numel()).copy_(grad.flatten());
+  }
+  return row;
+}
+
+void RankStepper::keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& drawn) {
+  const auto options = torch::dtype(torch::kFloat32).device(training_.device);
+  const torch::Tensor own = drawn.empty() ? torch::empty({0, n_shared_columns()}, options) : torch::stack(drawn);
+  const torch::Tensor rows = gather_view_rows(ranks_, own, drawers_);
+  const std::int64_t begin = config_.pose_opt ? kCameraColumns : 0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    const torch::Tensor row = rows.select(0, static_cast<std::int64_t>(v));
+    PoseRefiner& poses = training_.views.poses;
+    if (poses.refines(views[v].index, views[v].iteration)) {
+      poses.add_gradient(views[v].index, views[v].iteration, row.slice(0, 0, kCameraColumns).view(torch::kFloat64));
+    }
+    if (AppearanceModel* const appearance = training_.objective.appearance()) {
+      appearance->set_place(static_cast<int>(learned_views_.size() + v));
+      const torch::Tensor grad = appearance->grad();
+      grad.copy_(row.slice(0, begin, begin + grad.numel()).view(grad.sizes()));
+    }
+  }
+}
+
+}  // namespace b3dgs

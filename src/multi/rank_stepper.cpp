@@ -1,0 +1,99 @@
+// What rank 0 alone does while the others help: it evaluates and times kernels, for which it renders views of the whole
+// model; the others project their Gaussians on its request.
+#include "multi/rank_stepper.h"
+
+#include "multi/scene_agreement.h"
+
+namespace b3dgs {
+
+void RankStepper::on_first(const std::function<void()>& work) {
+  if (renders_on_first_) return work();
+  read_losses();
+  update_filters(/*is_due=*/false);  // all ranks together
+  if (!ranks_.is_first()) return serve_renders();
+  renders_on_first_ = true;
+  work();
+  renders_on_first_ = false;
+  ranks_.exchange_record("render", RenderRequest{});
+}
+
+void RankStepper::serve_renders() {
+  for (;;) {
+    const RenderRequest request = ranks_.exchange_record("render", RenderRequest{}).front();
+    if (request.kind == RenderRequest::kDone) return;
+    if (request.kind == RenderRequest::kRemove) {
+      flush();
+      state_.n_removed += remove_invalid_rows(request.row);
+      continue;
+    }
+    try {
+      project_and_draw(request.view, request.settings);
+    } catch (const InvalidGaussianError&) {
+      // Rank 0 has it, too, and decides.
+    }
+  }
+}
+
+RenderedView RankStepper::render(const PinholeView& view, const RenderSettings& settings) {
+  B3DGS_CHECK(renders_on_first_, "render() outside on_first()");
+  RenderRequest request;
+  request.kind = RenderRequest::kRender;
+  request.view = view;
+  request.settings = settings;
+  request.settings.stages = nullptr;
+  ranks_.exchange_record("render", request);
+  return project_and_draw(view, settings);
+}
+
+RenderedView RankStepper::project_and_draw(const PinholeView& view, const RenderSettings& settings) {
+  ProjectRecord record;
+  ViewSplats own;
+  try {
+    own = training_.rasterizer.project(flushed_state().gaussians, view, settings);
+    record.n_splats = own.size();
+  } catch (const InvalidGaussianError& error) {
+    record.first_invalid = owners_.row_of_model(error.row());
+  }
+  const std::vector<ProjectRecord> records = ranks_.exchange_record("projected", record);
+  check_valid(records);
+  std::vector<std::vector<std::int64_t>> counts;
+  for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
+  const std::vector<ViewSplats> drawn = splats_.to_drawers({own}, counts, {0}, owners_.own());
+  if (drawn.empty()) return {};
+  return training_.rasterizer.forward_splats(drawn.front(), view, settings);
+}
+
+void RankStepper::share_kernels() {
+  const std::string text =
+      ranks_.exchange("kernels", ranks_.is_first() ? training_.kernels.to_json().dump() : "").front();
+  if (!ranks_.is_first()) training_.kernels.restore(nlohmann::ordered_json::parse(text), "rank 0");
+}
+
+void RankStepper::check_same_scene(const nlohmann::ordered_json& fingerprint) {
+  b3dgs::check_same_scene(ranks_, training_.scene, fingerprint);
+}
+
+Stepper::Missing RankStepper::agree_on_start(Missing here) {
+  struct Start {
+    std::int32_t lacks_ply, lacks_checkpoint, check_kernels;
+  };
+  const bool check_kernels = training_.kernels.is_due(training_.check_moment(state_.iteration + 1));
+  const Start first = ranks_.exchange_record("start", Start{here.ply, here.checkpoint, check_kernels}).front();
+  agreed_.check_kernels = first.check_kernels != 0;
+  return {first.lacks_ply != 0, first.lacks_checkpoint != 0};
+}
+
+bool RankStepper::has_written_files() {
+  const bool here = training_.recorder.failed_files().empty();
+  return ranks_.exchange_record("files", std::int32_t{here}).front() != 0;
+}
+
+void RankStepper::compute_filters(SmoothingFilter& filter) {
+  filter.compute(state_.gaussians, [this](torch::Tensor& largest) {
+    torch::Tensor bits = largest.view(torch::kInt32).to(torch::kInt64);  // in the order of the values
+    ranks_.all_reduce_max(bits);
+    largest = bits.to(torch::kInt32).view(torch::kFloat32);
+  });
+}
+
+}  // namespace b3dgs

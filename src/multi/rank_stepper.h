@@ -1,0 +1,152 @@
+// The steps of a training on several processes (ranks). Each has some rows of the model (rows/row_owners.h), with their
+// moments and statistics. With the same --batch, what is learned does not depend on the number of ranks: byte for byte
+// under the conditions in docs/distributed.md, else up to rounding.
+//
+//   rank_step.cpp     one step, of all its views at a time or some of them
+//   rank_views.cpp    its views: who draws them, which are read ahead, their losses
+//   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
+//   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on
+//
+// Ranks take the same decisions in the same order: from what all of them know, or from what records tell them
+// (rank_records.h).
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "config/batch_steps.h"
+#include "config/view_ratios.h"
+#include "dist/communicator.h"
+#include "multi/draw_plan.h"
+#include "multi/rank_records.h"
+#include "multi/rows/row_owners.h"
+#include "multi/splat_exchange.h"
+#include "raster/math/camera_grad.h"
+#include "train/stepper.h"
+
+namespace b3dgs {
+
+class RankStepper final : public Stepper {
+ public:
+  /// All must outlive this. `splats_at_a_time`: about how many splats each rank draws at a time. A step of more views
+  /// is taken in parts: splats and sums on their way between ranks take up to 400 bytes for each of these splats.
+  RankStepper(Training& training, Communicator& ranks, std::int64_t splats_at_a_time)
+      : Stepper(training),
+        ranks_(ranks),
+        splats_at_a_time_(splats_at_a_time),
+        splats_(ranks),
+        draw_plan_(ranks.size()) {}
+
+  void read_losses() override;
+
+  // The model.
+  torch::Device load_device() const override { return torch::kCPU; }  // no GPU has room for all of it
+  void adopt_model() override;
+  RenderedView render(const PinholeView& view, const RenderSettings& settings) override;
+  GaussianTensors whole_gaussians() override;
+  void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) override;
+
+  // Density control: each rank plans the same round, from statistics of the whole model.
+  std::optional<std::int64_t> room_for_gaussians() override;
+  void begin_round() override;
+  DensityRound plan_round(int iteration, std::int64_t limit) override;
+  void apply_round(const DensityRound& round, int iteration, std::int64_t limit) override;
+  void end_round() override;
+  MemoryRemedy together(MemoryRemedy remedy) override;
+
+  // What ranks agree on, or rank 0 does for all.
+  bool is_alone() const override { return false; }
+  bool writes_files() const override { return ranks_.is_first(); }
+  void check_same_scene(const nlohmann::ordered_json& fingerprint) override;
+  Missing agree_on_start(Missing here) override;
+  bool must_stop() const override { return agreed_.stop; }
+  bool is_checkpoint_due() const override { return agreed_.write_checkpoint; }
+  bool is_kernel_check_due() const override { return agreed_.check_kernels; }
+  void share_kernels() override;
+  void on_first(const std::function<void()>& work) override;
+  bool has_written_files() override;
+  bool can_save() const override { return has_failed_together_; }
+
+ protected:
+  void take_step() override;
+  bool keeps_views() const override { return true; }
+  void compute_filters(SmoothingFilter& filter) override;
+  std::int64_t remove_invalid_rows(std::int64_t row) override;
+
+ private:
+  static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
+
+  // rank_step.cpp
+  struct Part;  // of a step: the views that the ranks take at a time
+  /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
+  /// `from`, `last`: the iteration before this part of the step, and the step's last one.
+  void learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
+  /// Errors are left in the record: all ranks learn of them.
+  void project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record);
+  void exchange_records(Part& part, StepRecord record, int last);
+  void draw_own_views(Part& part);
+  /// View `v` of the part. `own_next`: views that this rank draws after this one.
+  void draw_view(Part& part, std::size_t v, const ViewSplats& drawn, const std::vector<std::int32_t>& own_next);
+  /// Sends the sums back; `sums` are then those of the own splats of each view, whose gradients are kept.
+  void keep_own_splats(Part& part);
+  void gather_pose_gradients(Part& part);
+  /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of
+  /// n_shared_columns() floats; and those of all views of a part, from which every rank learns the same.
+  std::int64_t n_shared_columns() const;
+  torch::Tensor shared_gradients() const;
+  void keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& drawn);
+
+  // rank_views.cpp
+  /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
+  std::vector<ViewOfStep> next_views_of_step(int last);
+  std::size_t n_views_at_a_time() const;
+  /// Views that this rank will probably draw after this part. Plans the next steps, on all ranks alike.
+  std::vector<std::int32_t> own_views_ahead();
+  /// Who draws these views, which are those of the step after iteration `from`, or of a part of it.
+  std::vector<int> planned_drawers(int from, const std::vector<ViewOfStep>& views);
+  /// Waits for the loss of the view drawn last, if it has not been read.
+  void read_own_loss();
+  /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
+  torch::Tensor queue_row_entries() const;
+  /// What this rank has drawn in the last step. Waits for the loss of the view drawn last.
+  DrawnRecord take_drawn();
+  /// Losses for the average, and work for the plans to come.
+  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
+
+  // rank_model.cpp
+  /// Redistributes the rows evenly. Does nothing if a rank lacks the memory for it.
+  void redistribute_rows();
+  /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
+  void allocate_together(const std::function<void()>& work);
+  [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
+
+  // rank_stepper.cpp
+  void serve_renders();
+  RenderedView project_and_draw(const PinholeView& view, const RenderSettings& settings);
+
+  Communicator& ranks_;
+  const std::int64_t splats_at_a_time_;
+  SplatExchange splats_;
+  RowOwners owners_;         // which rows of the model this rank has
+  ViewRatios model_ratios_;  // to the Gaussians of all ranks; without pairs
+  DrawPlan draw_plan_;
+  /// What ranks agree on in each step.
+  struct Agreed {
+    bool stop = false;              // after this step
+    bool write_checkpoint = false;  // likewise
+    bool check_kernels = false;     // before the next step
+  } agreed_;
+  std::vector<int> drawers_;  // of `unread_losses_`
+  /// Views of the last step that this rank has drawn. The loss of the last one may still be on the device.
+  struct OwnView {
+    std::size_t index = 0;  // in the step's views
+    std::optional<double> loss;
+    torch::Tensor entries;  // queue_row_entries()
+  };
+  std::vector<OwnView> own_views_;
+  bool renders_on_first_ = false;     // within on_first()
+  bool has_failed_together_ = false;  // the exception that is under way was thrown by all ranks
+};
+
+}  // namespace b3dgs

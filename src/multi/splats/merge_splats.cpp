@@ -1,0 +1,88 @@
+#include "multi/splats/merge_splats.h"
+
+#include <torch/types.h>
+
+#include "core/parallel.h"
+
+#if B3DGS_TORCH_CUDA
+#include "raster/torch/torch_launch.h"
+#include "multi/splats/splat_words_cuda.h"
+#endif
+
+namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kGrain = 4096;
+
+const std::int32_t* words_of(const torch::Tensor& rows) {
+  return static_cast<const std::int32_t*>(rows.data_ptr());
+}
+
+MergedSplats merge_few(const torch::Tensor& words, const std::vector<RowRange>& lists) {
+  MergeSplatsArgs args;
+  std::int64_t n = 0;
+  for (const auto& [begin, end] : lists) {
+    args.begin[args.n_lists] = begin;
+    args.end[args.n_lists++] = end;
+    n += end - begin;
+  }
+  const torch::TensorOptions floats = words.options().dtype(torch::kFloat32);
+  MergedSplats merged{
+      {torch::empty({n, kSplatWords}, floats), torch::empty({n, 2}, floats), torch::empty({n}, words.options())},
+      torch::empty({n}, words.options().dtype(torch::kInt64))};
+  args.words = words.data_ptr<std::int32_t>();
+  args.splats = static_cast<std::int32_t*>(merged.splats.splats.data_ptr());
+  args.extents = static_cast<std::int32_t*>(merged.splats.extents.data_ptr());
+  args.radii = merged.splats.radii.data_ptr<std::int32_t>();
+  args.places = merged.places.data_ptr<std::int64_t>();
+#if B3DGS_TORCH_CUDA
+  if (words.is_cuda()) {
+    cuda::merge_splats(args, n, torch_launch_context().stream);
+    return merged;
+  }
+#endif
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const MergedPlace at = merged_place(args, i);
+      for (std::int64_t column = 0; column < kRowWords; ++column) merge_word(args, at, column);
+    }
+  });
+  return merged;
+}
+
+/// With many lists, a sort is less work than looking each row up in all of them.
+MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>& lists) {
+  const torch::Tensor all = torch::arange(words.size(0), words.options().dtype(torch::kInt64));
+  std::vector<torch::Tensor> rows, places;
+  for (const auto& [begin, end] : lists) {
+    rows.push_back(words.select(1, kGaussianColumn).slice(0, begin, end));
+    places.push_back(all.slice(0, begin, end));
+  }
+  const torch::Tensor order =
+      std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
+  MergedSplats merged;
+  merged.places = torch::cat(places).index_select(0, order);
+  merged.splats = {words.slice(1, 0, kSplatWords).index_select(0, merged.places).view(torch::kFloat32),
+                   words.slice(1, kExtentColumn, kRadiusColumn).index_select(0, merged.places).view(torch::kFloat32),
+                   words.select(1, kRadiusColumn).index_select(0, merged.places)};
+  return merged;
+}
+
+}  // namespace
+
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
+  const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
+                            words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
+#if B3DGS_TORCH_CUDA
+  if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
+#endif
+  parallel_chunks(args.n_splats * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t k = begin; k < end; ++k) pack_splat_word(args, k);
+  });
+}
+
+MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists, std::size_t max_lists) {
+  return lists.size() > max_lists ? merge_many(words, lists) : merge_few(words, lists);
+}
+
+}  // namespace b3dgs

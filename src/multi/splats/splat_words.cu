@@ -1,0 +1,45 @@
+// Splats on their way between ranks: a thread per word to pack them, so that neighbours write side by side. To merge
+// them, a thread finds the place of a row, in shared memory; then the block copies its rows, a thread per word, so that
+// neighbours read and write side by side. One barrier.
+
+#include "core/cuda_rows.cuh"
+#include "multi/splats/splat_words_cuda.h"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+
+struct MergeRowsArgs {
+  MergeSplatsArgs merge{};
+  std::int64_t n_splats = 0;
+};
+
+__global__ void __launch_bounds__(kThreads) pack_splats_kernel(const PackSplatsArgs args) {
+  const std::int64_t k = own_row<kThreads>();
+  if (k < args.n_splats * kRowWords) pack_splat_word(args, k);
+}
+
+__global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsArgs args) {
+  __shared__ MergedPlace at[kThreads];
+  const std::int64_t i = own_row<kThreads>(), first = i - threadIdx.x;
+  if (i < args.n_splats) at[threadIdx.x] = merged_place(args.merge, i);
+  __syncthreads();
+  const int n_here = static_cast<int>(min(static_cast<std::int64_t>(kThreads), args.n_splats - first));
+  constexpr int kWords = kRowWords;
+  for (int k = static_cast<int>(threadIdx.x); k < n_here * kWords; k += kThreads) {
+    merge_word(args.merge, at[k / kWords], k % kWords);
+  }
+}
+
+}  // namespace
+
+void pack_splats(const PackSplatsArgs& args, cudaStream_t stream) {
+  launch_rows<kThreads>(pack_splats_kernel, args, args.n_splats * kRowWords, stream);
+}
+
+void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream) {
+  launch_rows<kThreads>(merge_splats_kernel, MergeRowsArgs{args, n_splats}, n_splats, stream);
+}
+
+}  // namespace b3dgs::cuda

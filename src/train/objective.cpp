@@ -1,0 +1,41 @@
+#include "train/objective.h"
+
+#include "train/loss/loss_weights.h"
+#include "train/optimizer/lr_schedule.h"
+
+namespace b3dgs {
+
+Objective::Objective(const TrainConfig& config, const Scene& scene, torch::Device device, const ProgressFn& progress)
+    : config_(config),
+      loss_(device),
+      appearance_(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)) {
+  if (uses_depths(config)) depth_priors_.emplace(config.depths, scene, device, progress);
+}
+
+std::vector<std::string> Objective::warnings() const {
+  return depth_priors_ ? depth_priors_->warnings() : std::vector<std::string>{};
+}
+
+RenderedViewGrad Objective::compare(const TrainView& view, int iteration, const torch::Tensor& full_valid,
+                                    const RenderedView& rendered, bool wants_errors, AppearanceState& appearance) {
+  torch::Tensor color = rendered.color;
+  if (appearance_) {
+    appearance_->begin_step(view.index, iteration, appearance);
+    appearance_->set_photograph(view.truth);
+    color = appearance_->apply(appearance, view.index, rendered.color);
+  }
+  const LossWeights weights = loss_weights(config_);
+  loss_.compute(color, view.truth, view.valid, view.n_valid, weights);
+  if (view.empty.defined() && weights.alpha > 0) loss_.add_alpha(rendered.alpha, view.empty, weights.alpha);
+  if (wants_errors) error_image_.compute(color, view.truth, view.valid);
+  RenderedViewGrad grad = loss_.grad();
+  if (appearance_) appearance_->backward(appearance, view.index, rendered.color, grad.color);
+  if (depth_priors_ && depth_priors_->has(view.index)) {
+    const double weight =
+        log_linear_rate(config_.depth_l1_weight_init, config_.depth_l1_weight_final, config_.iterations, iteration);
+    grad.depth = depth_priors_->gradient(view.index, rendered.depth, view.valid, view.n_valid, full_valid, weight);
+  }
+  return grad;
+}
+
+}  // namespace b3dgs

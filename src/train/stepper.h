@@ -1,0 +1,217 @@
+// Takes the optimizer steps of a training: views are rendered and compared with their photographs, and the Gaussians
+// move along the mean gradient.
+//
+// A step takes --batch views, by default one. An iteration stays one view, so that schedules keep their meaning: a step
+// takes the iterations up to the next multiple of --batch. What falls on one of them and is not part of a step (density
+// control, evaluation, files) comes after the step.
+//
+// If a step fails, the state is rolled back to the end of the step before. That is cheap because a step changes
+// Gaussians, moments and statistics last, and nothing can fail after the first of these changes: by then the
+// photographs are loaded and all memory is allocated. Deferred optimizer updates need no roll-back: they may be applied
+// at any time (optimizer/deferred_sh.h).
+//
+// In this class all Gaussians are in this process. A training on several overrides what differs there
+// (multi/rank_stepper.h); the rest of a training does not know which it is.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/check.h"
+#include "raster/math/invalid_gaussian.h"
+#include "train/density/row_edit.h"
+#include "train/gaussians/smoothing_filter.h"
+#include "train/memory/memory_plan.h"
+#include "train/optimizer/gaussian_step.h"
+#include "train/training.h"
+
+namespace b3dgs {
+
+/// The loss is not finite, or no valid Gaussian is left: the model may be damaged, and no checkpoint is written.
+class LossError final : public ErrorOf<LossError, NumericError> {
+ public:
+  using ErrorOf::ErrorOf;
+};
+
+class Stepper {
+ public:
+  /// `training` must outlive this.
+  explicit Stepper(Training& training);
+  virtual ~Stepper() = default;
+
+  // Steps.
+
+  /// Takes one step, and repeats it without Gaussians that cannot be rendered. @throws what failed, with the state
+  /// rolled back; LossError
+  void step();
+  /// Waits for the losses of the last step and adds them to the average. @throws LossError
+  virtual void read_losses();
+  /// Warns if no Gaussian is visible in half of the training views, or in more than before.
+  void warn_of_empty_views();
+
+  // The model.
+
+  /// Where the state is to be when adopt_model() is called.
+  virtual torch::Device load_device() const { return training_.device; }
+  /// Once the state has Gaussians: at the start, or from a checkpoint.
+  virtual void adopt_model() {}
+  /// Makes the state of what is learned of photographs, unless that of a checkpoint fits, and drops what no option asks
+  /// for.
+  void prepare_appearance();
+  /// Applies the deferred optimizer updates, which is part of training.
+  void flush() {
+    if (state_.gaussians.size() > 0) optimizer_.flush(state_.gaussians, state_.adam);
+  }
+  /// The state without deferred updates, and with filters for anti-aliasing.
+  TrainState& flushed_state() {
+    flush();
+    update_filters(/*is_due=*/false);
+    return state_;
+  }
+  /// Renders the model. Of several processes, within on_first(). @throws InvalidGaussianError
+  virtual RenderedView render(const PinholeView& view, const RenderSettings& settings) {
+    return training_.rasterizer.forward(flushed_state().gaussians, view, settings);
+  }
+  /// Repeats `work` without the Gaussians that it cannot render.
+  template <class Work>
+  auto without_invalid_gaussians(Work&& work) {
+    for (;;) {
+      try {
+        return work();
+      } catch (const InvalidGaussianError& error) {
+        remove_invalid_gaussians(error);
+      }
+    }
+  }
+  /// All Gaussians; undefined where writes_files() is false.
+  virtual GaussianTensors whole_gaussians() { return flushed_state().gaussians; }
+  virtual void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
+    training_.recorder.write_checkpoint(flushed_state(), scene_fingerprint);
+  }
+
+  // Rounds of density control (density_control.h).
+
+  GaussianMemory memory_of_gaussian();
+  /// Number of Gaussians for which there is memory; nothing if memory is not limited.
+  virtual std::optional<std::int64_t> room_for_gaussians();
+  virtual void begin_round() { state_.view_ratios.begin_round(); }
+  virtual DensityRound plan_round(int iteration, std::int64_t limit) {
+    return training_.density->plan_round(state_.gaussians, state_.statistics, iteration, limit);
+  }
+  /// `limit`: of the model's Gaussians; 0 = none.
+  virtual void apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
+    reserve_rows(round.edit, limit);
+    apply_reserved(round.edit, iteration);
+  }
+  virtual void end_round() {}
+  /// A remedy that counts as successful in all processes if it is in one.
+  virtual MemoryRemedy together(MemoryRemedy remedy) { return remedy; }
+
+  // What several processes agree on, or one of them does for all.
+
+  virtual bool is_alone() const { return true; }
+  virtual bool writes_files() const { return true; }
+  /// @throws InputError if the processes have read different scenes
+  virtual void check_same_scene(const nlohmann::ordered_json& /*fingerprint*/) {}
+  /// What is missing in the model folder at the start of a session.
+  struct Missing {
+    bool ply = false, checkpoint = false;
+  };
+  virtual Missing agree_on_start(Missing here) { return here; }
+  /// Whether training is to end after this step.
+  virtual bool must_stop() const { return training_.is_stopped(); }
+  virtual bool is_checkpoint_due() const { return training_.recorder.is_checkpoint_due(); }
+  /// Before the next step.
+  virtual bool is_kernel_check_due() const {
+    return training_.kernels.is_due(training_.check_moment(state_.iteration + 1));
+  }
+  virtual void share_kernels() {}
+  /// Calls work() where files are written; it may render the whole model.
+  virtual void on_first(const std::function<void()>& work) {
+    read_losses();
+    work();
+  }
+  /// Whether all files of the last iteration could be written.
+  virtual bool has_written_files() { return training_.recorder.failed_files().empty(); }
+  /// After a failure: whether all processes are in a state in which they can write a checkpoint.
+  virtual bool can_save() const { return true; }
+
+ protected:
+  struct ViewOfStep {
+    std::int32_t index = 0;  // in Scene::train
+    int iteration = 0;
+  };
+
+  virtual void take_step();
+  /// Begins a step up to iteration `last`. Returns whether filters for anti-aliasing are due.
+  bool begin_step(int last);
+  /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
+  /// or takes the step along them, see keeps_views().
+  void learn_view(const TrainView& view, bool is_filter_due);
+  /// Takes the step along the gradients that were kept, and what belongs to it. Cannot fail, and allocates nothing.
+  /// `model_rows`: see DensityStrategy::after_step().
+  void finish_step(const torch::Tensor& model_rows = {});
+
+  /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
+  /// the backward pass of the one view does that, which is faster. The GPU compiler may fuse multiplications and
+  /// additions differently in the two; --deterministic always has the bytes of the former.
+  virtual bool keeps_views() const {
+    return config_.batch > 1 || (config_.deterministic && !training_.device.is_cpu());
+  }
+  RenderSettings step_settings(int iteration);
+  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed. All processes call
+  /// it together.
+  void update_filters(bool is_due);
+  virtual void compute_filters(SmoothingFilter& filter) { filter.compute(state_.gaussians); }
+  /// The gradient of the loss, see Objective::compare().
+  RenderedViewGrad compare(const TrainView& view, int iteration, const RenderedView& rendered, bool wants_errors);
+  /// Memory is planned with the sizes of the views that were rendered.
+  void note_view_size(int iteration);
+  /// Warns after each view has been rendered once if no Gaussian is visible in some of them.
+  void note_visibility(std::int32_t view, bool is_empty);
+  /// Adds the loss of a view to the average. @throws LossError if it is not finite
+  void add_loss(const ViewOfStep& view, double value);
+  /// Statistics as they were before the step, whose views are added one by one.
+  void make_room_for_statistics();
+  void save_statistics();
+  void roll_back();
+  void remove_invalid_gaussians(const InvalidGaussianError& error);
+  /// Removes the Gaussian of this row of the model, and others that are invalid. Returns their number.
+  virtual std::int64_t remove_invalid_rows(std::int64_t row);
+  /// Memory for an edit of this process' rows, if possible with spare capacity, so that most rounds reallocate nothing.
+  /// `limit`: of the rows; 0 = none.
+  void reserve_rows(const RowEdit& edit, std::int64_t limit);
+  void apply_reserved(const RowEdit& edit, int iteration);
+
+  Training& training_;
+  TrainState& state_;  // training_.state
+  const TrainConfig& config_;
+  GaussianStepper optimizer_;
+  std::optional<SmoothingFilter> smoothing_filter_;  // with --antialiasing
+  RowEditor row_editor_;
+  std::vector<ViewOfStep> learned_views_, unread_losses_;  // of the last step
+  /// Of the last step, for roll_back().
+  struct Before {
+    StepPosition position;
+    std::int64_t adam_steps = 0;
+  } before_;
+
+ private:
+  struct SavedStatistics {
+    bool is_in_use = false;
+    std::vector<torch::Tensor> columns, rooms;
+  } saved_statistics_;
+  /// In which training views no Gaussian was visible when they were rendered last.
+  struct Visibility {
+    std::vector<bool> empty_views;
+    std::size_t n_rendered = 0, n_warned_of = 0;
+  } visibility_;
+  std::int64_t view_bytes_ = 0;   // of the rasterizer's buffers after the last view
+  std::int64_t n_warned_of_ = 0;  // removed Gaussians at the last warning
+};
+
+}  // namespace b3dgs

@@ -1,0 +1,97 @@
+#include "train/training.h"
+
+#include <torch/cuda.h>
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "scene/view_image.h"
+#include "train/device.h"
+#include "train/memory/memory_plan.h"
+
+namespace b3dgs {
+namespace {
+
+double steady_clock_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void wait_for(torch::Device device) {
+  if (device.is_cuda()) torch::cuda::synchronize();
+}
+
+KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
+  KernelCheckTools tools;
+  if (hooks.make_kernel_timer) tools.timer = hooks.make_kernel_timer();
+  return tools;
+}
+
+double gpu_memory_gb(const TrainConfig& config, const TrainHooks& hooks) {
+  return hooks.gpu_memory_gb.value_or(config.gpu_memory_gb);
+}
+
+std::int64_t image_budget(const TrainConfig& config, const TrainHooks& hooks, torch::Device device) {
+  if (hooks.image_budget) return *hooks.image_budget;
+  return b3dgs::image_budget(config.image_cache_gb, device, gpu_memory_gb(config, hooks));
+}
+
+}  // namespace
+
+Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into, TrainHooks with)
+    : config(options),
+      scene(of),
+      folder(std::move(into)),
+      hooks(std::move(with)),
+      device(choose_device(config.device)),
+      memory(hooks.memory ? hooks.memory : make_memory_source(device, gpu_memory_gb(config, hooks))),
+      rasterizer(device),
+      objective(config, scene, device, hooks.on_loading),
+      density(make_density_strategy(config, scene.extent)),
+      kernels(config, device, kernel_check_tools(hooks)),
+      views(config, scene, state.poses, device, image_budget(config, hooks, device), hooks.on_loading),
+      timer(make_stage_clock(device)),
+      time(hooks.clock_s ? hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
+      // Several processes gather what they write in host memory.
+      recorder({config, folder, hooks, state, time, *memory, timer, scene.frame},
+               hooks.make_stepper ? torch::Device(torch::kCPU) : device) {
+  for (const std::string& warning : objective.warnings()) recorder.warn(warning);
+  hold_images(scene.test, hooks.on_loading);  // in the host memory that the training views have left
+  if (views.size() == 0) input_error(scene.source_path, ": no training views");
+}
+
+CheckMoment Training::check_moment(int iteration) const {
+  CheckMoment now{iteration, recorder.step_ms()};
+  if (kernels.is_due(now)) now.is_after_reset = density->is_recovering(iteration);
+  return now;
+}
+
+MemoryRemedy Training::wait_for_files() {
+  return [this] {
+    if (!recorder.is_writing()) return false;
+    recorder.wait_for_files();  // frees the copies on the device that they are written from
+    return true;
+  };
+}
+
+MemoryRemedy Training::free_scratch() {
+  return [this] {
+    rasterizer.release_memory();
+    memory->release_unused();
+    return true;
+  };
+}
+
+MemoryRemedy Training::release_photographs() {
+  return [this] {
+    // About the size of the model's largest tensor, since the next views may need that much again.
+    constexpr std::int64_t kAtLeast = std::int64_t{256} << 20;
+    const std::int64_t freed = views.images.release_resident(std::max(kAtLeast, state_bytes(state) / 4));
+    if (freed == 0) return false;
+    memory->release_unused();
+    recorder.say("fewer photographs stay on the GPU: memory is short");
+    return true;
+  };
+}
+
+}  // namespace b3dgs
