@@ -6,8 +6,8 @@
 namespace b3dgs {
 
 TileShape default_tile(const std::string& device) {
-  // Measured (docs/benchmarks.md): on a GPU smaller tiles have shorter lists per pixel and cost little to bin; on a CPU
-  // the larger number of pairs costs more.
+  // Measured (docs/lab/experiments.md): on a GPU smaller tiles have shorter lists per pixel and cost little to bin; on
+  // a CPU the larger number of pairs costs more.
   return {16, device == "cuda" ? 8 : 16};
 }
 

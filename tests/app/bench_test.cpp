@@ -215,7 +215,7 @@ TEST(SpreadScene, SkewChangesOnlyPositionsTowardsTheCentre) {
 }
 
 TEST(SpreadScene, BalancedIsTheSceneOfThePublishedBenchmarks) {
-  // docs/benchmarks.md has measurements of `balanced`. All values come from one sequence of random numbers, so an
+  // docs/lab/kernels.md has measurements of `balanced`. All values come from one sequence of random numbers, so an
   // additional or missing draw changes the last Gaussian.
   const SplatCloud even = make_spread_scene({1000, 0, 1}, {}).cloud, skewed = make_spread_scene({1000, 1, 1}, {}).cloud;
   const auto expect_last = [](const std::vector<float>& values, const std::vector<float>& expected) {
