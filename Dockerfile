@@ -18,7 +18,7 @@ RUN cmake --build --preset gpu --target b3dgs
 RUN cd build/gpu && cpack -G DEB
 
 # The package holds all but the driver. For b3dgs reconstruct, add: apt-get install colmap ffmpeg.
-FROM debian:12-slim
+FROM debian:12
 RUN --mount=type=bind,from=build,source=/b3dgs/build/gpu/packages,target=/packages dpkg -i /packages/b3dgs_*.deb
 ENV NVIDIA_VISIBLE_DEVICES=all NVIDIA_DRIVER_CAPABILITIES=compute,utility
 WORKDIR /data
