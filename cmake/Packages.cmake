@@ -21,5 +21,6 @@ execute_process(COMMAND dpkg-query -W -f "\${Package} (>= \${source:Upstream-Ver
   OUTPUT_VARIABLE _depends OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
 string(REPLACE "\n" ", " CPACK_DEBIAN_PACKAGE_DEPENDS "${_depends}")
 # Without the component "development" (cmake/Library.cmake).
-set(CPACK_INSTALL_CMAKE_PROJECTS "${CMAKE_BINARY_DIR};${PROJECT_NAME};Unspecified;/;${CMAKE_BINARY_DIR};${PROJECT_NAME};libraries;/")
+set(CPACK_INSTALL_CMAKE_PROJECTS ${CMAKE_BINARY_DIR} ${PROJECT_NAME} Unspecified /
+  ${CMAKE_BINARY_DIR} ${PROJECT_NAME} libraries /)
 include(CPack)
