@@ -1,19 +1,26 @@
-# cpack: a .deb, whose dependencies follow from the libraries that are linked, and a .tar.gz.
+# cpack: a .deb and a .tar.gz with the program and the shared libraries that it needs (cmake/BundleLibraries.cmake).
+
+install(CODE "set(PROGRAMS \"$<TARGET_FILE:b3dgs_engine>;$<TARGET_FILE:b3dgs_tools>\")
+  set(TORCH \"${TORCH_INSTALL_PREFIX}\")" COMPONENT libraries EXCLUDE_FROM_ALL)
+install(SCRIPT ${CMAKE_CURRENT_LIST_DIR}/BundleLibraries.cmake COMPONENT libraries EXCLUDE_FROM_ALL)
 
 set(CPACK_GENERATOR DEB TGZ)
 set(CPACK_PACKAGE_NAME b3dgs)
 set(CPACK_PACKAGE_CONTACT "The Balanced3DGS authors")
 set(CPACK_PACKAGE_VENDOR "Balanced3DGS")
+set(CPACK_PACKAGE_FILE_NAME b3dgs-${PROJECT_VERSION}-${CMAKE_SYSTEM_NAME}-${CMAKE_SYSTEM_PROCESSOR})
 set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGE_DIRECTORY ${CMAKE_BINARY_DIR}/packages)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_COMPRESSION_TYPE zstd)
 set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, ffmpeg")
-# A LibTorch from elsewhere belongs to no package, so its libraries can't be looked up.
-if(TORCH_INSTALL_PREFIX STREQUAL "/usr")
-  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
-endif()
-# The program, without the component "development" (cmake/Library.cmake).
-set(CPACK_INSTALL_CMAKE_PROJECTS "${CMAKE_BINARY_DIR};${PROJECT_NAME};Unspecified;/")
+# What is not bundled must be at least as new as here.
+execute_process(COMMAND dpkg-query -W -f "\${Package} (>= \${source:Upstream-Version})\n" libc6 libstdc++6 libgcc-s1
+  OUTPUT_VARIABLE _depends OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+string(REPLACE "\n" ", " CPACK_DEBIAN_PACKAGE_DEPENDS "${_depends}")
+# Without the component "development" (cmake/Library.cmake).
+set(CPACK_INSTALL_CMAKE_PROJECTS ${CMAKE_BINARY_DIR} ${PROJECT_NAME} Unspecified /
+  ${CMAKE_BINARY_DIR} ${PROJECT_NAME} libraries /)
 include(CPack)
