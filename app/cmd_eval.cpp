@@ -30,8 +30,8 @@ struct EvalOptions {
   std::string lpips;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(EvalOptions& c, Visitor&& field) {
   field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
         "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},

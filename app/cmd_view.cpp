@@ -20,9 +20,8 @@ namespace fs = std::filesystem;
 /// The values of `b3dgs view` have names of their own: here, --view would say nothing.
 struct ViewCommandOptions : ViewOptions {};
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ViewCommandOptions>> visit_fields(Config& c,
-                                                                                               Visitor&& field) {
+template <class Visitor>
+void visit_fields(ViewCommandOptions& c, Visitor&& field) {
   field(Option{"port"}.common(), c.port, InRange{-1, 65535},
         "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
   field(Option{"view_address"}, c.address, Any{}, "address to listen on; the default is for this machine only");

@@ -27,8 +27,8 @@ struct ModelOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ModelOptions& c, Visitor&& field) {
   field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{}, "model folder");
   field(Option{"iteration"}, c.iteration, AtLeast{-1}, "saved iteration to load (-1 = the last)");
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common(), c.source_path, Any{},

@@ -33,8 +33,8 @@ struct ExchangeConfig {
   std::string json;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ExchangeConfig& c, Visitor&& field) {
   field(Option{"ranks"}, c.ranks, InRange{0, kMaxStartedRanks},
         "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},

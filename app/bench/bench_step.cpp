@@ -34,9 +34,8 @@ struct BenchStepOptions {
   std::string json;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchStepOptions>> visit_fields(Config& c,
-                                                                                             Visitor&& field) {
+template <class Visitor>
+void visit_fields(BenchStepOptions& c, Visitor&& field) {
   field(Option{"steps"}, c.steps, InRange{1, 100000},
         "number of timed training steps; the median of each stage is shown");
   field(Option{"warmup"}, c.warmup, InRange{0, 100000}, "number of steps before them that are not timed");

@@ -18,13 +18,13 @@ struct SweepConfig : BenchRun {
   std::vector<double> skew{0, 0.25, 0.5, 0.75, 1};
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SweepConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(SweepConfig& c, Visitor&& field) {
   field(Option{"points"}, c.points, AtLeast{1},
         "numbers of Gaussians (none = 250000 1000000 4000000; on a CPU a tenth of them)");
   field(Option{"skew"}, c.skew, InRange{0, 2},
         "density ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
-  visit_run_fields(c, field);
+  visit_fields(static_cast<BenchRun&>(c), field);
 }
 
 std::vector<int> default_points(const std::string& device) {

@@ -37,8 +37,8 @@ struct CompareOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(CompareOptions& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
         "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value (preset=fast)");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");

@@ -40,8 +40,8 @@ struct ExportOptions {
   int compare_views = 10;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ExportOptions& c, Visitor&& field) {
   field(Option{"output"}, c.output, Any{}, "file to write; its extension selects the format");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the file if it exists");
   field(Option{"up"}, c.up, OneOf{{"keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},

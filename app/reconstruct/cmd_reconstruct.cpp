@@ -19,9 +19,8 @@ struct ReconstructCommandOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReconstructCommandOptions>> visit_fields(Config& c,
-                                                                                                      Visitor&& field) {
+template <class Visitor>
+void visit_fields(ReconstructCommandOptions& c, Visitor&& field) {
   field(Option{"quiet"}.common(), c.quiet, Any{}, "show no progress");
 }
 

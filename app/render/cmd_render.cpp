@@ -45,8 +45,8 @@ struct RenderOptions {
   }
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(RenderOptions& c, Visitor&& field) {
   field(Option{"ply"}, c.ply, Any{}, "render this file of Gaussians instead of a model folder");
   field(Option{"output"}.common(), c.output, Any{},
         "output folder (default MODEL/PATH/ours_N, or FILE_PATH next to the file)");

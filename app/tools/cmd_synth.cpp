@@ -17,9 +17,8 @@ struct SynthCommandOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions>> visit_fields(Config& c,
-                                                                                                Visitor&& field) {
+template <class Visitor>
+void visit_fields(SynthCommandOptions& c, Visitor&& field) {
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing synthetic scene in the output folder");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
 }

@@ -63,9 +63,8 @@ bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& v
 
 void add_former_options(CommandLine& line) {
   for (const FormerOption& option : kFormerOptions) {
-    OptionSpec spec;
+    OptionSpec spec = option.value == nullptr ? OptionSpec::of_type<bool>() : OptionSpec::of_type<std::string>();
     spec.name = option.name;
-    spec.kind = option.value == nullptr ? ValueKind::kFlag : ValueKind::kText;
     spec.is_ignored = true;
     line.add(spec);
   }

@@ -5,7 +5,6 @@
 
 #include "config/former_options.h"
 #include "core/check.h"
-#include "core/options/config_file.h"
 #include "core/print.h"
 
 namespace b3dgs {

@@ -142,8 +142,8 @@ struct TrainConfig {
   int kernel_times_interval = 0;  // 0: never; in b3dgs compare: stats_interval
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(TrainConfig& c, Visitor&& field) {
   SomeOf candidates{{}, 2};
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
   OneOf kernels{candidates.values}, backward_kernels, strategies;

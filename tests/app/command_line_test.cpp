@@ -1,6 +1,5 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
 #include "core/options/command_line.h"
-#include "core/options/config_file.h"
 #include "core/options/nearest_name.h"
 
 #include <gtest/gtest.h>
@@ -22,6 +21,10 @@ TrainConfig parse(const Words& words) {
   EXPECT_TRUE(line.parse(words));
   line.apply(config);
   return config;
+}
+
+void apply_config_file(TrainConfig& config, const std::string& path) {
+  config_from_json(config, read_json_file(path), path);
 }
 
 std::string complaint(const Words& words) {
