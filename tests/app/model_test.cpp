@@ -143,7 +143,7 @@ TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
   const auto given = position(load_model(options_, status_));
   const Outcome trained =
       run_b3dgs({"train", path("scene"), "-m", path("model"), "--overwrite", "--eval", "--iterations", "9",
-                 "--pose_opt", "--pose_opt_from_iter", "0", "--pose_opt_lr", "0.01", "--device", "cpu", "--quiet"});
+                 "--pose_opt", "--densify_from_iter", "0", "--device", "cpu", "--quiet"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto poses = nlohmann::json::parse(read_bytes(folder_ / "model/poses.json"));
   ASSERT_GT(poses.at(2).at("moved").get<double>(), 0.001);
