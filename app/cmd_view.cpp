@@ -34,13 +34,8 @@ LoadedModel load(ModelOptions& options, StatusLine& status) {
                                        : load_file_to_evaluate(options.model_path, options, status);
   }
   LoadedModel model = load_without_scene(options);
-  try {
-    add_scene(model, status);
-  } catch (const InputError& error) {
-    if (!options.source_path.empty()) throw;
-    add_saved_cameras(model);
-    status.warn(std::string("no photographs to compare with: ") + error.what());
-  }
+  const std::string why_not = add_scene_or_cameras(model, options, status);
+  if (!why_not.empty()) status.warn("no photographs to compare with: " + why_not);
   return model;
 }
 
@@ -59,9 +54,6 @@ int run_view(const std::vector<std::string>& words) {
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-  }
   const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
   const LoadedModel model = load(model_options, status);
   ModelRenderer renderer(model, device);

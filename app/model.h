@@ -67,7 +67,7 @@ LoadedModel load_file_cameras(const std::filesystem::path& file, const ModelOpti
 LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
 
 /// If `options.model_path` is the PLY of a model folder and no scene is named, names the folder and the iteration
-/// instead. Returns whether model_path is still a file.
+/// instead. Returns whether model_path is still a file. @throws InputError for --iteration of a file
 bool names_single_file(ModelOptions& options);
 
 /// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
@@ -78,8 +78,9 @@ LoadedModel load_without_scene(const ModelOptions& options);
 /// @throws InputError
 void add_scene(LoadedModel& model, StatusLine& status);
 
-/// Adds the cameras of the model folder's cameras.json. Returns whether there is one.
-bool add_saved_cameras(LoadedModel& model);
+/// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
+/// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read
+std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);

@@ -130,9 +130,7 @@ class ExchangeTable {
     std::printf("%-12s %10s %10.3f %10.3f .. %9.3f %12s\n", name, is_record ? "-" : print_to_string("%g", mib).c_str(),
                 timing.median_ms, timing.min_ms, timing.max_ms,
                 is_record ? "-" : print_to_string("%.2f", gb_per_s).c_str());
-    nlohmann::ordered_json row{{"exchange", name}, {"mib", mib}, {"received_bytes", received}};
-    row.update(to_json(timing));
-    rows_.push_back(row);
+    rows_.push_back(to_json(timing, {{"exchange", name}, {"mib", mib}, {"received_bytes", received}}));
     file_.set("rows", rows_);
   }
 

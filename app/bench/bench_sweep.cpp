@@ -56,11 +56,7 @@ void print_cell(int points, double skew, const ForwardTimes& times) {
 
 nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes& times) {
   nlohmann::ordered_json kernels = nlohmann::ordered_json::array();
-  for (const ForwardTimes::Row& row : times.rows) {
-    nlohmann::ordered_json entry{{"kernel", row.kernel}};
-    entry.update(to_json(row.timing));
-    kernels.push_back(entry);
-  }
+  for (const ForwardTimes::Row& row : times.rows) kernels.push_back(to_json(row.timing, {{"kernel", row.kernel}}));
   return {{"points", points},
           {"skew", skew},
           {"lists", times.lists},

@@ -77,10 +77,6 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
-  const bool names_file = !options.ply.empty() || fs::is_regular_file(model.model_path);
-  if (line.was_given("iteration") && names_file) {
-    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
-  }
   if (!options.video.empty()) check_video_file(options.video, options.overwrite);
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");

@@ -6,7 +6,7 @@
 #include <functional>
 #include <mutex>
 
-#include "app/terminal/eta.h"
+#include "app/terminal/progress.h"
 #include "app/view/frame_painter.h"
 #include "train/trainer.h"
 #include "view/frame_queue.h"

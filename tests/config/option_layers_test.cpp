@@ -7,7 +7,6 @@
 #include <set>
 
 #include "config/former_options.h"
-#include "config/preset_help.h"
 #include "config/presets.h"
 #include "core/files/atomic_file.h"
 #include "support/expect_error.h"
