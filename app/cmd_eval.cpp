@@ -209,8 +209,6 @@ int run_eval(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Evaluation");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);

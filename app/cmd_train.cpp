@@ -324,7 +324,6 @@ int run_train(const std::vector<std::string>& words) {
   add_former_options(line);
   line.set_notes(presets_help());
   if (!line.parse(split_view_port(words))) return 0;
-  line.apply(options);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;

@@ -49,8 +49,6 @@ int run_view(const std::vector<std::string>& words) {
   line.add(options, "Page");
   line.set_help("model_path", "model folder, or a file of Gaussians");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);

@@ -230,12 +230,6 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
   }
 }
 
-LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options);
-  add_scene(model, status);
-  return model;
-}
-
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
   const bool is_as_trained = options.source_path.empty() && options.resolution == 0;

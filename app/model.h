@@ -50,11 +50,8 @@ struct LoadedModel {
   Scene scene;            // its views are in the frame of the Gaussians; without points
 };
 
-/// Reads config and PLY of the model folder, and loads the scene with its photographs. @throws InputError
-LoadedModel load_model(const ModelOptions& options, StatusLine& status);
-
-/// Like load_model(), but without photographs. The views are those in the model folder's cameras.json, or those of the
-/// scene if the options name a scene or a resolution.
+/// Reads config and PLY of the model folder. The views, without photographs, are those in its cameras.json, or those of
+/// the scene if the options name a scene or a resolution. @throws InputError
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
 /// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError

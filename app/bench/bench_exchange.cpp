@@ -168,7 +168,6 @@ int run_bench_exchange(const std::vector<std::string>& words) {
                    "b3dgs bench exchange --ranks 2");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
-  line.apply(config);
   if (config.mib.empty()) input_error("--mib needs at least one value");
   if (config.device == "auto" && config.ranks > count_gpus()) config.device = "cpu";
   RankOptions options;

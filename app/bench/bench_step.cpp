@@ -183,7 +183,6 @@ int run_bench_step(const std::vector<std::string>& words) {
            {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations",
             "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   const TrainConfig config = make_config(line, options);
   set_compute_threads(config.threads);
 

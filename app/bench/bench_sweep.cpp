@@ -75,7 +75,6 @@ int run_bench_sweep(const std::vector<std::string>& words) {
                    "b3dgs bench sweep --json sweep.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
-  line.apply(config);
   if (config.skew.empty()) input_error("--skew needs at least one value");
   resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);

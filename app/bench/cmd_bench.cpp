@@ -33,7 +33,6 @@ int run_bench_kernels(const std::vector<std::string>& words) {
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
-  line.apply(config);
   check_scene(config.scene);
   resolve_auto(config);
   set_thread_count(config.threads);

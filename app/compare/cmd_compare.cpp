@@ -255,7 +255,6 @@ int run_compare(const std::vector<std::string>& words) {
   add_former_options(line);
   line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
   for (const std::string& former : describe_former_options(line.given())) status.warn(former);

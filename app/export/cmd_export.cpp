@@ -201,8 +201,6 @@ int run_export(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "File", {"output"});
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
   if (!options.crop.empty()) parse_crop(options.crop);
   if (model_options.model_path.empty())
     input_error("missing argument: MODEL_PATH; usage: b3dgs export MODEL OUTPUT.spz");

@@ -52,8 +52,6 @@ int run_reconstruct(const std::vector<std::string>& words) {
   line.add(options, "Reconstruct", {"input", "output"});
   line.add(command, "Run");
   if (!line.parse(words)) return 0;
-  line.apply(options);
-  line.apply(command);
   if (options.input.empty() || options.output.empty()) {
     input_error("missing argument: ", options.input.empty() ? "INPUT" : "OUTPUT",
                 "; usage: b3dgs reconstruct PHOTOS|VIDEO SCENE");

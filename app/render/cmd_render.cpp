@@ -214,9 +214,6 @@ int run_render(const std::vector<std::string>& words) {
   line.add(camera_options, "Cameras");
   line.add(options, "Images");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(camera_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);

@@ -188,7 +188,6 @@ int run_info(const std::vector<std::string>& words) {
   InfoOptions options;
   line.add(options, "Input", {"input"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   const std::string& path = options.input;
   if (path.empty()) input_error("missing argument: INPUT; usage: b3dgs info INPUT");
 

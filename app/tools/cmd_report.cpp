@@ -30,7 +30,6 @@ int run_report(const std::vector<std::string>& words) {
   ReportOptions options;
   line.add(options, "Report", {"folder"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   if (options.folder.empty()) input_error("missing argument: FOLDER; usage: b3dgs report FOLDER");
 
   const fs::path folder = options.folder;

@@ -27,13 +27,11 @@ void visit_fields(SynthCommandOptions& c, Visitor&& field) {
 
 int run_synth(const std::vector<std::string>& words) {
   CommandLine line("synth", "Write a synthetic scene as a COLMAP folder.", "b3dgs synth orbit scenes/orbit");
-  line.add(SynthConfig{}, "Scene", {"scene", "output"});
-  line.add(SynthCommandOptions{}, "Run");
-  if (!line.parse(words)) return 0;
   SynthConfig config;
   SynthCommandOptions options;
-  line.apply(config);
-  line.apply(options);
+  line.add(config, "Scene", {"scene", "output"});
+  line.add(options, "Run");
+  if (!line.parse(words)) return 0;
   const std::pair<const char*, const char*> scene_of_option[]{
       {"sh_degree", "orbit"}, {"skew", "street"}, {"truth", "street"}};
   for (const auto& [option, scene] : scene_of_option) {

@@ -77,24 +77,16 @@ const std::vector<OptionRow>& strategy_defaults() {
 
 namespace {
 
-/// "  fast        a short training: iterations 7000, ...", broken at blanks.
+/// "  fast        a short training: iterations 7000, ...", in lines.
 std::string help_entry(const OptionRow& row) {
-  constexpr std::size_t kNameColumns = 12, kColumns = 110;
-  std::string text = std::string("  ") + row.name;
-  text += std::string(kNameColumns - std::min(kNameColumns - 1, text.size()), ' ') + row.summary;
-  std::string line = text, done;
-  const auto add = [&](const std::string& words) {
-    if (line.size() + words.size() > kColumns) {
-      done += line + "\n";
-      line = std::string(kNameColumns - 1, ' ');
-    }
-    line += words;
-  };
-  for (std::size_t i = 0; i < row.values.size(); ++i) {
-    line += i == 0 ? ":" : ",";
-    add(std::string(" ") + row.values[i].name + " " + row.values[i].value);
-  }
-  return done + line + "\n";
+  std::vector<std::string> parts;
+  for (const OptionValue& value : row.values) parts.push_back(std::string(value.name) + " " + value.value);
+  if (parts.empty()) parts.emplace_back();
+  parts[0] = std::string(row.summary) + (row.values.empty() ? "" : ": ") + parts[0];
+  std::string text;
+  for (const std::string& line : wrapped_list(std::string("  ") + row.name, parts, /*columns=*/110))
+    text += line + "\n";
+  return text;
 }
 
 const char* value_in(const OptionRow& row, const std::string& name) {

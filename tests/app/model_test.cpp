@@ -25,6 +25,12 @@ using test::Outcome;
 using test::read_bytes;
 using test::run_b3dgs;
 
+LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_without_scene(options);
+  add_scene(model, status);
+  return model;
+}
+
 class TrainedModel : public ::testing::Test {
  protected:
   TrainedModel() {

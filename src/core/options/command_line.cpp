@@ -213,6 +213,7 @@ bool CommandLine::parse(std::vector<std::string> words) {
   for (const OptionSpec& spec : options_) {
     if (values.contains(spec.name)) given_[spec.name] = values[spec.name];
   }
+  for (const auto& set : setters_) set();
   return true;
 }
 

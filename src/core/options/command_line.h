@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "core/config.h"
@@ -56,9 +58,10 @@ class CommandLine {
 
   /// Adds every field of a config. Those before the first Option::group() are listed under `heading` in the help text.
   /// Fields named in `positional` may also be given without their name, in that order. Those in `ignored` are accepted
-  /// without effect and not listed, for commands that accept another command's options.
+  /// without effect and not listed, for commands that accept another command's options. parse() sets the fields of a
+  /// config that may be changed, which must then still be there.
   template <class Config>
-  void add(const Config& defaults, const std::string& heading, const std::vector<std::string>& positional = {},
+  void add(Config&& defaults, const std::string& heading, const std::vector<std::string>& positional = {},
            const std::vector<std::string>& ignored = {});
 
   void add(const OptionSpec& spec) { options_.push_back(spec); }
@@ -70,7 +73,8 @@ class CommandLine {
   void set_notes(const std::string& notes) { notes_ = notes; }
 
   /// Parses the words after the command's name. False if they ask for help, which is then printed to standard output.
-  /// @throws InputError for an unknown option (suggesting the nearest known one) and for a missing or malformed value
+  /// @throws InputError for an unknown option (suggesting the nearest known one), for a missing or malformed value, and
+  /// for one that is out of the range of a config to be set
   bool parse(std::vector<std::string> words);
 
   /// Sets the fields of `config` that were given, and leaves the others. @throws InputError if one is out of range
@@ -104,6 +108,7 @@ class CommandLine {
 
   std::string name_, summary_, example_, notes_;
   std::vector<OptionSpec> options_;
+  std::vector<std::function<void()>> setters_;
   nlohmann::ordered_json given_ = nlohmann::ordered_json::object();
 };
 
@@ -148,29 +153,33 @@ OptionSpec OptionSpec::of_type() {
 }
 
 template <class Config>
-void CommandLine::add(const Config& defaults, const std::string& heading, const std::vector<std::string>& positional,
+void CommandLine::add(Config&& defaults, const std::string& heading, const std::vector<std::string>& positional,
                       const std::vector<std::string>& ignored) {
+  if constexpr (std::is_lvalue_reference_v<Config> && !std::is_const_v<std::remove_reference_t<Config>>) {
+    setters_.push_back([this, &defaults] { apply(defaults); });
+  }
   std::string group = heading;
-  visit_fields(defaults, [&](const Option& option, const auto& value, const auto& constraint, const char* help) {
-    const auto is_in = [&](const std::vector<std::string>& names) {
-      return std::find(names.begin(), names.end(), option.name) != names.end();
-    };
-    OptionSpec spec = OptionSpec::of_type<std::decay_t<decltype(value)>>();
-    spec.name = option.name;
-    spec.letter = option.letter;
-    spec.aliases.assign(option.aliases.begin(), option.aliases.end());
-    spec.help = help;
-    spec.range = detail::range_text(constraint);
-    spec.lists_choices = std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>;
-    spec.default_value = value;
-    if (*option.group_name != '\0') group = option.group_name;
-    spec.group = group;
-    spec.is_common = option.is_common;
-    spec.positional = is_in(positional);
-    spec.is_ignored = is_in(ignored);
-    spec.is_empty_allowed = option.is_empty_allowed;
-    add(spec);
-  });
+  visit_fields(std::as_const(defaults),
+               [&](const Option& option, const auto& value, const auto& constraint, const char* help) {
+                 const auto is_in = [&](const std::vector<std::string>& names) {
+                   return std::find(names.begin(), names.end(), option.name) != names.end();
+                 };
+                 OptionSpec spec = OptionSpec::of_type<std::decay_t<decltype(value)>>();
+                 spec.name = option.name;
+                 spec.letter = option.letter;
+                 spec.aliases.assign(option.aliases.begin(), option.aliases.end());
+                 spec.help = help;
+                 spec.range = detail::range_text(constraint);
+                 spec.lists_choices = std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>;
+                 spec.default_value = value;
+                 if (*option.group_name != '\0') group = option.group_name;
+                 spec.group = group;
+                 spec.is_common = option.is_common;
+                 spec.positional = is_in(positional);
+                 spec.is_ignored = is_in(ignored);
+                 spec.is_empty_allowed = option.is_empty_allowed;
+                 add(spec);
+               });
 }
 
 }  // namespace b3dgs
