@@ -259,12 +259,15 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   return model;
 }
 
+void refuse_iteration(const ModelOptions& options) {
+  if (options.iteration < 0) return;
+  input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
+}
+
 bool names_single_file(ModelOptions& options) {
   const fs::path file = options.model_path;
   if (!fs::is_regular_file(file)) return false;
-  if (options.iteration >= 0) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-  }
+  refuse_iteration(options);
   if (!options.source_path.empty()) return true;
   const fs::path root = fs::absolute(file).parent_path().parent_path().parent_path();
   const ModelFolder folder(root);

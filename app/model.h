@@ -63,6 +63,9 @@ LoadedModel load_file_cameras(const std::filesystem::path& file, const ModelOpti
 /// The same with photographs. Every 8th view is a test view, as in a training with --eval.
 LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
 
+/// @throws InputError if --iteration was given, for a file
+void refuse_iteration(const ModelOptions& options);
+
 /// If `options.model_path` is the PLY of a model folder and no scene is named, names the folder and the iteration
 /// instead. Returns whether model_path is still a file. @throws InputError for --iteration of a file
 bool names_single_file(ModelOptions& options);

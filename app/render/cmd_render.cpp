@@ -77,6 +77,7 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
+  if (!options.ply.empty()) refuse_iteration(model);
   if (!options.video.empty()) check_video_file(options.video, options.overwrite);
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
