@@ -1,6 +1,5 @@
 // b3dgs eval: PSNR, SSIM and LPIPS of a trained model.
 #include <algorithm>
-#include <cstdio>
 #include <cstdlib>
 #include <iostream>
 #include <optional>
@@ -11,6 +10,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
+#include "core/print.h"
 #include "core/text.h"
 #include "model/photographs.h"
 #include "scene/images/image_io.h"
@@ -30,8 +30,8 @@ struct EvalOptions {
   std::string lpips;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, EvalOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(EvalOptions& c, Visitor&& field) {
   field(Option{"split"}, c.split, OneOf{{"auto", "test", "train", "all"}},
         "views to evaluate; auto: test views, or training views if none were held out");
   field(Option{"save_images"}, c.save_images, Any{},
@@ -49,21 +49,11 @@ Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
   return result;
 }
 
-std::string table_row(const std::string& name, int name_columns, const ImageQuality& quality) {
-  char row[64];
-  std::snprintf(row, sizeof row, "  %8.3f  %7.4f", quality.psnr, quality.ssim);
-  std::string cells = row;
-  if (quality.corrected_psnr) {
-    std::snprintf(row, sizeof row, "  %8.3f", *quality.corrected_psnr);
-    cells += row;
-  }
-  if (quality.lpips) {
-    std::snprintf(row, sizeof row, "  %7.4f", *quality.lpips);
-    cells += row;
-  }
-  std::string cell = name;
-  cell.resize(static_cast<std::size_t>(name_columns), ' ');
-  return cell + cells;
+std::string table_row(std::string name, std::size_t name_columns, const ImageQuality& quality) {
+  name.resize(name_columns, ' ');
+  name += print_to_string("  %8.3f  %7.4f", quality.psnr, quality.ssim);
+  if (quality.corrected_psnr) name += print_to_string("  %8.3f", *quality.corrected_psnr);
+  return quality.lpips ? name + print_to_string("  %7.4f", *quality.lpips) : name;
 }
 
 /// Warns if photographs are not those that the model was trained on.
@@ -79,19 +69,18 @@ void print_table(const Evaluation& evaluation) {
   std::size_t columns = 12;
   for (const ViewQuality& view : evaluation.views) columns = std::max(columns, view.name.size());
   for (const std::string& name : evaluation.unmeasured) columns = std::max(columns, name.size());
-  const int name_columns = static_cast<int>(columns);
   std::string heading = "view";
   heading.resize(columns, ' ');
   std::cout << heading << "   PSNR dB     SSIM" << (evaluation.mean.corrected_psnr ? "   CC PSNR" : "")
             << (evaluation.lpips_network.empty() ? "" : "    LPIPS") << "\n";
   for (const ViewQuality& view : evaluation.views) {
-    std::cout << table_row(view.name, name_columns, view.quality) << "\n";
+    std::cout << table_row(view.name, columns, view.quality) << "\n";
   }
   for (const std::string& name : evaluation.unmeasured) {
     std::cout << name << std::string(columns - name.size(), ' ') << "  no valid pixel: not in the mean\n";
   }
   if (evaluation.views.empty()) return;
-  std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), name_columns, evaluation.mean) << "\n";
+  std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), columns, evaluation.mean) << "\n";
   if (evaluation.mean.corrected_psnr) {
     std::cout << "CC PSNR: colour-corrected, with the colours of each render fitted to its photograph\n";
   }
@@ -220,17 +209,11 @@ int run_eval(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Evaluation");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);
-  const bool was_file = std::filesystem::is_regular_file(model_options.model_path);
-  if (was_file && line.was_given("iteration")) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-  }
   if (names_single_file(model_options)) {
     evaluate_file(model_options, options, device, lpips ? &*lpips : nullptr, status);
     return 0;

@@ -23,7 +23,7 @@
 #include "app/view/watched_training.h"
 #include "config/former_options.h"
 #include "config/option_layers.h"
-#include "config/preset_help.h"
+#include "config/presets.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/host_memory.h"
@@ -196,23 +196,20 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   SceneOptions scene_options = scene_options_of_rank(config, machine.n_ranks);
   if (!plan.checkpoint.empty()) scene_options.frame = checkpoint_frame(plan.checkpoint);
   const Scene scene = open_scene(scene_options, status, on_loading);
-  if (!quiet) {
-    for (const std::string& text : scene.summary) std::cout << text << "\n";
-    std::cout << describe_device(device) << std::endl;
-    if (has_peers) std::cout << describe_ranks(ranks.size(), config, plan.layers) << std::endl;
-    if (const std::string slow = describe_slow_transport(ranks); !slow.empty()) std::cout << slow << std::endl;
-  }
+  const auto say = [&](const std::string& text) {
+    if (!quiet && !text.empty()) std::cout << text << std::endl;
+  };
+  for (const std::string& text : scene.summary) say(text);
+  say(describe_device(device));
+  if (has_peers) say(describe_ranks(ranks.size(), config, plan.layers));
+  say(describe_slow_transport(ranks));
   limit_schedule(plan, scene);
   const TrainConfig before = std::exchange(plan.config, with_scene_limits(config, scene));
-  if (!quiet) {
-    if (const std::string text = describe_epochs(config, training_photographs(scene)); !text.empty()) {
-      std::cout << text << std::endl;
-    }
-    if (config.max_gaussians != before.max_gaussians) std::cout << describe_limit(config) << std::endl;
-    if (config.lr_decay_from_iter != before.lr_decay_from_iter) std::cout << describe_decay(config) << std::endl;
-  }
-  if (!quiet && plan.layers) {
-    for (const std::string& text : describe_options(*plan.layers)) std::cout << text << std::endl;
+  say(describe_epochs(config, training_photographs(scene)));
+  if (config.max_gaussians != before.max_gaussians) say(describe_limit(config));
+  if (config.lr_decay_from_iter != before.lr_decay_from_iter) say(describe_decay(config));
+  if (plan.layers) {
+    for (const std::string& text : describe_options(*plan.layers)) say(text);
   }
 
   TrainProgressView progress(status, config);
@@ -241,7 +238,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   Trainer& trainer = *owned;
   const double reading_s = steady_seconds() - reading_start_s;
   status.clear();
-  if (!quiet) std::cout << "photographs " << trainer.describe_images() << std::endl;
+  say("photographs " + trainer.describe_images());
   if (!plan.checkpoint.empty()) {
     const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
     if (is_first) {
@@ -259,10 +256,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   }
   ranks.barrier("model folder");
 
-  if (const auto forecast = trainer.forecast_memory(); forecast && !quiet) {
-    std::cout << describe_memory(*forecast) << std::endl;
-  }
-
+  if (const auto forecast = trainer.forecast_memory()) say(describe_memory(*forecast));
   const TrainResult result = trainer.run();
   if (watched) watched->close();
   status.clear();
@@ -331,7 +325,6 @@ int run_train(const std::vector<std::string>& words) {
   add_former_options(line);
   line.set_notes(presets_help());
   if (!line.parse(split_view_port(words))) return 0;
-  line.apply(options);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;

@@ -20,9 +20,8 @@ namespace fs = std::filesystem;
 /// The values of `b3dgs view` have names of their own: here, --view would say nothing.
 struct ViewCommandOptions : ViewOptions {};
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ViewCommandOptions>> visit_fields(Config& c,
-                                                                                               Visitor&& field) {
+template <class Visitor>
+void visit_fields(ViewCommandOptions& c, Visitor&& field) {
   field(Option{"port"}.common(), c.port, InRange{-1, 65535},
         "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
   field(Option{"view_address"}, c.address, Any{}, "address to listen on; the default is for this machine only");
@@ -35,13 +34,8 @@ LoadedModel load(ModelOptions& options, StatusLine& status) {
                                        : load_file_to_evaluate(options.model_path, options, status);
   }
   LoadedModel model = load_without_scene(options);
-  try {
-    add_scene(model, status);
-  } catch (const InputError& error) {
-    if (!options.source_path.empty()) throw;
-    add_saved_cameras(model);
-    status.warn(std::string("no photographs to compare with: ") + error.what());
-  }
+  const std::string why_not = add_scene_or_cameras(model, options, status);
+  if (!why_not.empty()) status.warn("no photographs to compare with: " + why_not);
   return model;
 }
 
@@ -55,14 +49,9 @@ int run_view(const std::vector<std::string>& words) {
   line.add(options, "Page");
   line.set_help("model_path", "model folder, or a file of Gaussians");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-  }
   const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
   const LoadedModel model = load(model_options, status);
   ModelRenderer renderer(model, device);

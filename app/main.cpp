@@ -9,7 +9,7 @@
 
 #include "app/tools/commands.h"
 #include "app/tools/run_program.h"
-#include "config/preset_help.h"
+#include "config/presets.h"
 
 namespace b3dgs {
 namespace {

@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/print.h"
 #include "core/shell_quote.h"
 #include "model/cameras/cameras_json.h"
 #include "model/cameras/poses_json.h"
@@ -181,6 +181,14 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
   return difference;
 }
 
+/// The cameras of the model folder's cameras.json, if there is one.
+void add_saved_cameras(LoadedModel& model) {
+  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return;
+  model.scene = scene_of_cameras(model);
+  refine_poses(model);
+  use_frame_of_gaussians(model);
+}
+
 }  // namespace
 
 LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
@@ -210,18 +218,16 @@ void add_scene(LoadedModel& model, StatusLine& status) {
   use_frame_of_gaussians(model);
 }
 
-bool add_saved_cameras(LoadedModel& model) {
-  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return false;
-  model.scene = scene_of_cameras(model);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
-  return true;
-}
-
-LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options);
-  add_scene(model, status);
-  return model;
+std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+  try {
+    add_scene(model, status);
+    return "";
+  } catch (const InputError& error) {
+    if (!options.source_path.empty()) throw;
+    status.clear();
+    add_saved_cameras(model);
+    return error.what();
+  }
 }
 
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
@@ -253,9 +259,15 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   return model;
 }
 
+void refuse_iteration(const ModelOptions& options) {
+  if (options.iteration < 0) return;
+  input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
+}
+
 bool names_single_file(ModelOptions& options) {
   const fs::path file = options.model_path;
   if (!fs::is_regular_file(file)) return false;
+  refuse_iteration(options);
   if (!options.source_path.empty()) return true;
   const fs::path root = fs::absolute(file).parent_path().parent_path().parent_path();
   const ModelFolder folder(root);
@@ -312,9 +324,7 @@ fs::path image_folder(const LoadedModel& model, const std::string& set) {
 }
 
 std::string image_name(std::size_t index) {
-  char name[32];
-  std::snprintf(name, sizeof name, "%05zu.png", index);
-  return name;
+  return print_to_string("%05zu.png", index);
 }
 
 void write_view_names(const fs::path& folder, const std::vector<View>& views) {

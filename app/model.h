@@ -27,8 +27,8 @@ struct ModelOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ModelOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ModelOptions& c, Visitor&& field) {
   field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{}, "model folder");
   field(Option{"iteration"}, c.iteration, AtLeast{-1}, "saved iteration to load (-1 = the last)");
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common(), c.source_path, Any{},
@@ -50,11 +50,8 @@ struct LoadedModel {
   Scene scene;            // its views are in the frame of the Gaussians; without points
 };
 
-/// Reads config and PLY of the model folder, and loads the scene with its photographs. @throws InputError
-LoadedModel load_model(const ModelOptions& options, StatusLine& status);
-
-/// Like load_model(), but without photographs. The views are those in the model folder's cameras.json, or those of the
-/// scene if the options name a scene or a resolution.
+/// Reads config and PLY of the model folder. The views, without photographs, are those in its cameras.json, or those of
+/// the scene if the options name a scene or a resolution. @throws InputError
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
 /// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
@@ -66,8 +63,11 @@ LoadedModel load_file_cameras(const std::filesystem::path& file, const ModelOpti
 /// The same with photographs. Every 8th view is a test view, as in a training with --eval.
 LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
 
+/// @throws InputError if --iteration was given, for a file
+void refuse_iteration(const ModelOptions& options);
+
 /// If `options.model_path` is the PLY of a model folder and no scene is named, names the folder and the iteration
-/// instead. Returns whether model_path is still a file.
+/// instead. Returns whether model_path is still a file. @throws InputError for --iteration of a file
 bool names_single_file(ModelOptions& options);
 
 /// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
@@ -78,8 +78,9 @@ LoadedModel load_without_scene(const ModelOptions& options);
 /// @throws InputError
 void add_scene(LoadedModel& model, StatusLine& status);
 
-/// Adds the cameras of the model folder's cameras.json. Returns whether there is one.
-bool add_saved_cameras(LoadedModel& model);
+/// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
+/// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read
+std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);

@@ -9,7 +9,7 @@
 #include "config/former_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "core/options/config_file.h"
+#include "core/options/command_line.h"
 #include "core/shell_quote.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/training_id.h"

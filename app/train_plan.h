@@ -28,9 +28,8 @@ struct TrainCommandOptions {
   RankOptions rank;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainCommandOptions>> visit_fields(Config& c,
-                                                                                                Visitor&& field) {
+template <class Visitor>
+void visit_fields(TrainCommandOptions& c, Visitor&& field) {
   field(Option{"config"}, c.config, Any{}, "JSON file with option names as keys; the command line overrides it");
   field(Option{"resume", '\0', {"start_checkpoint"}}.common(), c.resume, Any{},
         "checkpoint or model folder to resume; auto: folder of -m, if it has a checkpoint");

@@ -24,9 +24,6 @@ b3dgs_need(nlohmann_json_FOUND "nlohmann-json" "nlohmann-json3-dev")
 find_package(ZLIB QUIET)
 b3dgs_need(ZLIB_FOUND "zlib" "zlib1g-dev")
 
-find_package(CLI11 QUIET)
-b3dgs_need(CLI11_FOUND "CLI11" "libcli11-dev")
-
 find_package(hwy QUIET CONFIG)
 b3dgs_need(hwy_FOUND "Highway" "libhwy-dev")
 if(NOT TARGET hwy::hwy)

@@ -23,8 +23,8 @@ struct SynthConfig {
   std::string truth = "surfaces";
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(SynthConfig& c, Visitor&& field) {
   field(Option{"scene"}, c.scene, OneOf{{"orbit", "street"}},
         "orbit: solids on a plane, cameras around; street: LiDAR points, driving camera");
   field(Option{"output"}, c.output, Any{}, "output folder");

@@ -9,9 +9,9 @@
 #include <system_error>
 #include <vector>
 
+#include "core/config.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "core/options/config_file.h"
 #include "core/random.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"

@@ -33,8 +33,8 @@ struct ExchangeConfig {
   std::string json;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExchangeConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ExchangeConfig& c, Visitor&& field) {
   field(Option{"ranks"}, c.ranks, InRange{0, kMaxStartedRanks},
         "processes to start on this machine (0 = those that torchrun, mpirun or srun started)");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}},
@@ -130,9 +130,7 @@ class ExchangeTable {
     std::printf("%-12s %10s %10.3f %10.3f .. %9.3f %12s\n", name, is_record ? "-" : print_to_string("%g", mib).c_str(),
                 timing.median_ms, timing.min_ms, timing.max_ms,
                 is_record ? "-" : print_to_string("%.2f", gb_per_s).c_str());
-    nlohmann::ordered_json row{{"exchange", name}, {"mib", mib}, {"received_bytes", received}};
-    row.update(to_json(timing));
-    rows_.push_back(row);
+    rows_.push_back(to_json(timing, {{"exchange", name}, {"mib", mib}, {"received_bytes", received}}));
     file_.set("rows", rows_);
   }
 
@@ -170,7 +168,6 @@ int run_bench_exchange(const std::vector<std::string>& words) {
                    "b3dgs bench exchange --ranks 2");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
-  line.apply(config);
   if (config.mib.empty()) input_error("--mib needs at least one value");
   if (config.device == "auto" && config.ranks > count_gpus()) config.device = "cpu";
   RankOptions options;

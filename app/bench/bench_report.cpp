@@ -12,12 +12,6 @@
 namespace b3dgs {
 namespace {
 
-nlohmann::ordered_json to_row(const char* kind, const std::string& name, const Timing& timing) {
-  nlohmann::ordered_json row{{kind, name}};
-  row.update(to_json(timing));
-  return row;
-}
-
 /// Relative differences of the gradients, by parameter.
 nlohmann::ordered_json gradient_differences(const Measurement& measurement, const Measurement& first) {
   nlohmann::ordered_json differences = nlohmann::ordered_json::object();
@@ -36,8 +30,13 @@ Timing summarize(std::vector<double> ms) {
   return {ms[ms.size() / 2], ms.front(), ms.back()};
 }
 
-nlohmann::ordered_json to_json(const Timing& timing) {
-  return {{"median_ms", timing.median_ms}, {"min_ms", timing.min_ms}, {"max_ms", timing.max_ms}};
+nlohmann::ordered_json to_json(const Timing& timing, nlohmann::ordered_json head) {
+  head.update({{"median_ms", timing.median_ms}, {"min_ms", timing.min_ms}, {"max_ms", timing.max_ms}});
+  return head;
+}
+
+void print_timing(const std::string& name, const Timing& timing) {
+  std::printf("%-16s %10.3f %10.3f .. %9.3f", name.c_str(), timing.median_ms, timing.min_ms, timing.max_ms);
 }
 
 nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths) {
@@ -51,7 +50,6 @@ void print_list_statistics(const nlohmann::ordered_json& statistics) {
   std::printf(
       "Gaussians per tile: mean %.0f, median %lld, 90th percentile %lld, 99th percentile %lld, maximum %lld, Gini "
       "coefficient %.2f; %lld (tile, splat) pairs\n",
-
       statistics["mean"].get<double>(), statistics["median"].get<long long>(), statistics["p90"].get<long long>(),
       statistics["p99"].get<long long>(), statistics["max"].get<long long>(), statistics["gini"].get<double>(),
       statistics["pairs"].get<long long>());
@@ -93,12 +91,11 @@ ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColum
 
 void ComparisonTable::add(Measurement measurement) {
   if (!first_) first_ = measurement;
-  const Timing& timing = measurement.timing;
-  const double speedup = first_->timing.median_ms / timing.median_ms;
-  nlohmann::ordered_json row = to_row("kernel", measurement.name, timing);
+  const double speedup = first_->timing.median_ms / measurement.timing.median_ms;
+  nlohmann::ordered_json row = to_json(measurement.timing, {{"kernel", measurement.name}});
   row["speedup"] = speedup;
-  std::printf("%-16s %10.3f %10.3f .. %9.3f %9.2f", measurement.name.c_str(), timing.median_ms, timing.min_ms,
-              timing.max_ms, speedup);
+  print_timing(measurement.name, measurement.timing);
+  std::printf(" %9.2f", speedup);
   if (columns_.keeping) {
     B3DGS_CHECK(measurement.keeping, measurement.name, ": time in training is missing");
     std::printf(" %10.3f", measurement.keeping->median_ms);
@@ -136,8 +133,9 @@ PassTable::PassTable(const std::string& title) {
 }
 
 void PassTable::add(const std::string& name, const Timing& timing) {
-  std::printf("%-16s %10.3f %10.3f .. %9.3f\n", name.c_str(), timing.median_ms, timing.min_ms, timing.max_ms);
-  rows_.push_back(to_row("pass", name, timing));
+  print_timing(name, timing);
+  std::printf("\n");
+  rows_.push_back(to_json(timing, {{"pass", name}}));
   sum_ms_ += timing.median_ms;
 }
 

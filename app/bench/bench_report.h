@@ -19,7 +19,11 @@ struct Timing {
 /// Median and range of the times of single runs; `ms` must not be empty.
 Timing summarize(std::vector<double> ms);
 
-nlohmann::ordered_json to_json(const Timing& timing);
+/// {"median_ms": 2, "min_ms": 1, "max_ms": 3}, after `head`.
+nlohmann::ordered_json to_json(const Timing& timing, nlohmann::ordered_json head = nlohmann::ordered_json::object());
+
+/// A row of a table, without its end: name, median, minimum and maximum.
+void print_timing(const std::string& name, const Timing& timing);
 
 /// Number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists. `lengths` must not be
 /// empty.

@@ -22,8 +22,8 @@ struct BenchRun {
   std::string json;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
   field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}},
@@ -37,12 +37,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchRun>> visit_fi
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto: a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
-}
-
-/// Visits the options that a benchmark's config inherits from BenchRun.
-template <class Config, class Visitor>
-void visit_run_fields(Config& c, Visitor&& field) {
-  visit_fields(static_cast<std::conditional_t<std::is_const_v<Config>, const BenchRun, BenchRun>&>(c), field);
 }
 
 /// Replaces --device auto by the device that it selects, and sets tile_width and tile_height where they are 0. Call
@@ -81,8 +75,8 @@ struct BenchConfig : BenchRun {
   double skew = 0;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(BenchConfig& c, Visitor&& field) {
   field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
   field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this file (PLY or SPZ) instead");
   field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
@@ -91,7 +85,7 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchConfig>> visit
   field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and balanced");
   field(Option{"skew"}, c.skew, InRange{0, 2},
         "density of balanced ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
-  visit_run_fields(c, field);
+  visit_fields(static_cast<BenchRun&>(c), field);
 }
 
 struct BenchScene {

@@ -34,9 +34,8 @@ struct BenchStepOptions {
   std::string json;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, BenchStepOptions>> visit_fields(Config& c,
-                                                                                             Visitor&& field) {
+template <class Visitor>
+void visit_fields(BenchStepOptions& c, Visitor&& field) {
   field(Option{"steps"}, c.steps, InRange{1, 100000},
         "number of timed training steps; the median of each stage is shown");
   field(Option{"warmup"}, c.warmup, InRange{0, 100000}, "number of steps before them that are not timed");
@@ -67,49 +66,34 @@ class StepTimes {
   std::vector<StageTimes> steps_, rounds_;
 };
 
-/// The table of stages, and the same as JSON.
-class StageTable {
- public:
-  explicit StageTable(double total_ms) : total_ms_(total_ms) {
-    std::printf("\n%-16s %10s %23s %7s\n", "stage", "median ms", "min .. max", "share");
-  }
-
-  /// `ms`: one value per step; adds no row if it is empty. `name` is the stage in JSON, `text` in the printed table.
-  void add(const char* name, const char* text, const std::vector<double>& ms) {
-    if (ms.empty()) return;
-    const Timing timing = summarize(ms);
-    const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms_;
-    std::printf("%-16s %10.3f %10.3f .. %9.3f %6.1f%%\n", text, timing.median_ms, timing.min_ms, timing.max_ms,
-                100 * share);
-    Json row = {{"stage", name}};
-    row.update(to_json(timing));
-    row["share"] = share;
-    rows_.push_back(std::move(row));
-  }
-  const Json& rows() const { return rows_; }
-
- private:
-  double total_ms_;
-  Json rows_ = Json::array();
-};
-
+/// Prints the table of stages and returns it as JSON.
 Json show_stages(const std::vector<StageTimes>& steps) {
   std::vector<double> wall_ms, host_ms;
   for (const StageTimes& step : steps) {
     wall_ms.push_back(step.wall_ms);
     host_ms.push_back(step.host_ms());
   }
-  StageTable table(std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0));
+  const double total_ms = std::accumulate(wall_ms.begin(), wall_ms.end(), 0.0);
+  Json rows = Json::array();
+  const auto add = [&](const char* name, const char* text, const std::vector<double>& ms) {
+    if (ms.empty()) return;
+    const double share = std::accumulate(ms.begin(), ms.end(), 0.0) / total_ms;
+    print_timing(text, summarize(ms));
+    std::printf(" %6.1f%%\n", 100 * share);
+    rows.push_back(to_json(summarize(ms), {{"stage", name}}));
+    rows.back()["share"] = share;
+  };
+  std::printf("\n%-16s %10s %23s %7s\n", "stage", "median ms", "min .. max", "share");
   for (std::size_t i = 0; i < kStageCount; ++i) {
     std::vector<double> ms;
     for (const StageTimes& step : steps) {
       if (step.ms[i]) ms.push_back(*step.ms[i]);
     }
-    table.add(kStageNames[i], kStageNames[i], ms);
+    add(kStageNames[i], kStageNames[i], ms);
   }
-  table.add("host", "remaining CPU", host_ms);
-  table.add("step", "step", wall_ms);
-  return table.rows();
+  add("host", "remaining CPU", host_ms);
+  add("step", "step", wall_ms);
+  return rows;
 }
 
 TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options) {
@@ -134,12 +118,9 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
 Json show_rounds(const std::vector<StageTimes>& rounds) {
   std::vector<double> ms;
   for (const StageTimes& round : rounds) ms.push_back(round.wall_ms);
-  const Timing timing = summarize(ms);
-  std::printf("%-16s %10.3f %10.3f .. %9.3f  %zu rounds\n", "density control", timing.median_ms, timing.min_ms,
-              timing.max_ms, ms.size());
-  Json json = {{"count", ms.size()}};
-  json.update(to_json(timing));
-  return json;
+  print_timing("density control", summarize(ms));
+  std::printf("  %zu rounds\n", ms.size());
+  return to_json(summarize(ms), {{"count", ms.size()}});
 }
 
 /// After the last step.
@@ -202,7 +183,6 @@ int run_bench_step(const std::vector<std::string>& words) {
            {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations",
             "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   const TrainConfig config = make_config(line, options);
   set_compute_threads(config.threads);
 

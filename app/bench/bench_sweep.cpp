@@ -18,13 +18,13 @@ struct SweepConfig : BenchRun {
   std::vector<double> skew{0, 0.25, 0.5, 0.75, 1};
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SweepConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(SweepConfig& c, Visitor&& field) {
   field(Option{"points"}, c.points, AtLeast{1},
         "numbers of Gaussians (none = 250000 1000000 4000000; on a CPU a tenth of them)");
   field(Option{"skew"}, c.skew, InRange{0, 2},
         "density ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
-  visit_run_fields(c, field);
+  visit_fields(static_cast<BenchRun&>(c), field);
 }
 
 std::vector<int> default_points(const std::string& device) {
@@ -56,11 +56,7 @@ void print_cell(int points, double skew, const ForwardTimes& times) {
 
 nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes& times) {
   nlohmann::ordered_json kernels = nlohmann::ordered_json::array();
-  for (const ForwardTimes::Row& row : times.rows) {
-    nlohmann::ordered_json entry{{"kernel", row.kernel}};
-    entry.update(to_json(row.timing));
-    kernels.push_back(entry);
-  }
+  for (const ForwardTimes::Row& row : times.rows) kernels.push_back(to_json(row.timing, {{"kernel", row.kernel}}));
   return {{"points", points},
           {"skew", skew},
           {"lists", times.lists},
@@ -79,7 +75,6 @@ int run_bench_sweep(const std::vector<std::string>& words) {
                    "b3dgs bench sweep --json sweep.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
-  line.apply(config);
   if (config.skew.empty()) input_error("--skew needs at least one value");
   resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);

@@ -1,4 +1,4 @@
-// b3dgs bench: times the blending kernels and the passes of one view.
+// b3dgs bench: times the blending kernels and the passes of one view, on the device that --device selects.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -33,7 +33,6 @@ int run_bench_kernels(const std::vector<std::string>& words) {
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
-  line.apply(config);
   check_scene(config.scene);
   resolve_auto(config);
   set_thread_count(config.threads);
@@ -50,6 +49,38 @@ int run_bench_kernels(const std::vector<std::string>& words) {
 }
 
 }  // namespace
+
+#if !B3DGS_HAS_CUDA
+namespace {
+
+[[noreturn]] void refuse_cuda() {
+  input_error("--device cuda: this build has no CUDA kernels; build with nvcc in PATH or use --device cpu");
+}
+
+}  // namespace
+
+void bench_kernels_cuda(const BenchRun&, const BenchScene&, BenchFile&) {
+  refuse_cuda();
+}
+ForwardTimes time_forward_kernels_cuda(const BenchRun&, const BenchScene&) {
+  refuse_cuda();
+}
+bool has_gpu() {
+  return false;
+}
+#endif
+
+std::string default_bench_device() {
+  return has_gpu() ? "cuda" : "cpu";
+}
+
+void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
+  run.device == "cuda" ? bench_kernels_cuda(run, scene, file) : bench_kernels_cpu(run, scene, file);
+}
+
+ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene) {
+  return run.device == "cuda" ? time_forward_kernels_cuda(run, scene) : time_forward_kernels_cpu(run, scene);
+}
 
 int run_bench(const std::vector<std::string>& words) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // shows each row immediately, even through a pipe

@@ -37,8 +37,8 @@ struct CompareOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CompareOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(CompareOptions& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
         "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value (preset=fast)");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
@@ -255,7 +255,6 @@ int run_compare(const std::vector<std::string>& words) {
   add_former_options(line);
   line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
   for (const std::string& former : describe_former_options(line.given())) status.warn(former);

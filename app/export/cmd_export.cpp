@@ -5,7 +5,6 @@
 #include <iostream>
 #include <optional>
 
-#include "app/export/export_quality.h"
 #include "app/export/scene_views.h"
 #include "app/export/splat_transform.h"
 #include "app/model.h"
@@ -40,8 +39,8 @@ struct ExportOptions {
   int compare_views = 10;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ExportOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ExportOptions& c, Visitor&& field) {
   field(Option{"output"}, c.output, Any{}, "file to write; its extension selects the format");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the file if it exists");
   field(Option{"up"}, c.up, OneOf{{"keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},
@@ -89,21 +88,6 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
 }
 
-/// The views that can be rendered, and why their photographs cannot be used (empty: they can).
-std::string add_views(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
-  const bool is_file = fs::is_regular_file(options.model_path);
-  if (is_file && options.source_path.empty()) return "no scene is named (-s SCENE)";
-  try {
-    add_scene(model, status);
-    return "";
-  } catch (const InputError& error) {
-    if (!options.source_path.empty()) throw;
-    status.clear();
-    add_saved_cameras(model);
-    return error.what();
-  }
-}
-
 std::int64_t keep_most_contributing(LoadedModel& model, const ExportOptions& options, const torch::Device& device,
                                     StatusLine& status, std::string& by_what) {
   if (options.max_gaussians >= model.splats.size()) return 0;
@@ -115,6 +99,12 @@ std::int64_t keep_most_contributing(LoadedModel& model, const ExportOptions& opt
   return keep_highest(scores, options.max_gaussians, model.splats);
 }
 
+std::int64_t crop(const std::string& text, SplatCloud& splats) {
+  const CropRegion region = parse_crop(text);
+  return keep_if([&](std::size_t row) { return region.contains(splats.frame.to_world(&splats.means[3 * row])); },
+                 splats);
+}
+
 /// Leaves out what the options say, and prints it.
 void reduce(LoadedModel& model, const ExportOptions& options, const torch::Device& device, StatusLine& status) {
   SplatCloud& splats = model.splats;
@@ -123,12 +113,7 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
     print_line("removed", "%s Gaussians %s", format_count(removed).c_str(), what.c_str());
     if (splats.size() == 0) input_error("no Gaussian is left: all ", format_count(removed), " were removed ", what);
   };
-  if (!options.crop.empty()) {
-    const CropRegion region = parse_crop(options.crop);
-    report(keep_if([&](std::size_t row) { return region.contains(splats.frame.to_world(&splats.means[3 * row])); },
-                   splats),
-           "outside of --crop " + options.crop);
-  }
+  if (!options.crop.empty()) report(crop(options.crop, splats), "outside of --crop " + options.crop);
   if (options.min_opacity > 0) {
     report(keep_if([&](std::size_t row) { return opacity_of(splats, row) >= options.min_opacity; }, splats),
            print_to_string("of opacity below %g", options.min_opacity));
@@ -216,32 +201,22 @@ int run_export(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "File", {"output"});
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(options);
   if (!options.crop.empty()) parse_crop(options.crop);
   if (model_options.model_path.empty())
     input_error("missing argument: MODEL_PATH; usage: b3dgs export MODEL OUTPUT.spz");
   check_output(model_options, options);
-  if (fs::is_regular_file(model_options.model_path) && line.was_given("iteration")) {
-    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-  }
   names_single_file(model_options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   LoadedModel model = load_without_scene(model_options);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
-  std::string why_not = add_views(model, model_options, status);
-  LoadedModel original = model;
-  if (!options.crop.empty()) {
-    const CropRegion region = parse_crop(options.crop);
-    keep_if(
-        [&](std::size_t row) {
-          return region.contains(original.splats.frame.to_world(&original.splats.means[3 * row]));
-        },
-        original.splats);
-  }
   const bool is_file = fs::is_regular_file(model_options.model_path);
+  std::string why_not = is_file && model_options.source_path.empty()
+                            ? "no scene is named (-s SCENE)"
+                            : add_scene_or_cameras(model, model_options, status);
+  LoadedModel original = model;
+  if (!options.crop.empty()) crop(options.crop, original.splats);
   const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
   refuse_to_replace(input, options.output);
   const auto input_bytes = static_cast<std::int64_t>(fs::file_size(input));

@@ -10,7 +10,4 @@ namespace b3dgs {
 /// "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
 nlohmann::ordered_json describe_machine(const torch::Device& device);
 
-/// Adds the keys of a GPU. Only in builds with CUDA.
-void describe_gpu(nlohmann::ordered_json& machine);
-
 }  // namespace b3dgs

@@ -19,9 +19,8 @@ struct ReconstructCommandOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReconstructCommandOptions>> visit_fields(Config& c,
-                                                                                                      Visitor&& field) {
+template <class Visitor>
+void visit_fields(ReconstructCommandOptions& c, Visitor&& field) {
   field(Option{"quiet"}.common(), c.quiet, Any{}, "show no progress");
 }
 
@@ -53,8 +52,6 @@ int run_reconstruct(const std::vector<std::string>& words) {
   line.add(options, "Reconstruct", {"input", "output"});
   line.add(command, "Run");
   if (!line.parse(words)) return 0;
-  line.apply(options);
-  line.apply(command);
   if (options.input.empty() || options.output.empty()) {
     input_error("missing argument: ", options.input.empty() ? "INPUT" : "OUTPUT",
                 "; usage: b3dgs reconstruct PHOTOS|VIDEO SCENE");

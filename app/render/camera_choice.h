@@ -27,8 +27,8 @@ struct CameraOptions {
   std::string up = "auto";
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, CameraOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(CameraOptions& c, Visitor&& field) {
   field(Option{"path"}.common(), c.path, OneOf{{"test", "train", "interpolated", "orbit", "turntable"}},
         "test or training views, a path through the training views, or around the scene");
   field(Option{"cameras"}.common(), c.cameras, Any{},

@@ -45,8 +45,8 @@ struct RenderOptions {
   }
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, RenderOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(RenderOptions& c, Visitor&& field) {
   field(Option{"ply"}, c.ply, Any{}, "render this file of Gaussians instead of a model folder");
   field(Option{"output"}.common(), c.output, Any{},
         "output folder (default MODEL/PATH/ours_N, or FILE_PATH next to the file)");
@@ -77,10 +77,7 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
-  const bool names_file = !options.ply.empty() || fs::is_regular_file(model.model_path);
-  if (line.was_given("iteration") && names_file) {
-    input_error("--iteration selects a PLY of a model folder, but a PLY is named already; leave out one of them");
-  }
+  if (!options.ply.empty()) refuse_iteration(model);
   if (!options.video.empty()) check_video_file(options.video, options.overwrite);
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
@@ -218,9 +215,6 @@ int run_render(const std::vector<std::string>& words) {
   line.add(camera_options, "Cameras");
   line.add(options, "Images");
   if (!line.parse(words)) return 0;
-  line.apply(model_options);
-  line.apply(camera_options);
-  line.apply(options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
 #include <utility>
 
 #include "core/check.h"
@@ -73,22 +74,18 @@ struct Ellipse {
 
 /// The ellipse a x^2 + b x y + c y^2 = 1 by least squares; radii of 0 if the positions do not determine one.
 Ellipse fit_ellipse(const std::vector<std::pair<double, double>>& positions, double scale) {
-  double m[3][4] = {};  // normal equations
+  cv::Matx33d m;  // of the normal equations
+  cv::Vec3d sum;
   for (const auto& [x_world, y_world] : positions) {
     const double x = x_world / scale, y = y_world / scale;
-    const double row[4] = {x * x, x * y, y * y, 1};
-    for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 4; ++j) m[i][j] += row[i] * row[j];
-    }
+    const cv::Vec3d row(x * x, x * y, y * y);
+    m += row * row.t();
+    sum += row;
   }
   const auto n = static_cast<double>(positions.size());
-  const auto det = [&](int p, int q, int r) {
-    return m[0][p] * (m[1][q] * m[2][r] - m[1][r] * m[2][q]) - m[0][q] * (m[1][p] * m[2][r] - m[1][r] * m[2][p]) +
-           m[0][r] * (m[1][p] * m[2][q] - m[1][q] * m[2][p]);
-  };
-  const double determinant = det(0, 1, 2);
-  if (!(std::abs(determinant) > 1e-6 * n * n * n)) return {};
-  const double a = det(3, 1, 2) / determinant, b = det(0, 3, 2) / determinant, c = det(0, 1, 3) / determinant;
+  if (!(std::abs(cv::determinant(m)) > 1e-6 * n * n * n)) return {};
+  const cv::Vec3d solution = m.solve(sum, cv::DECOMP_LU);
+  const double a = solution[0], b = solution[1], c = solution[2];
   // The eigenvalues of [a, b/2; b/2, c] are 1 / radius^2.
   const double middle = 0.5 * (a + c), spread = std::hypot(0.5 * (a - c), 0.5 * b);
   if (!(middle - spread > 0)) return {};
@@ -120,32 +117,18 @@ SplatBounds splat_bounds(const SplatCloud& splats) {
 Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback) {
   if (cameras.empty()) return fallback;
   // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d, about the fallback so that coordinates stay small.
-  Mat3<double> a{};
-  Vec3d b{};
+  cv::Matx33d a;
+  cv::Vec3d b;
   const double share = 1 / static_cast<double>(cameras.size());
   for (const Camera& camera : cameras) {
-    const Vec3d d = forward_of(camera), c = to_vec(camera.center()) - fallback;
-    const double direction[3] = {d.x, d.y, d.z};
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) {
-        a(row, column) += share * ((row == column ? 1 : 0) - direction[row] * direction[column]);
-      }
-    }
-    b = b + share * (c - dot(c, d) * d);
+    const Vec3d forward = forward_of(camera), center = to_vec(camera.center()) - fallback;
+    const cv::Vec3d d(forward.x, forward.y, forward.z), c(center.x, center.y, center.z);
+    a += share * (cv::Matx33d::eye() - d * d.t());
+    b += share * (c - c.dot(d) * d);
   }
-  const auto determinant = [](const Mat3<double>& m) {
-    return dot(Vec3d{m.m[0], m.m[3], m.m[6]}, cross(Vec3d{m.m[1], m.m[4], m.m[7]}, Vec3d{m.m[2], m.m[5], m.m[8]}));
-  };
-  if (determinant(a) < kParallel) {
-    for (const int i : {0, 4, 8}) a.m[i] += 0.01;  // draws the point along the axes to the fallback, which is 0 here
-  }
-  const double whole = determinant(a);
-  double solution[3];
-  for (int column = 0; column < 3; ++column) {
-    Mat3<double> replaced = a;
-    replaced(0, column) = b.x, replaced(1, column) = b.y, replaced(2, column) = b.z;
-    solution[column] = determinant(replaced) / whole;
-  }
+  // Draws the point along the axes to the fallback, which is 0 here.
+  if (cv::determinant(a) < kParallel) a += 0.01 * cv::Matx33d::eye();
+  const cv::Vec3d solution = a.solve(b, cv::DECOMP_LU);
   const Vec3d focus = fallback + Vec3d{solution[0], solution[1], solution[2]};
   const auto n_in_front = std::count_if(cameras.begin(), cameras.end(), [&](const Camera& camera) {
     return dot(focus - to_vec(camera.center()), forward_of(camera)) > 0;

@@ -32,8 +32,8 @@ struct InfoOptions {
   std::string input;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, InfoOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(InfoOptions& c, Visitor&& field) {
   field(Option{"input"}, c.input, Any{},
         "scene folder, model folder, file of Gaussians (.ply, .spz), points or checkpoint");
 }
@@ -188,7 +188,6 @@ int run_info(const std::vector<std::string>& words) {
   InfoOptions options;
   line.add(options, "Input", {"input"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   const std::string& path = options.input;
   if (path.empty()) input_error("missing argument: INPUT; usage: b3dgs info INPUT");
 

@@ -18,8 +18,8 @@ struct ReportOptions {
   std::string folder;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReportOptions>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(ReportOptions& c, Visitor&& field) {
   field(Option{"folder", 'm', {"model_path"}}, c.folder, Any{}, "model folder or folder of a comparison");
 }
 
@@ -30,7 +30,6 @@ int run_report(const std::vector<std::string>& words) {
   ReportOptions options;
   line.add(options, "Report", {"folder"});
   if (!line.parse(words)) return 0;
-  line.apply(options);
   if (options.folder.empty()) input_error("missing argument: FOLDER; usage: b3dgs report FOLDER");
 
   const fs::path folder = options.folder;

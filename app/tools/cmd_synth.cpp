@@ -17,9 +17,8 @@ struct SynthCommandOptions {
   bool quiet = false;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions>> visit_fields(Config& c,
-                                                                                                Visitor&& field) {
+template <class Visitor>
+void visit_fields(SynthCommandOptions& c, Visitor&& field) {
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace an existing synthetic scene in the output folder");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");
 }
@@ -28,13 +27,11 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, SynthCommandOptions
 
 int run_synth(const std::vector<std::string>& words) {
   CommandLine line("synth", "Write a synthetic scene as a COLMAP folder.", "b3dgs synth orbit scenes/orbit");
-  line.add(SynthConfig{}, "Scene", {"scene", "output"});
-  line.add(SynthCommandOptions{}, "Run");
-  if (!line.parse(words)) return 0;
   SynthConfig config;
   SynthCommandOptions options;
-  line.apply(config);
-  line.apply(options);
+  line.add(config, "Scene", {"scene", "output"});
+  line.add(options, "Run");
+  if (!line.parse(words)) return 0;
   const std::pair<const char*, const char*> scene_of_option[]{
       {"sh_degree", "orbit"}, {"skew", "street"}, {"truth", "street"}};
   for (const auto& [option, scene] : scene_of_option) {

@@ -31,10 +31,6 @@ Image8 colored(cv::Mat& grey, int map) {
   return image;
 }
 
-std::uint8_t to_byte(double share) {
-  return static_cast<std::uint8_t>(std::lround(255 * std::clamp(share, 0.0, 1.0)));
-}
-
 void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
   const DepthRange range = depth_range(rendered.depth, rendered.alpha);
   frame.image = color_depth(rendered.depth, rendered.alpha, range);
@@ -43,24 +39,15 @@ void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
 }
 
 void paint_difference(const Image8& photograph, Frame& frame) {
-  const Image8 rendered = std::move(frame.image);
-  B3DGS_CHECK(photograph.pixels.size() == rendered.pixels.size(), "a photograph of another size");
-  cv::Mat grey(rendered.height, rendered.width, CV_8UC1);
-  double squares = 0, sum = 0;
-  for (int y = 0; y < rendered.height; ++y) {
-    for (int x = 0; x < rendered.width; ++x) {
-      int difference = 0;
-      const std::size_t at =
-          3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(rendered.width) + static_cast<std::size_t>(x));
-      for (std::size_t c = 0; c < 3; ++c) {
-        const int d = std::abs(int{rendered.pixels[at + c]} - int{photograph.pixels[at + c]});
-        difference += d;
-        squares += d * d;
-      }
-      sum += difference;
-      grey.at<std::uint8_t>(y, x) = to_byte(difference / (3 * 255.0) / kFullError);
-    }
-  }
+  Image8 rendered = std::move(frame.image), other = photograph;
+  B3DGS_CHECK(other.pixels.size() == rendered.pixels.size(), "a photograph of another size");
+  const auto matrix = [](Image8& image) { return cv::Mat(image.height, image.width, CV_8UC3, image.pixels.data()); };
+  cv::Mat difference, of_pixels, grey;
+  cv::absdiff(matrix(rendered), matrix(other), difference);
+  const double squares = cv::norm(difference, cv::NORM_L2SQR), sum = cv::norm(difference, cv::NORM_L1);
+  difference.convertTo(difference, CV_32F);
+  cv::transform(difference, of_pixels, cv::Matx13f(1, 1, 1));
+  of_pixels.convertTo(grey, CV_8U, 1 / (3 * kFullError));
   const auto n = static_cast<double>(rendered.pixels.size());
   const double psnr = squares > 0 ? 10 * std::log10(255.0 * 255.0 * n / squares) : 99;
   frame.image = colored(grey, cv::COLORMAP_INFERNO);
@@ -77,13 +64,12 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
   const int width = frame.image.width, height = frame.image.height;
   const int n_columns = (width + tile.width - 1) / tile.width;
   const double full = std::log2(1.0 + static_cast<double>(std::max<std::int64_t>(1, statistics.max)));
-  cv::Mat grey(height, width, CV_8UC1);
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const auto n = static_cast<double>(entries[(y / tile.height) * n_columns + x / tile.width]);
-      grey.at<std::uint8_t>(y, x) = to_byte(std::log2(1 + n) / full);
-    }
-  }
+  cv::Mat tiles(static_cast<int>(lists.numel()) / n_columns, n_columns, CV_8UC1), grey;
+  std::transform(entries, entries + lists.numel(), tiles.data, [&](std::int64_t n) {
+    return static_cast<std::uint8_t>(std::lround(255 * std::log2(1 + static_cast<double>(n)) / full));
+  });
+  cv::resize(tiles, grey, {}, tile.width, tile.height, cv::INTER_NEAREST);
+  grey = grey(cv::Rect(0, 0, width, height));
   frame.image = colored(grey, cv::COLORMAP_TURBO);
   frame.legend = print_to_string(
       "splats per tile of %d x %d px, logarithmic: black 0, red %s; median %s, 99th percentile %s, Gini %.2f",

@@ -61,8 +61,8 @@ const View& view_at(const Scene& scene, int index) {
   return i < scene.train.size() ? scene.train[i] : scene.test.at(i - scene.train.size());
 }
 
-Image8 resized_photograph(const View& view, ImageSize size) {
-  const std::shared_ptr<const Image8> image = view.image->read();
+Image8 WatchedScene::photograph(int view, ImageSize size) const {
+  const std::shared_ptr<const Image8> image = view_at(source_, view).image->read();
   if (image->width == size.width && image->height == size.height) return *image;
   return resize_image(*image, size.width, size.height);
 }

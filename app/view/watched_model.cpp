@@ -1,16 +1,12 @@
 #include "app/view/watched_model.h"
 
-#include "app/view/viewed_scene.h"
 #include "core/check.h"
 #include "raster/forward_kernel.h"
 
 namespace b3dgs {
 
 WatchedModel::WatchedModel(ModelAtRest model, const Scene& scene, ViewedScene viewed)
-    : model_(std::move(model)),
-      source_(scene),
-      viewed_(std::move(viewed)),
-      painter_(model_.gaussians.means.device(), viewed_.frame.unit) {}
+    : WatchedScene(scene, std::move(viewed), model.gaussians.means.device()), model_(std::move(model)) {}
 
 void WatchedModel::run(const std::atomic<int>& stop_signal) {
   const auto paint = [this](const FrameRequest& request) {
@@ -28,14 +24,6 @@ ViewState WatchedModel::state(int) const {
   state.kernel = forward_kernel_name(model_.settings.kernel);
   state.activity = "at rest";
   return state;
-}
-
-Frame WatchedModel::render(const FrameRequest& request) {
-  return queue_.ask(request, std::chrono::seconds(20));
-}
-
-Image8 WatchedModel::photograph(int view, ImageSize size) const {
-  return resized_photograph(view_at(source_, view), size);
 }
 
 void WatchedModel::command(ViewCommand) {

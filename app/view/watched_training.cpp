@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "app/view/viewed_scene.h"
 #include "core/check.h"
 #include "train/device.h"
 #include "train/evaluate.h"
@@ -14,7 +13,6 @@ namespace {
 constexpr double kShare = 0.05;  // of the time, for frames
 constexpr double kMostSavedSeconds = 0.25;
 constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
-constexpr std::chrono::seconds kPatience{20};
 
 double now_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -29,15 +27,16 @@ bool FrameBudget::allows(double now_s) {
 }
 
 WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
-    : config_(config),
-      source_(scene),
-      viewed_([&] {
-        ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
-        viewed.is_training = true;
-        return viewed;
-      }()),
+    : WatchedScene(
+          scene,
+          [&] {
+            ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
+            viewed.is_training = true;
+            return viewed;
+          }(),
+          choose_device(config.device)),
+      config_(config),
       stop_(std::move(stop)),
-      painter_(choose_device(config.device), scene.frame.unit),
       budget_(kShare),
       eta_(config.iterations) {
   state_.iterations = config.iterations;
@@ -135,7 +134,7 @@ void WatchedTraining::save_now() {
 }
 
 void WatchedTraining::close() {
-  queue_.close();
+  WatchedScene::close();
   is_paused_ = false;
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.activity = "ended";
@@ -153,14 +152,6 @@ ViewState WatchedTraining::state(int since) const {
                        [](int iteration, const CurvePoint& point) { return iteration < point.iteration; });
   state.curve.erase(state.curve.begin(), first);
   return state;
-}
-
-Frame WatchedTraining::render(const FrameRequest& request) {
-  return queue_.ask(request, kPatience);
-}
-
-Image8 WatchedTraining::photograph(int view, ImageSize size) const {
-  return resized_photograph(view_at(source_, view), size);
 }
 
 void WatchedTraining::command(ViewCommand command) {

@@ -6,11 +6,9 @@
 #include <functional>
 #include <mutex>
 
-#include "app/terminal/eta.h"
-#include "app/view/frame_painter.h"
+#include "app/terminal/progress.h"
+#include "app/view/viewed_scene.h"
 #include "train/trainer.h"
-#include "view/frame_queue.h"
-#include "view/frame_source.h"
 
 namespace b3dgs {
 
@@ -28,7 +26,7 @@ class FrameBudget {
   double saved_s_ = 0, last_s_ = -1;
 };
 
-class WatchedTraining final : public FrameSource {
+class WatchedTraining final : public WatchedScene {
  public:
   /// `scene` must outlive this. `stop`: asks the training to write a checkpoint and end.
   WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop);
@@ -38,10 +36,7 @@ class WatchedTraining final : public FrameSource {
   /// Saves the model and returns the checkpoint: Trainer::save(). Called within TrainHooks::on_model.
   void set_save(std::function<std::filesystem::path()> save) { save_ = std::move(save); }
 
-  const ViewedScene& scene() const override { return viewed_; }
   ViewState state(int since) const override;
-  Frame render(const FrameRequest& request) override;
-  Image8 photograph(int view, ImageSize size) const override;
   void command(ViewCommand command) override;
   void close() override;
 
@@ -54,13 +49,9 @@ class WatchedTraining final : public FrameSource {
   bool is_stopped() const { return stop_signal_ != nullptr && *stop_signal_ != 0; }
 
   const TrainConfig config_;
-  const Scene& source_;
-  const ViewedScene viewed_;
   const std::function<void()> stop_;
   std::function<std::filesystem::path()> save_;
   const std::atomic<int>* stop_signal_ = nullptr;
-  FramePainter painter_;
-  FrameQueue queue_;
   FrameBudget budget_;
   std::atomic<bool> is_paused_{false}, is_to_save_{false};
 

@@ -24,12 +24,8 @@ constexpr const char* kOriginal = "original";
 constexpr std::pair<const char*, const char*> kOriginalOptions[] = {
     {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
 
-constexpr const char* kForwardKernelOptions[] = {"kernel",
-                                                 "kernel_policy",
-                                                 "kernel_candidates",
-                                                 "kernel_check_interval",
-                                                 "kernel_check_views",
-                                                 "kernel_times_interval"};
+constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates",
+                                                 "kernel_check_interval", "kernel_times_interval"};
 
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;

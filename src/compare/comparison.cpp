@@ -10,7 +10,7 @@
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/options/config_file.h"
+#include "core/options/command_line.h"
 #include "core/print.h"
 #include "report/report_sections.h"
 #include "report/svg/svg_axis.h"

@@ -9,9 +9,12 @@ namespace {
 
 struct FormerOption {
   const char* name;
-  const char* value;   // JSON, what it always is now; null: a flag
+  const char* value;   // JSON, what it always is now; null: a flag; kVaries
   const char* reason;  // ends "--name X has no effect: "; null: no line, since another option says it
 };
+
+/// It was set by presets and strategies or scaled, so numbers in files need no line.
+constexpr const char* kVaries = "varies";
 
 constexpr const char* kOriginal = "only the original 3DGS code has it";
 
@@ -37,7 +40,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"huber", "0", "the loss is L1 and D-SSIM"},
     {"huber_from_iter", "0", nullptr},
     {"reg_from_iter", "0", "--opacity_reg and --scale_reg act from the first iteration"},
-    {"noise_from_iter", "0", "--noise_lr acts from the first iteration"},
+    {"noise_from_iter", "0", "noise acts from the first iteration"},
     {"growth", "0.05", "mcmc adds 5 % in each round"},
     {"score_power", "2", "errors are squared"},
     {"abs_grad_threshold", "0", "every Gaussian with an error may be split"},
@@ -45,6 +48,20 @@ constexpr FormerOption kFormerOptions[] = {
     {"split_moments", "\"zero\"", "the parts of a Gaussian begin with zero moments"},
     {"budget_power", "0.5", "the count grows with the square root of the time"},
     {"opacity_decay", "1", "opacities do not decay"},
+    {"pose_opt_lr", "0.0005", "poses are refined at a rate of 0.0005"},
+    {"pose_opt_from_iter", kVaries, "poses are refined after --densify_from_iter"},
+    {"bilateral_grid_lr", "0.002", "the learning rate of grids is 0.002"},
+    {"bilateral_grid_tv", "10", "the weight of the total variation is 10"},
+    {"prune_opacity", "0.005", "Gaussians with an opacity below 0.005 are removed"},
+    {"min_opacity", "0.005", "Gaussians with an opacity below 0.005 are removed"},
+    {"prune_world_size", "0.1", "Gaussians larger than 0.1 x scene extent are removed"},
+    {"prune_screen_size", "0", "Gaussians are not removed for their size on the screen"},
+    {"init_opacity", "0.1", "Gaussians start with an opacity of 0.1"},
+    {"init_scale", "1", "Gaussians start as large as the distance to their neighbours"},
+    {"noise_lr", kVaries, "the noise of mcmc is 50000 x the learning rate of the means"},
+    {"prune_interval", kVaries, "removals by --prune_weight follow --opacity_reset_interval"},
+    {"prune_until_iter", kVaries, "removals by --prune_weight end with 14/15 of --position_lr_max_steps"},
+    {"kernel_check_views", "5", "a check times 5 views"},
 };
 
 /// The option's value among these options, from a file or a command line; null if it is not there.
@@ -55,6 +72,7 @@ const nlohmann::ordered_json* find_value(const nlohmann::ordered_json& options, 
 
 bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& value) {
   if (option.value == nullptr) return false;
+  if (option.value == kVaries) return value.is_number();
   const auto usual = nlohmann::ordered_json::parse(option.value);
   return value == usual || (usual.is_number() && value.is_string() && value == usual.dump());
 }
@@ -63,9 +81,8 @@ bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& v
 
 void add_former_options(CommandLine& line) {
   for (const FormerOption& option : kFormerOptions) {
-    OptionSpec spec;
+    OptionSpec spec = option.value == nullptr ? OptionSpec::of_type<bool>() : OptionSpec::of_type<std::string>();
     spec.name = option.name;
-    spec.kind = option.value == nullptr ? ValueKind::kFlag : ValueKind::kText;
     spec.is_ignored = true;
     line.add(spec);
   }

@@ -5,7 +5,6 @@
 
 #include "config/former_options.h"
 #include "core/check.h"
-#include "core/options/config_file.h"
 #include "core/print.h"
 
 namespace b3dgs {
@@ -30,22 +29,6 @@ double apply_scaled(TrainConfig& config, const GivenOptions& values) {
   const double factor = config.iterations / before;
   scale_schedule(config, factor, values);
   return factor;
-}
-
-/// Adds "label       a 1, b 2", broken at commas into lines of at most 100 columns.
-void add_lines(std::vector<std::string>& lines, const std::string& label, const std::vector<std::string>& parts) {
-  constexpr std::size_t kLabelColumns = 12, kColumns = 100;
-  if (parts.empty()) return;
-  std::string line = label + std::string(kLabelColumns - label.size(), ' ');
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    const std::string part = parts[i] + (i + 1 < parts.size() ? "," : "");
-    if (line.size() > kLabelColumns && line.size() + 1 + part.size() > kColumns) {
-      lines.push_back(line);
-      line = std::string(kLabelColumns, ' ');
-    }
-    line += (line.size() > kLabelColumns ? " " : "") + part;
-  }
-  lines.push_back(line);
 }
 
 /// Black and white are -w now, a learned background cannot be had.
@@ -180,6 +163,23 @@ std::string option_value_text(const nlohmann::ordered_json& value) {
   return text.empty() ? "none" : text;
 }
 
+std::vector<std::string> wrapped_list(const std::string& label, const std::vector<std::string>& parts,
+                                      std::size_t columns) {
+  constexpr std::size_t kLabelColumns = 12;
+  std::vector<std::string> lines;
+  std::string line = label + std::string(kLabelColumns - label.size(), ' ');
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const std::string part = parts[i] + (i + 1 < parts.size() ? "," : "");
+    if (line.size() > kLabelColumns && line.size() + 1 + part.size() > columns) {
+      lines.push_back(line);
+      line = std::string(kLabelColumns, ' ');
+    }
+    line += (line.size() > kLabelColumns ? " " : "") + part;
+  }
+  if (!parts.empty()) lines.push_back(line);
+  return lines;
+}
+
 std::vector<std::string> describe_options(const OptionLayers& layers) {
   std::vector<std::string> named{"preset " + layers.config.preset}, given;
   named.push_back("strategy " + layers.config.strategy);
@@ -201,9 +201,8 @@ std::vector<std::string> describe_options(const OptionLayers& layers) {
     if (name == "source_path" || name == "model_path" || name == "preset" || name == "strategy") continue;
     if (layers.given.contains(name)) given.push_back(name + " " + option_value_text(value));
   }
-  std::vector<std::string> lines;
-  add_lines(lines, "options", named);
-  add_lines(lines, "  given", given);
+  std::vector<std::string> lines = wrapped_list("options", named);
+  for (const std::string& line : wrapped_list("  given", given)) lines.push_back(line);
   return lines;
 }
 

@@ -63,6 +63,11 @@ void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& 
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
 std::string option_value_text(const nlohmann::ordered_json& value);
 
+/// "label       a 1, b 2", broken at commas into lines, the label and the space below it being 12 columns wide. None
+/// for no parts.
+std::vector<std::string> wrapped_list(const std::string& label, const std::vector<std::string>& parts,
+                                      std::size_t columns = 100);
+
 /// A few lines, each with a label of 12 columns: preset, strategy, and the options that were given.
 std::vector<std::string> describe_options(const OptionLayers& layers);
 

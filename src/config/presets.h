@@ -2,6 +2,7 @@
 // command line. option_layers.h says which value wins if several set the same option.
 #pragma once
 
+#include <string>
 #include <vector>
 
 namespace b3dgs {
@@ -26,5 +27,11 @@ const std::vector<OptionRow>& presets();
 /// Defaults of density strategies in place of TrainConfig's. Strategies without a row use TrainConfig's. Each row has
 /// `iterations`: those of the schedule that a given --iterations scales.
 const std::vector<OptionRow>& strategy_defaults();
+
+/// For `b3dgs train --help-all`: a line or more for each preset and each strategy with defaults of its own.
+std::string presets_help();
+
+/// The section "Presets and strategies" of docs/options.md.
+std::string presets_markdown();
 
 }  // namespace b3dgs

@@ -71,7 +71,6 @@ struct TrainConfig {
   double position_lr_init = 0.00016;     // times the scene extent
   double position_lr_final = 0.0000016;  // times the scene extent
   int position_lr_max_steps = 30000;
-  int pose_opt_from_iter = 500;  // exclusive
   double lr_final_scale = 1;
   int lr_decay_from_iter = 0;
   int lr_decay_from_epoch = 0;
@@ -80,7 +79,6 @@ struct TrainConfig {
   double opacity_lr = 0.025;  // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
-  double pose_opt_lr = 0.0005;  // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
 
   // Loss
   double lambda_dssim = 0.2;
@@ -94,8 +92,6 @@ struct TrainConfig {
   double exposure_lr_init = 0.003;
   double exposure_lr_final = 0.00003;  // 0.01 to 0.001 in the original code: the transforms never come to rest
   bool bilateral_grid = false;
-  double bilateral_grid_lr = 0.002;
-  double bilateral_grid_tv = 10;  // weight of the total variation
   bool train_test_exp = false;
 
   // Density control
@@ -105,32 +101,20 @@ struct TrainConfig {
   int densification_interval = 100;
   double densify_grad_threshold = 0.0002;  // dL/d(projected centre), normalised device coordinates
   double percent_dense = 0.01;             // of the scene extent: larger Gaussians are split, smaller ones cloned
-  double prune_opacity = 0.005;
-  double prune_world_size = 0.1;  // of the scene extent; acts after iteration opacity_reset_interval
-  // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
-  // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
-  double prune_screen_size = 0;       // px
-  int opacity_reset_interval = 3000;  // with white_background also at densify_from_iter
+  int opacity_reset_interval = 3000;       // with white_background also at densify_from_iter; of balanced: removals
   int sh_increase_interval = 1000;
   std::int64_t max_gaussians = 0;  // 0 = no limit, unless gaussians_per_pixel sets one
   double gaussians_per_pixel = 0;  // of one photograph
-  double init_opacity = 0.1;
-  double init_scale = 1;  // times the root mean square distance to the 3 nearest neighbours
-  // Of strategy mcmc:
-  double noise_lr = 500000;  // times the learning rate of the means
   // Of strategy balanced:
   int score_views = 20;  // before each round
   std::string split = "preserve";
   double prune_weight = 0.03;
-  int prune_interval = 3000;
-  int prune_until_iter = 28000;  // exclusive
 
   // Rasterizer
   std::string kernel = "adaptive";
   std::string kernel_policy = "paper";
   std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
   int kernel_check_interval = 1000;
-  int kernel_check_views = 5;
   std::string backward_kernel = "per-splat";
   std::string tile = "auto";
   std::string culling = "ellipse";
@@ -140,10 +124,22 @@ struct TrainConfig {
   // Log (train.jsonl)
   int stats_interval = 1000;
   int kernel_times_interval = 0;  // 0: never; in b3dgs compare: stats_interval
+
+  // No options, and not in files: constants that tests change.
+  double pose_opt_lr = 0.0005;    // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  double bilateral_grid_tv = 10;  // weight of the total variation
+  double prune_opacity = 0.005;
+  // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
+  // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
+  double prune_screen_size = 0;  // px
+  double init_opacity = 0.1;
+  double init_scale = 1;    // times the root mean square distance to the 3 nearest neighbours
+  double noise_lr = 50000;  // of mcmc, times the learning rate of the means
+  int kernel_check_views = 5;
 };
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit_fields(Config& c, Visitor&& field) {
+template <class Visitor>
+void visit_fields(TrainConfig& c, Visitor&& field) {
   SomeOf candidates{{}, 2};
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
   OneOf kernels{candidates.values}, backward_kernels, strategies;
@@ -235,9 +231,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
   field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
   field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
   field(Option{"pose_opt"}, c.pose_opt, Any{}, "refine the poses of the training cameras; see docs/recipes.md");
-  field(Option{"pose_opt_lr"}, c.pose_opt_lr, AtLeast{0},
-        "learning rate of the poses: rotations in rad, translations x scene extent");
-  field(Option{"pose_opt_from_iter"}.in_steps(), c.pose_opt_from_iter, AtLeast{0}, "refine poses after this iteration");
 
   field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
         "weight of D-SSIM in the loss");
@@ -255,10 +248,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "learning rate of --exposure in the last iteration");
   field(Option{"bilateral_grid"}, c.bilateral_grid, Any{},
         "learn a bilateral grid of colour transforms for each photograph");
-  field(Option{"bilateral_grid_lr"}, c.bilateral_grid_lr, AtLeast{0},
-        "learning rate of --bilateral_grid, before warm-up and decay");
-  field(Option{"bilateral_grid_tv"}, c.bilateral_grid_tv, AtLeast{0},
-        "add X x total variation of the photograph's bilateral grid to the loss");
   field(Option{"train_test_exp"}, c.train_test_exp, Any{},
         "measure the right half of test views, with colours fitted to their left half");
 
@@ -274,34 +263,19 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "clone or split Gaussians whose mean screen-space gradient is at least X");
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
         "split Gaussians larger than X x scene extent, clone smaller ones");
-  field(Option{"prune_opacity", '\0', {"min_opacity"}}, c.prune_opacity, InRange{0, 1},
-        "remove Gaussians with an opacity below X; mcmc moves those of at most X instead");
-  field(Option{"prune_world_size"}, c.prune_world_size, AtLeast{0},
-        "remove Gaussians > X x scene extent after opacity_reset_interval steps (0 = none)");
-  field(Option{"prune_screen_size"}, c.prune_screen_size, AtLeast{0},
-        "remove Gaussians of radius > X px after opacity_reset_interval steps (0 = none)");
   field(Option{"opacity_reset_interval"}.in_steps(), c.opacity_reset_interval, AtLeast{1},
-        "iterations between opacity resets, until density control ends");
+        "iterations between opacity resets; balanced: between removals by --prune_weight");
   field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}.in_steps(), c.sh_increase_interval, AtLeast{1},
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = no limit)");
   field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
         "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
-  field(Option{"init_opacity"}, c.init_opacity, InRange{0.001, 0.999},
-        "opacity of the initial Gaussians; not for Gaussians of --init_ply");
-  field(Option{"init_scale"}, c.init_scale, Above{0},
-        "initial scale, x RMS distance to 3 neighbours; not for Gaussians of --init_ply");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
   field(Option{"split"}, c.split, OneOf{{"moments", "preserve"}},
         "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
         "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
-  field(Option{"prune_interval"}.in_steps(), c.prune_interval, AtLeast{1},
-        "balanced: iterations between removals by --prune_weight");
-  field(Option{"prune_until_iter"}.in_steps(), c.prune_until_iter, AtLeast{0},
-        "balanced: no removals by --prune_weight from this iteration on");
-  field(Option{"noise_lr"}, c.noise_lr, AtLeast{0}, "mcmc: noise on the means, x their learning rate");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");
@@ -311,8 +285,6 @@ std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, TrainConfig>> visit
         "kernels that adaptive chooses from; training starts with the first");
   field(Option{"kernel_check_interval"}.in_steps(Steps::kOutput), c.kernel_check_interval, AtLeast{1},
         "re-time kernels every N iterations; less often if it cost over 0.5 % of training");
-  field(Option{"kernel_check_views"}, c.kernel_check_views, AtLeast{3},
-        "views per timing check; fewer if the result is clear");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
   field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x8 on a GPU, 16x16 on a CPU");

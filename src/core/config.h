@@ -1,6 +1,6 @@
 // Options as structs. A config is a struct whose members have default values, plus one field list:
 //
-//   template <class Config, class Visitor> void visit_fields(Config& c, Visitor&& field) {
+//   template <class Visitor> void visit_fields(TrainConfig& c, Visitor&& field) {
 //     field(Option{"iterations"}.common(), c.iterations, AtLeast{1}, "training iterations");
 //   }
 //
@@ -73,6 +73,13 @@ struct Option {
     return key == name || std::any_of(aliases.begin(), aliases.end(), [&](const char* word) { return key == word; });
   }
 };
+
+/// The same list for a config that is not to be changed: fields are const.
+template <class Config, class Visitor>
+void visit_fields(const Config& config, Visitor&& field) {
+  visit_fields(const_cast<Config&>(config), [&](const Option& option, const auto& value, const auto& constraint,
+                                                const char* help) { field(option, value, constraint, help); });
+}
 
 struct Any {};
 struct AtLeast {

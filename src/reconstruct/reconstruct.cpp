@@ -58,7 +58,7 @@ class Reconstruction {
     folder_.emplace(places_, warn_);
     make_way(places_.log);
     log_.emplace(places_.log, stop);
-    OwnFiles::of(places_.log)->add_growing(places_.log);
+    OwnFiles::of(places_.log)->add(places_.log, /*is_growing=*/true);
     colmap_.emplace(options_, ColmapFolders{places_.database, places_.images, places_.models}, *log_);
     record_.emplace(places_.record);
   }

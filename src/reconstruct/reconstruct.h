@@ -32,9 +32,8 @@ inline std::vector<std::string> supported_camera_model_names() {
   return names;
 }
 
-template <class Config, class Visitor>
-std::enable_if_t<std::is_same_v<std::remove_const_t<Config>, ReconstructOptions>> visit_fields(Config& c,
-                                                                                               Visitor&& field) {
+template <class Visitor>
+void visit_fields(ReconstructOptions& c, Visitor&& field) {
   field(Option{"input"}.common(), c.input, Any{}, "folder of photographs, or a video file");
   field(Option{"output"}.common(), c.output, Any{}, "scene folder, which `train` takes");
   field(Option{"frames"}.common(), c.frames, AtLeast{0},

@@ -91,12 +91,12 @@ SceneFolder::SceneFolder(const ScenePlaces& places, const WarnFn& warn)
   // Scenes of earlier versions have no list of own files. Without these two, the scene could not be continued.
   if (!own().is_own(places_.record) && is_stage_record(places_.record)) {
     own().add(places_.record);
-    if (!own().is_own(places_.log)) own().add_growing(places_.log);
+    if (!own().is_own(places_.log)) own().add(places_.log, /*is_growing=*/true);
   }
 }
 
 SceneFolder::~SceneFolder() {
-  own().add_growing(places_.log);  // with its size now: a shorter one is another file
+  own().add(places_.log, /*is_growing=*/true);  // with its size now: a shorter one is another file
   OwnFiles::set_reporter({});
 }
 

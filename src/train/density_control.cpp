@@ -25,7 +25,7 @@ void DensityControl::run(int iteration) {
     if (state.n_gaussians() == 0) {
       training_.is_consistent = false;
       throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
-                                        "lower --prune_opacity or the learning rates"));
+                                        "lower the learning rates"));
     }
   }
   if (plan.lower_opacities) training_.density->lower_opacities(iteration, state.gaussians, state.adam);

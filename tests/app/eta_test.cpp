@@ -1,5 +1,5 @@
 // Speed and remaining time of trainings with a known time per iteration.
-#include "app/terminal/eta.h"
+#include "app/terminal/progress.h"
 
 #include <gtest/gtest.h>
 

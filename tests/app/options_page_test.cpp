@@ -3,7 +3,7 @@
 
 #include <sstream>
 
-#include "core/options/help_pages.h"
+#include "core/options/command_line.h"
 #include "support/files.h"
 #include "support/run_program.h"
 
@@ -64,7 +64,7 @@ TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
       EXPECT_LE(line.size(), 120u) << line;
     }
     EXPECT_GE(n_options, 1u) << help.out;
-    EXPECT_LE(n_options, kMaxShortHelp) << help.out;
+    EXPECT_LE(n_options, CommandLine::kMaxShortHelp) << help.out;
     EXPECT_NE(help.out.find("\nUsage: b3dgs " + name + " "), std::string::npos) << help.out;
     EXPECT_NE(help.out.find("\nExample: b3dgs " + name + " "), std::string::npos) << help.out;
     EXPECT_NE(help.out.find("\nb3dgs " + name + " --help-all "), std::string::npos) << help.out;

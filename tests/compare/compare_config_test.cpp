@@ -48,14 +48,14 @@ TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
   const GivenOptions given{{"densify_until_iter", 16000}};
   const auto entries = parse_configurations(
       "quality:preset=quality,balanced:preset=original+strategy=balanced,fast:preset=fast,"
-      "all:iterations=24000,given:prune_interval=2400,off:max_epochs=0",
+      "all:iterations=24000,given:opacity_reset_interval=2400,off:max_epochs=0",
       resolve_options(given).config, given, 21);
   std::vector<int> iterations;
   for (const Configuration& entry : entries) iterations.push_back(entry.config.iterations);
   EXPECT_EQ(iterations, (std::vector<int>{3528, 3528, 3528, 24000, 3528, 24000}));
-  EXPECT_EQ(entries[0].config.prune_interval, 353);
+  EXPECT_EQ(entries[0].config.opacity_reset_interval, 353);
   EXPECT_EQ(entries[0].config.densify_until_iter, 16000) << "given for all";
-  EXPECT_EQ(entries[4].config.prune_interval, 2400) << "its own option";
+  EXPECT_EQ(entries[4].config.opacity_reset_interval, 2400) << "its own option";
   EXPECT_EQ(parse_configurations("a:naive,b:naive", resolve_options(given).config, given)[0].config.iterations, 24000)
       << "the scene is not known yet";
 }

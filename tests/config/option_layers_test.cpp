@@ -7,7 +7,6 @@
 #include <set>
 
 #include "config/former_options.h"
-#include "config/preset_help.h"
 #include "config/presets.h"
 #include "core/files/atomic_file.h"
 #include "support/expect_error.h"
@@ -91,6 +90,11 @@ TEST(FormerOptions, OfAFileAreLeftOut) {
   const std::vector<std::string> lines = describe_former_options(stored);
   ASSERT_EQ(lines.size(), 1u) << "the others have the values that they always have now";
   EXPECT_EQ(lines[0], "--abs_grad_threshold 0.0006 has no effect: every Gaussian with an error may be split");
+  EXPECT_TRUE(describe_former_options({{"prune_interval", 600}}).empty()) << "as a preset had it";
+  EXPECT_EQ(describe_former_options({{"prune_interval", "600"}}),
+            std::vector<std::string>{"--prune_interval 600 has no effect: removals by --prune_weight follow "
+                                     "--opacity_reset_interval"})
+      << "of a command line";
   const test::TempDir temp;
   const std::string path = (temp / "config.json").string();
   write_file(path, stored.dump());

@@ -111,7 +111,7 @@ TEST_F(OwnFilesTest, OwnFilesStayOwnWhenMoved) {
 TEST_F(OwnFilesTest, AGrowingFileStaysOwnWhileItGrows) {
   OwnFiles own(folder_.path());
   write_file(folder_ / "log", "one\n");
-  own.add_growing(folder_ / "log");
+  own.add(folder_ / "log", /*is_growing=*/true);
   write_bytes(folder_ / "log", "one\ntwo\n");
   EXPECT_TRUE(own.is_own(folder_ / "log"));
   write_bytes(folder_ / "log", "x");

@@ -243,7 +243,6 @@ TEST(EpochLimit, DoesNotScaleGivenOptions) {
   EXPECT_EQ(config.lr_decay_from_epoch, 80);
   EXPECT_EQ(config.lr_decay_from_iter, 21 * 80);
   EXPECT_EQ(config.opacity_reset_interval, 3000) << "also a value that equals the default";
-  EXPECT_EQ(config.prune_interval, 353);
 }
 
 TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {

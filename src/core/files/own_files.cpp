@@ -185,21 +185,12 @@ void OwnFiles::record(const std::string& name, const Entry* entry) {
   ::close(file);
 }
 
-void OwnFiles::add(const fs::path& file) {
+void OwnFiles::add(const fs::path& file, bool is_growing) {
   const std::lock_guard lock(mutex_);
   const std::string name = name_of(file);
   const auto status = status_of(root_ / name);
   if (name.empty() || !status) return;
-  const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), false};
-  record(name, &entry);
-}
-
-void OwnFiles::add_growing(const fs::path& file) {
-  const std::lock_guard lock(mutex_);
-  const std::string name = name_of(file);
-  const auto status = status_of(root_ / name);
-  if (name.empty() || !status) return;
-  const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), true};
+  const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), is_growing};
   record(name, &entry);
 }
 

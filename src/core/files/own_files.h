@@ -37,10 +37,9 @@ class OwnFiles {
 
   bool is_own(const std::filesystem::path& file);
 
-  /// Records the file, which the program has just written.
-  void add(const std::filesystem::path& file);
-  /// Records a file that other lines will be appended to: it stays the program's own while it only grows.
-  void add_growing(const std::filesystem::path& file);
+  /// Records the file, which the program has just written. `is_growing`: other lines will be appended to it; it stays
+  /// the program's own while it only grows.
+  void add(const std::filesystem::path& file, bool is_growing = false);
 
   /// Moves a file that is the user's to a free name, previous_name(), and reports it. Does
   /// nothing where there is no file, or one of the program's own. @throws IoError

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "core/check.h"
 #include "core/text_fields.h"
@@ -12,23 +13,39 @@ namespace {
 constexpr std::uint64_t kRowsPerBlock = 4096;
 constexpr int kMaxHeaderLines = 4096;  // far more than any real file has
 
+template <class T>
+double to_double(const char* bytes) {
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return static_cast<double>(value);
+}
+
 struct PlyTypeRow {
   PlyType type;
   const char *name, *other_name;
   int bytes;
+  double (*decode)(const char* bytes);
 };
 
-constexpr std::array<PlyTypeRow, 8> kTypes{{{PlyType::kInt8, "char", "int8", 1},
-                                            {PlyType::kUint8, "uchar", "uint8", 1},
-                                            {PlyType::kInt16, "short", "int16", 2},
-                                            {PlyType::kUint16, "ushort", "uint16", 2},
-                                            {PlyType::kInt32, "int", "int32", 4},
-                                            {PlyType::kUint32, "uint", "uint32", 4},
-                                            {PlyType::kFloat32, "float", "float32", 4},
-                                            {PlyType::kFloat64, "double", "float64", 8}}};
+constexpr std::array<PlyTypeRow, 8> kTypes{{{PlyType::kInt8, "char", "int8", 1, to_double<std::int8_t>},
+                                            {PlyType::kUint8, "uchar", "uint8", 1, to_double<std::uint8_t>},
+                                            {PlyType::kInt16, "short", "int16", 2, to_double<std::int16_t>},
+                                            {PlyType::kUint16, "ushort", "uint16", 2, to_double<std::uint16_t>},
+                                            {PlyType::kInt32, "int", "int32", 4, to_double<std::int32_t>},
+                                            {PlyType::kUint32, "uint", "uint32", 4, to_double<std::uint32_t>},
+                                            {PlyType::kFloat32, "float", "float32", 4, to_double<float>},
+                                            {PlyType::kFloat64, "double", "float64", 8, to_double<double>}}};
+
+constexpr std::pair<const char*, PlyFormat> kFormats[] = {{"ascii", PlyFormat::kAscii},
+                                                          {"binary_little_endian", PlyFormat::kLittleEndian},
+                                                          {"binary_big_endian", PlyFormat::kBigEndian}};
+
+const PlyTypeRow& row_of(PlyType type) {
+  return kTypes[static_cast<std::size_t>(type)];
+}
 
 int bytes_of(PlyType type) {
-  return kTypes[static_cast<std::size_t>(type)].bytes;
+  return row_of(type).bytes;
 }
 
 PlyType type_from_name(std::string_view name, const std::string& place) {
@@ -38,40 +55,11 @@ PlyType type_from_name(std::string_view name, const std::string& place) {
   input_error(place, ": expected a property type such as float or uchar, found \"", name, "\"");
 }
 
-template <class T>
-double to_double(const char* bytes) {
-  T value;
-  std::memcpy(&value, bytes, sizeof(T));
-  return static_cast<double>(value);
-}
-
-double decode(PlyType type, const char* bytes) {
-  switch (type) {
-    case PlyType::kInt8:
-      return to_double<std::int8_t>(bytes);
-    case PlyType::kUint8:
-      return to_double<std::uint8_t>(bytes);
-    case PlyType::kInt16:
-      return to_double<std::int16_t>(bytes);
-    case PlyType::kUint16:
-      return to_double<std::uint16_t>(bytes);
-    case PlyType::kInt32:
-      return to_double<std::int32_t>(bytes);
-    case PlyType::kUint32:
-      return to_double<std::uint32_t>(bytes);
-    case PlyType::kFloat32:
-      return to_double<float>(bytes);
-    case PlyType::kFloat64:
-      break;
-  }
-  return to_double<double>(bytes);
-}
-
 double decode(PlyType type, const char* bytes, PlyFormat format) {
-  if (format != PlyFormat::kBigEndian) return decode(type, bytes);
+  if (format != PlyFormat::kBigEndian) return row_of(type).decode(bytes);
   std::array<char, 8> swapped{};
   std::reverse_copy(bytes, bytes + bytes_of(type), swapped.begin());
-  return decode(type, swapped.data());
+  return row_of(type).decode(swapped.data());
 }
 
 // Smallest size of a row: empty lists, ASCII values of one digit with a separator.
@@ -147,17 +135,14 @@ void PlyReader::read_header() {
     if (keyword == "end_header") break;
     if (keyword == "format") {
       const std::string_view format = fields.word();
-      has_format = true;
-      if (format == "ascii") {
-        format_ = PlyFormat::kAscii;
-      } else if (format == "binary_little_endian") {
-        format_ = PlyFormat::kLittleEndian;
-      } else if (format == "binary_big_endian") {
-        format_ = PlyFormat::kBigEndian;
-      } else {
+      const auto known =
+          std::find_if(std::begin(kFormats), std::end(kFormats), [&](const auto& row) { return row.first == format; });
+      if (known == std::end(kFormats)) {
         input_error(file_.place(), ": expected the format ascii, binary_little_endian or binary_big_endian, found \"",
                     format, "\"");
       }
+      has_format = true;
+      format_ = known->second;
     } else if (keyword == "element") {
       PlyElement element;
       element.name = fields.word();

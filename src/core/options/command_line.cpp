@@ -1,15 +1,16 @@
 #include "core/options/command_line.h"
 
-#include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cctype>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
 #include <iostream>
-#include <set>
-#include <utility>
+#include <iterator>
+#include <sstream>
 
-#include "core/options/help_pages.h"
+#include "core/json_text.h"
 #include "core/options/nearest_name.h"
-#include "core/options/option_values.h"
 
 namespace b3dgs {
 namespace {
@@ -28,225 +29,229 @@ bool is_option(const std::string& word) {
          (word[1] == '-' || std::isalpha(static_cast<unsigned char>(word[1])) != 0);
 }
 
+bool is_truth_value(const std::string& word) {
+  return word == "true" || word == "false";
+}
+
 /// "0,1,2", but not "0,": a list with commas is one word, unless the word ends in one.
 bool is_whole_list(const std::string& word) {
   const std::size_t comma = word.find(',');
   return comma != std::string::npos && word.back() != ',';
 }
 
-/// Names in CLI11's notation: "scene,-s,--source_path,--data_dir".
-std::string cli11_names(const OptionSpec& spec) {
-  std::string names = spec.positional ? spec.name + "," : "";
-  if (spec.letter != '\0') names += std::string("-") + spec.letter + ",";
-  names += "--" + spec.name;
-  for (const std::string& alias : spec.aliases) names += ",--" + alias;
-  if (spec.kind == ValueKind::kFlag) names += ",!--no_" + spec.name;
-  return names;
+/// As from `-m $OUT --eval`, where the variable OUT is not set. A choice may begin with "-": `--up -y`.
+void require_value(const OptionSpec& spec, const std::string& value) {
+  if (spec.lists_choices || !is_option(value)) return;
+  input_error("missing value: --", spec.name, " is followed by ", value,
+              spec.value_name == "TEXT"
+                  ? " (a shell variable that is not set?); for a name that begins with \"-\", write --" + spec.name +
+                        "=" + value + " or ./" + value
+                  : " (expected a number)");
+}
+
+/// "a,b" "c d" "e, f" -> a b c d e f; an empty entry stays, to be reported.
+std::vector<std::string> list_entries(const std::vector<std::string>& words) {
+  std::vector<std::string> entries;
+  for (const std::string& word : words) {
+    std::istringstream text(word);
+    for (std::string part; std::getline(text, part, ',');) {
+      std::istringstream blanks(part);
+      const std::size_t n_before = entries.size();
+      for (std::string entry; blanks >> entry;) entries.push_back(entry);
+      if (entries.size() == n_before) entries.emplace_back();
+    }
+  }
+  return entries;
+}
+
+/// What a word of the command line stands for.
+struct Named {
+  const OptionSpec* spec = nullptr;
+  bool is_negated = false;  // --no_eval
+  bool has_value = false;   // --name=value, -r2
+  std::string value;
+};
+
+Named find_option(const std::vector<OptionSpec>& options, const std::string& word) {
+  Named found;
+  const bool is_long = word[1] == '-';
+  const std::size_t end = is_long ? std::min(word.find('='), word.size()) : 2;
+  const std::string name = word.substr(is_long ? 2 : 1, is_long ? end - 2 : 1);
+  for (const OptionSpec& spec : options) {
+    found.is_negated = is_long && spec.is_flag() && name == "no_" + spec.name;
+    if (is_long ? found.is_negated || spec.has_name(name) : spec.letter == name[0]) {
+      found.spec = &spec;
+      break;
+    }
+  }
+  found.has_value = end < word.size();
+  if (found.has_value) found.value = word.substr(is_long ? end + 1 : end);
+  return found;
 }
 
 }  // namespace
 
-struct CommandLine::Impl {
-  struct Row {
-    OptionSpec spec;
-    CLI::Option* option;
-  };
-  CLI::App app;
-  CLI::Option* markdown_flag = nullptr;
-  std::string summary, example, notes;
-  std::vector<Row> rows;
+namespace detail {
 
-  /// "b3dgs train --help-all"
-  std::string command(const std::string& words) const { return "b3dgs " + app.get_name() + " " + words; }
-
-  CommandHelp help() const {
-    CommandHelp command{app.get_name(), summary, example, notes, {}};
-    for (const Row& row : rows) {
-      if (!row.spec.is_ignored) command.options.push_back(&row.spec);
+template <class Value>
+nlohmann::json parse_value(const OptionSpec& spec, const std::vector<std::string>& words) {
+  const std::string word = words.empty() ? "" : words.back();
+  const auto refuse = [&](const std::string& expected) { invalid_value("", spec.name, expected, '"' + word + '"'); };
+  if constexpr (std::is_same_v<Value, std::vector<std::string>>) {
+    return list_entries(words);
+  } else if constexpr (is_vector<Value>::value) {
+    nlohmann::json values = nlohmann::json::array();
+    for (const std::string& entry : list_entries(words)) {
+      values.push_back(parse_value<typename Value::value_type>(spec, {entry}));
     }
-    return command;
-  }
-
-  std::vector<std::string> known_names() const {
-    std::vector<std::string> names{"help", "help_all"};
-    for (const Row& row : rows) {
-      for (const std::string& name : row.option->get_lnames()) names.push_back(name);
+    return values;
+  } else if constexpr (std::is_same_v<Value, bool>) {
+    if (!is_truth_value(word)) refuse("true or false");
+    return word == "true";
+  } else if constexpr (std::is_same_v<Value, std::string>) {
+    if (word.empty() && !spec.is_empty_allowed && !spec.lists_choices) {
+      input_error("invalid value for --", spec.name,
+                  " (expected a text that is not empty, found \"\"); leave the option out to have none");
     }
-    return names;
-  }
-
-  const Row* find(const std::string& long_name) const {
-    for (const Row& row : rows) {
-      if (row.option->check_lname(long_name)) return &row;
-    }
-    return nullptr;
-  }
-
-  /// The option that needs the next word as its value, or null.
-  const Row* option_with_value(const std::string& word) const {
-    const bool is_letter = word.size() == 2 && word[0] == '-';
-    const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2)) : nullptr;
-    for (const Row& own : rows) {
-      if (is_letter && own.spec.letter == word[1]) row = &own;
-    }
-    return row == nullptr || row->spec.kind == ValueKind::kFlag || is_list(row->spec) ? nullptr : row;
-  }
-
-  /// As from `-m $OUT --eval`, where the variable OUT is not set. A choice may begin with "-": `--up -y`.
-  void require_value(const Row& row, const std::string& value) const {
-    if (row.spec.lists_choices || !is_option(value)) return;
-    input_error("missing value: --", row.spec.name, " is followed by ", value,
-                row.spec.kind == ValueKind::kText
-                    ? " (a shell variable that is not set?); for a name that begins with \"-\", write --" +
-                          row.spec.name + "=" + value + " or ./" + value
-                    : " (expected a number)");
-  }
-
-  /// The words as CLI11 expects them, last first: underscores in names, "--flag false" joined to "--flag=false", and
-  /// "--" at the end of a list with commas, so that "--seeds 0,1 scene" leaves the scene for the positional argument.
-  /// Of a list that is given twice, only the last one is left, since the last value of any option counts.
-  std::vector<std::string> prepared(const std::vector<std::string>& words) const {
-    struct Part {
-      const Row* list;  // the list option that the part begins with, or null
-      std::vector<std::string> words;
-    };
-    std::vector<Part> parts{{nullptr, {}}};
-    for (std::size_t i = 0; i < words.size(); ++i) {
-      std::string word = with_underscores(words[i]);
-      const std::size_t equals = word.find('=');
-      const Row* row = word.compare(0, 2, "--") == 0 ? find(word.substr(2, equals - 2)) : nullptr;
-      if (is_option(word)) parts.push_back({row != nullptr && is_list(row->spec) ? row : nullptr, {}});
-      if (const Row* const own = option_with_value(word); own != nullptr && i + 1 < words.size()) {
-        require_value(*own, words[i + 1]);
-        parts.back().words.push_back(std::move(word));
-        parts.back().words.push_back(words[++i]);
-        continue;
-      }
-      if (equals == std::string::npos && row != nullptr && row->spec.kind == ValueKind::kFlag && i + 1 < words.size() &&
-          is_truth_value(words[i + 1])) {
-        word += "=" + words[++i];
-      }
-      const bool ends_list = parts.back().list != nullptr && is_whole_list(word);
-      const bool has_empty_value = row != nullptr && !is_list(row->spec) && equals + 1 == word.size();
-      if (has_empty_value && row->spec.kind == ValueKind::kFlag) option_value(row->spec, {""});  // throws
-      if (has_empty_value) word.pop_back();  // CLI11 would take the next word as the value of "--name="
-      parts.back().words.push_back(std::move(word));
-      if (has_empty_value) parts.back().words.emplace_back();
-      if (!ends_list) continue;
-      parts.back().words.emplace_back("--");
-      parts.push_back({nullptr, {}});
-    }
-    std::vector<std::string> result;
-    std::set<const Row*> given;
-    for (auto part = parts.rbegin(); part != parts.rend(); ++part) {
-      if (part->list != nullptr && !given.insert(part->list).second) continue;
-      result.insert(result.end(), part->words.rbegin(), part->words.rend());
-    }
-    return result;
-  }
-
-  [[noreturn]] void reject(const std::string& word) const {
-    if (word.empty() || word[0] != '-') {
-      input_error("unexpected argument \"", word, "\"; usage: ", usage_text(help()), "; see ", command("--help"));
-    }
-    const std::string option = word.substr(0, word.find('='));
-    const bool is_long = option.compare(0, 2, "--") == 0;
-    std::string nearest = name_of_other_trainers(option.substr(is_long ? 2 : 1), known_names());
-    if (nearest.empty() && is_long) nearest = nearest_name(option.substr(2), known_names());
-    input_error("unknown option ", option,
-                nearest.empty() ? "; see " + command("--help-all") : "; did you mean --" + nearest + "?");
-  }
-};
-
-CommandLine::CommandLine(const std::string& name, const std::string& summary, const std::string& example)
-    : impl_(std::make_unique<Impl>()) {
-  CLI::App& app = impl_->app;
-  app.name(name);
-  impl_->summary = summary;
-  impl_->example = example;
-  app.allow_extras();  // reported by reject(), with the nearest name
-  app.set_help_flag("-h,--help");
-  app.set_help_all_flag("--help_all");
-  impl_->markdown_flag = app.add_flag("--help_markdown");
-}
-
-CommandLine::~CommandLine() = default;
-
-void CommandLine::add(const OptionSpec& spec) {
-  CLI::App& app = impl_->app;
-  CLI::Option* option = spec.kind == ValueKind::kFlag ? app.add_flag(cli11_names(spec))
-                                                      : app.add_option(cli11_names(spec), CLI::callback_t());
-  if (is_list(spec)) {
-    option->expected(0, CLI::detail::expected_max_vector_size)->allow_extra_args();
+    return word;
   } else {
-    option->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
+    Value value{};
+    const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+    const bool is_read = stop == word.data() + word.size();
+    if (error != std::errc() || !is_read || !std::isfinite(static_cast<double>(value))) {
+      const bool is_too_large = error == std::errc::result_out_of_range && is_read;
+      refuse(!std::is_integral_v<Value> ? "a number" : "a whole number" + (is_too_large ? limits_text<Value>() : ""));
+    }
+    return value;
   }
-  impl_->rows.push_back({spec, option});
 }
+
+template nlohmann::json parse_value<bool>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<int>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::int64_t>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<double>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::string>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::vector<int>>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::vector<std::int64_t>>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::vector<double>>(const OptionSpec&, const std::vector<std::string>&);
+template nlohmann::json parse_value<std::vector<std::string>>(const OptionSpec&, const std::vector<std::string>&);
+
+}  // namespace detail
 
 void CommandLine::set_help(const std::string& name, const std::string& help) {
-  for (Impl::Row& row : impl_->rows) {
-    if (row.spec.name != name) continue;
-    row.spec.help = help;
-    return;
-  }
-  B3DGS_CHECK(false, "no option --", name);
+  const auto spec =
+      std::find_if(options_.begin(), options_.end(), [&](const OptionSpec& own) { return own.name == name; });
+  B3DGS_CHECK(spec != options_.end(), "no option --", name);
+  spec->help = help;
 }
 
-void CommandLine::set_notes(const std::string& notes) {
-  impl_->notes = notes;
+bool CommandLine::prints_help(const std::vector<std::string>& words) const {
+  for (const std::string& given : words) {
+    const std::string word = with_underscores(given);
+    if (word == "--") break;
+    if (word == "-h" || word == "--help") return std::cout << help(), true;
+    if (word == "--help_all") return std::cout << help_all(), true;
+    if (word == "--help_markdown") return std::cout << help_markdown(), true;
+  }
+  return false;
 }
 
-bool CommandLine::parse(const std::vector<std::string>& words) {
-  CLI::App& app = impl_->app;
-  try {
-    app.parse(impl_->prepared(words));
-  } catch (const CLI::CallForHelp&) {
-    std::cout << help();
-    return false;
-  } catch (const CLI::CallForAllHelp&) {
-    std::cout << help_all();
-    return false;
-  } catch (const CLI::ArgumentMismatch& error) {
-    const std::string text = error.what();  // "--name: 1 required ... missing"
-    input_error("missing value: ", text.substr(0, text.find(':')));
-  } catch (const CLI::ParseError& error) {
-    std::string reason = error.what();
-    std::replace(reason.begin(), reason.end(), '\n', ' ');
-    input_error("invalid command line: ", reason);
-  }
-  if (impl_->markdown_flag->count() > 0) {
-    std::cout << help_markdown();
-    return false;
-  }
-  if (const std::vector<std::string> extras = app.remaining(); !extras.empty()) {
-    // The value of an unknown option is left over, too; the message is about the option.
-    const auto option =
-        std::find_if(extras.begin(), extras.end(), [](const std::string& word) { return word[0] == '-'; });
-    impl_->reject(option == extras.end() ? extras.front() : *option);
-  }
-  for (const Impl::Row& row : impl_->rows) {
-    if (row.option->count() == 0) continue;
-    std::vector<std::string> results = row.option->results();
-    // CLI11 represents a list without values by an empty word or by "{}".
-    if (is_list(row.spec) && results.size() == 1 && (results[0].empty() || results[0] == "{}")) {
-      results.clear();
+bool CommandLine::parse(std::vector<std::string> words) {
+  if (prints_help(words)) return false;
+  nlohmann::json values = nlohmann::json::object();
+  std::string unknown, unexpected;  // the first of each
+  bool only_arguments = false;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const std::string word = with_underscores(words[i]);
+    if (only_arguments || word.size() < 2 || word[0] != '-') {
+      const auto place = std::find_if(options_.begin(), options_.end(), [&](const OptionSpec& spec) {
+        return spec.positional && !values.contains(spec.name);
+      });
+      if (place != options_.end()) {
+        values[place->name] = place->parse(*place, {words[i]});
+      } else if (unexpected.empty()) {
+        unexpected = "\"" + words[i] + "\"";
+      }
+      continue;
     }
-    given_[std::string(row.spec.name)] = option_value(row.spec, results);
+    if (word == "--") {
+      only_arguments = true;
+      continue;
+    }
+    const Named named = find_option(options_, word);
+    if (named.spec == nullptr) {
+      if (unknown.empty()) unknown = word;
+      continue;
+    }
+    const OptionSpec& spec = *named.spec;
+    std::vector<std::string> own;
+    if (named.has_value) own.push_back(named.value);
+    if (spec.is_flag()) {
+      if (word[1] != '-' && named.has_value) {  // several letters in one word
+        words.insert(words.begin() + static_cast<std::ptrdiff_t>(i) + 1, "-" + named.value);
+        own.clear();
+      } else if (!named.has_value && i + 1 < words.size() && is_truth_value(words[i + 1])) {
+        own.push_back(words[++i]);
+      }
+      const bool is_on = spec.parse(spec, own.empty() ? std::vector<std::string>{"true"} : own).get<bool>();
+      values[spec.name] = is_on != named.is_negated;
+      continue;
+    }
+    if (spec.is_list) {  // the last value of any option counts, also of a list
+      while (i + 1 < words.size() && !is_option(words[i + 1]) && (own.empty() || !is_whole_list(own.back()))) {
+        own.push_back(words[++i]);
+      }
+    } else if (own.empty()) {
+      if (i + 1 == words.size()) input_error("missing value: --", spec.name);
+      require_value(spec, words[++i]);
+      own.push_back(words[i]);
+    }
+    values[spec.name] = spec.parse(spec, own);
   }
+  // The value of an unknown option is left over, too; the message is about the option.
+  if (!unknown.empty() || !unexpected.empty()) reject(unknown.empty() ? unexpected : unknown);
+  for (const OptionSpec& spec : options_) {
+    if (values.contains(spec.name)) given_[spec.name] = values[spec.name];
+  }
+  for (const auto& set : setters_) set();
   return true;
 }
 
-std::string CommandLine::help() const {
-  return help_text(impl_->help());
+void CommandLine::reject(const std::string& word) const {
+  if (word[0] != '-') {
+    input_error("unexpected argument ", word, "; usage: ", usage(), "; see b3dgs ", name_, " --help");
+  }
+  std::vector<std::string> names{"help", "help_all"};
+  for (const OptionSpec& spec : options_) {
+    names.push_back(spec.name);
+    names.insert(names.end(), spec.aliases.begin(), spec.aliases.end());
+    if (spec.is_flag()) names.push_back("no_" + spec.name);
+  }
+  const std::string option = word.substr(0, word.find('='));
+  const bool is_long = option.compare(0, 2, "--") == 0;
+  std::string nearest = name_of_other_trainers(option.substr(is_long ? 2 : 1), names);
+  if (nearest.empty() && is_long) nearest = nearest_name(option.substr(2), names);
+  input_error("unknown option ", option,
+              nearest.empty() ? "; see b3dgs " + name_ + " --help-all" : "; did you mean --" + nearest + "?");
 }
 
-std::string CommandLine::help_all() const {
-  return full_help_text(impl_->help());
-}
-
-std::string CommandLine::help_markdown() const {
-  return markdown_help(impl_->help());
+nlohmann::ordered_json read_json_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  file.peek();  // fails for a folder, which can be opened
+  if (file.bad() || !file.is_open())
+    input_error("cannot open config file: ", path, " (expected a JSON file with option names as keys)");
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
+  if (!json.is_discarded()) return json;
+  try {
+    json = nlohmann::ordered_json::parse(text, nullptr, true, /*ignore_comments=*/true);  // for its error message
+  } catch (const nlohmann::json::exception& error) {
+    std::string reason = error.what();
+    std::replace(reason.begin(), reason.end(), '\n', ' ');
+    reason.erase(0, reason.rfind("[json.exception", 0) == 0 ? reason.find("] ") + 2 : 0);  // the library's number
+    input_error("not valid JSON: ", path, " (expected option names as keys; ", reason, ")");
+  }
+  input_error("JSON nested too deeply: ", path, " (at most ", kMaxJsonDepth, " levels)");
 }
 
 }  // namespace b3dgs

@@ -1,9 +1,10 @@
-#include "core/options/help_pages.h"
-
+// Help texts of a subcommand, and its section of docs/options.md.
 #include <algorithm>
 #include <cctype>
 #include <sstream>
 #include <utility>
+
+#include "core/options/command_line.h"
 
 namespace b3dgs {
 namespace {
@@ -67,31 +68,9 @@ std::string description(const OptionSpec& spec, HelpDetail detail) {
   return text + ")";
 }
 
-const char* value_name(const OptionSpec& spec) {
-  switch (spec.kind) {
-    case ValueKind::kFlag:
-      return "";
-    case ValueKind::kInt:
-    case ValueKind::kInt64:
-      return "N";
-    case ValueKind::kNumber:
-      return "X";
-    case ValueKind::kInts:
-    case ValueKind::kInt64s:
-      return "N...";
-    case ValueKind::kNumbers:
-      return "X...";
-    case ValueKind::kNames:
-      return "NAME...";
-    case ValueKind::kText:
-      return spec.range.empty() ? "TEXT" : "NAME";
-  }
-  return "";
-}
-
 /// "-s, --source_path TEXT"; without a letter, indented as if there were one.
 std::string names_and_value(const OptionSpec& spec) {
-  const std::string value = value_name(spec);
+  const std::string value = spec.value_name == "TEXT" && !spec.range.empty() ? "NAME" : spec.value_name;
   return (spec.letter == '\0' ? "    " : std::string("-") + spec.letter + ", ") + "--" + spec.name +
          (value.empty() ? "" : " " + value);
 }
@@ -115,47 +94,44 @@ std::string markdown_row(const OptionSpec& spec) {
   std::string names = spec.letter == '\0' ? "" : std::string("`-") + spec.letter + "`";
   if (!spec.aliases.empty()) names += (names.empty() ? "" : ", ") + alias_list(spec, "`");
   const std::string value = value_text(spec.default_value);
-  const bool is_flag = spec.kind == ValueKind::kFlag;
-  return "|" + cell("`--" + spec.name + "`") + cell(names) + cell(is_flag && value.empty() ? "off" : value) +
-         cell(is_flag ? "flag" : spec.range) + cell(spec.help) + "\n";
+  return "|" + cell("`--" + spec.name + "`") + cell(names) + cell(spec.is_flag() && value.empty() ? "off" : value) +
+         cell(spec.is_flag() ? "flag" : spec.range) + cell(spec.help) + "\n";
 }
 
-/// Calls `visit(group, specs)` for each group of options that `is_wanted`, in the order in which the groups begin.
-template <class Wanted, class Visit>
-void for_each_group(const CommandHelp& command, Wanted&& is_wanted, Visit&& visit) {
+/// The options by group, in the order in which the groups begin.
+std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> grouped(const std::vector<const OptionSpec*>& all) {
   std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> groups;
-  for (const OptionSpec* spec : command.options) {
-    if (!is_wanted(*spec)) continue;
+  for (const OptionSpec* spec : all) {
     const auto same = [&](const auto& group) { return group.first == spec->group; };
     auto group = std::find_if(groups.begin(), groups.end(), same);
     if (group == groups.end()) group = groups.insert(groups.end(), {spec->group, {}});
     group->second.push_back(spec);
   }
-  for (const auto& [group, specs] : groups) visit(group, specs);
+  return groups;
 }
 
-/// Summary, usage and example.
-std::string introduction(const CommandHelp& command) {
-  const std::string text =
-      wrap(command.summary, kNameColumns + kTextColumns, 0) + "\n\nUsage: " + usage_text(command) + "\n";
-  return command.example.empty() ? text : text + "Example: " + command.example + "\n";
-}
-
-template <class Wanted>
-std::string list_options(const CommandHelp& command, Wanted&& is_wanted, HelpDetail detail) {
-  std::string text = introduction(command);
-  for_each_group(command, is_wanted, [&](const std::string& group, const std::vector<const OptionSpec*>& specs) {
+std::string list_options(const std::vector<const OptionSpec*>& options, HelpDetail detail) {
+  std::string text;
+  for (const auto& [group, specs] : grouped(options)) {
     text += "\n" + group + ":\n";
     for (const OptionSpec* spec : specs) text += help_entry(*spec, detail);
-  });
+  }
   return text;
 }
 
 }  // namespace
 
-std::string usage_text(const CommandHelp& command) {
-  std::string text = "b3dgs " + command.name;
-  for (const OptionSpec* spec : command.options) {
+std::vector<const OptionSpec*> CommandLine::listed() const {
+  std::vector<const OptionSpec*> options;
+  for (const OptionSpec& spec : options_) {
+    if (!spec.is_ignored) options.push_back(&spec);
+  }
+  return options;
+}
+
+std::string CommandLine::usage() const {
+  std::string text = "b3dgs " + name_;
+  for (const OptionSpec* spec : listed()) {
     if (!spec->positional) continue;
     std::string name = spec->name;
     std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
@@ -164,28 +140,34 @@ std::string usage_text(const CommandHelp& command) {
   return text + " [OPTIONS]";
 }
 
-std::string help_text(const CommandHelp& command) {
-  const std::size_t n_options = command.options.size();
-  const bool is_short_list = n_options <= kMaxShortHelp;
-  const auto is_wanted = [&](const OptionSpec& spec) { return is_short_list || spec.is_common; };
-  return list_options(command, is_wanted, HelpDetail::kShort) + "\nb3dgs " + command.name + " --help-all" +
-         (is_short_list ? " adds ranges and aliases.\n" : " lists all " + std::to_string(n_options) + " options.\n");
+std::string CommandLine::introduction() const {
+  return wrap(summary_, kNameColumns + kTextColumns, 0) + "\n\nUsage: " + usage() + "\n" +
+         (example_.empty() ? "" : "Example: " + example_ + "\n");
 }
 
-std::string full_help_text(const CommandHelp& command) {
-  const auto is_wanted = [](const OptionSpec&) { return true; };
-  return list_options(command, is_wanted, HelpDetail::kAll) + (command.notes.empty() ? "" : "\n" + command.notes);
+std::string CommandLine::help() const {
+  std::vector<const OptionSpec*> options = listed();
+  const std::size_t n_all = options.size();
+  const bool is_short_list = n_all <= kMaxShortHelp;
+  if (!is_short_list) {
+    options.erase(std::remove_if(options.begin(), options.end(), [](const auto* spec) { return !spec->is_common; }),
+                  options.end());
+  }
+  return introduction() + list_options(options, HelpDetail::kShort) + "\nb3dgs " + name_ + " --help-all" +
+         (is_short_list ? " adds ranges and aliases.\n" : " lists all " + std::to_string(n_all) + " options.\n");
 }
 
-std::string markdown_help(const CommandHelp& command) {
-  std::string text = "## b3dgs " + command.name + "\n\n" + wrap(command.summary, 100, 0) + "\n";
-  if (!command.example.empty()) text += "\n    " + command.example + "\n";
-  for_each_group(
-      command, [](const OptionSpec&) { return true; },
-      [&](const std::string& group, const std::vector<const OptionSpec*>& specs) {
-        text += "\n### " + group + "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
-        for (const OptionSpec* spec : specs) text += markdown_row(*spec);
-      });
+std::string CommandLine::help_all() const {
+  return introduction() + list_options(listed(), HelpDetail::kAll) + (notes_.empty() ? "" : "\n" + notes_);
+}
+
+std::string CommandLine::help_markdown() const {
+  std::string text = "## b3dgs " + name_ + "\n\n" + wrap(summary_, 100, 0) + "\n";
+  if (!example_.empty()) text += "\n    " + example_ + "\n";
+  for (const auto& [group, specs] : grouped(listed())) {
+    text += "\n### " + group + "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
+    for (const OptionSpec* spec : specs) text += markdown_row(*spec);
+  }
   return text + "\n";
 }
 

@@ -98,11 +98,7 @@ AdamArgs adam_args(std::int32_t view, AppearanceState& state) {
 }  // namespace
 
 BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
-    : lr_(config.bilateral_grid_lr),
-      variation_weight_(config.bilateral_grid_tv),
-      iterations_(config.iterations),
-      n_views_(n_views),
-      device_(device) {
+    : variation_weight_(config.bilateral_grid_tv), iterations_(config.iterations), n_views_(n_views), device_(device) {
   const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
   for (int place = 0; place < config.batch; ++place) {
     grid_grads_.push_back(torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats));
@@ -116,10 +112,10 @@ BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n
 }
 
 double BilateralGridModel::rate(int iteration) const {
-  constexpr double kLowest = 0.01, kWarmUpPart = 1.0 / 30;
+  constexpr double kRate = 0.002, kLowest = 0.01, kWarmUpPart = 1.0 / 30;
   const double time = static_cast<double>(iteration) / iterations_;
   const double warm_up = kLowest + (1 - kLowest) * std::min(1.0, time / kWarmUpPart);
-  return lr_ * warm_up * std::pow(kLowest, std::min(1.0, time));
+  return kRate * warm_up * std::pow(kLowest, std::min(1.0, time));
 }
 
 bool BilateralGridModel::fits(const AppearanceState& state) const {

@@ -23,7 +23,7 @@ class BilateralGridModel final : public AppearanceModel {
   torch::Tensor grad() const override { return grid_grad(); }
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
-  /// Rises linearly from a hundredth of config.bilateral_grid_lr in the first thirtieth of all iterations, and falls
+  /// Rises linearly from a hundredth of 0.002 in the first thirtieth of all iterations, and falls
   /// log-linearly to a hundredth at the end; both factors apply throughout.
   double rate(int iteration) const;
 
@@ -31,7 +31,7 @@ class BilateralGridModel final : public AppearanceModel {
   const torch::Tensor& grid_grad() const { return grid_grads_.at(place()); }
 
  private:
-  double lr_, variation_weight_;
+  double variation_weight_;
   int iterations_;
   std::int64_t n_views_;
   torch::Device device_;

@@ -40,7 +40,7 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.feature_lr / config.feature_rest_divisor};
 }
 
-/// --scale_reg and --noise_lr are given for a scene of this extent, in world units, which is about that of bonsai, fox
+/// --scale_reg and noise_lr are given for a scene of this extent, in world units, which is about that of bonsai, fox
 /// and kitti_street. lengths_per_reference() converts them, so that a training does not depend on the unit of length.
 inline constexpr double kReferenceExtent = 5;
 

@@ -56,7 +56,7 @@ PoseRefiner::~PoseRefiner() = default;
 
 bool PoseRefiner::refines(std::int32_t view, int iteration) const {
   const auto last = static_cast<std::int32_t>(scene_.train.size()) - 1;
-  return config_.pose_opt && iteration > config_.pose_opt_from_iter && view > 0 && view < last;
+  return config_.pose_opt && iteration > config_.densify_from_iter && view > 0 && view < last;
 }
 
 PinholeView PoseRefiner::camera(std::int32_t view) {

@@ -73,7 +73,8 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   options.model_path = model();
   options.device = "cpu";
   StatusLine status = StatusLine::silent();
-  const LoadedModel loaded = load_model(options, status);
+  LoadedModel loaded = load_without_scene(options);
+  add_scene(loaded, status);
   ModelRenderer renderer(loaded, torch::kCPU);
   WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
                        viewed_scene(loaded.scene, loaded.splats.means, "model"));

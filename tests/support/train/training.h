@@ -39,7 +39,7 @@ inline TrainConfig eventful_balanced_config() {
   config.max_gaussians = 200;
   config.densify_until_iter = 22;
   config.score_views = 3;
-  config.prune_interval = 10;
+  config.opacity_reset_interval = 10;
   config.prune_weight = 0.05;
   return config;
 }

@@ -53,7 +53,6 @@ TEST(BatchTraining, ResumesExactlyWithAllThatIsLearnedOfPhotographs) {
   const test::TempDir temp;
   TrainConfig config = batched_config();
   config.pose_opt = config.antialiasing = true;
-  config.pose_opt_from_iter = 4;
   config.opacity_reg = config.scale_reg = 0.01;
   config.coarse_scale = 2;
   config.coarse_until = 12;

@@ -127,7 +127,6 @@ TEST(BatchOnGpu, DeterministicTrainingsRepeatAndResumeExactly) {
     config.batch = 3;
     config.iterations = 24;
     config.pose_opt = config.exposure = true;
-    config.pose_opt_from_iter = 4;
     const std::filesystem::path folder = temp / strategy;
     const test::Trained whole = test::expect_exact_resume_from_checkpoints(config, scene, folder);
     EXPECT_TRUE(test::train(config, scene, folder / "again").ply == whole.ply);

@@ -19,7 +19,6 @@ TrainConfig refining_config() {
   config.device = "cuda";
   config.deterministic = true;
   config.pose_opt = true;
-  config.pose_opt_from_iter = 0;
   return config;
 }
 

@@ -406,7 +406,7 @@ TEST(McmcStrategy, AddsNoiseInProportionToTheLearningRateOfTheMeans) {
     GaussianTensors expected = make_model(torch::full({50}, 0.01f)).gaussians;
     strategy->after_step(iteration, model.gaussians);
     const double rate = kExtent * 0.00016 * std::pow(0.01, iteration / 1000.0);
-    add_mean_noise(expected, 500000 * rate * (5 / kExtent) * (5 / kExtent), 4, iteration);
+    add_mean_noise(expected, 50000 * rate * (5 / kExtent) * (5 / kExtent), 4, iteration);
     EXPECT_TRUE(test::within(model.gaussians.means, expected.means, 1e-6 * (1 + expected.means.abs())));
     EXPECT_FALSE(torch::equal(model.gaussians.means, make_model(torch::full({50}, 0.01f)).gaussians.means));
   }

@@ -37,7 +37,6 @@ double length(Vec3d v) {
 
 TrainConfig refining_config(TrainConfig config = eventful_config()) {
   config.pose_opt = true;
-  config.pose_opt_from_iter = 2;
   return config;
 }
 
@@ -116,7 +115,7 @@ TEST(PoseTraining, NothingIsLearnedBeforeItsIterationNorWithoutTheOption) {
   TrainConfig config = refining_config();
   const Trained without = train(eventful_config(), scene, temp / "without");
   EXPECT_FALSE(corrections_of(without.result.checkpoint).defined()) << "default checkpoints have no poses";
-  config.pose_opt_from_iter = config.iterations;
+  config.densify_from_iter = config.iterations;
   const Trained late = train(config, scene, temp / "late");
   EXPECT_FALSE(corrections_of(late.result.checkpoint).defined());
   EXPECT_TRUE(late.ply == without.ply);
@@ -177,7 +176,7 @@ TEST(PoseTraining, RefiningDisturbedPosesImprovesThemAndHeldOutViews) {
   const double without = psnr(train(config, scene, temp / "without"));
   config.pose_opt = true;
   config.pose_opt_lr = 0.002;
-  config.pose_opt_from_iter = 100;
+  config.densify_from_iter = 100;
   const Trained refined = train(config, scene, temp / "with");
   EXPECT_GT(without, 30);  // with exact poses: 41.7
   EXPECT_GT(psnr(refined), without + 3);

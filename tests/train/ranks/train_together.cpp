@@ -286,21 +286,14 @@ void check_learned(const std::vector<void (*)(TrainConfig&)>& options, Communica
 void check_appearance(Communicator& ranks) {
   check_learned({[](TrainConfig& config) {
                    config.exposure = config.pose_opt = true;  // in one exchange
-                   config.pose_opt_from_iter = 5;
                  },
                  [](TrainConfig& config) { config.bilateral_grid = true; }},
                 ranks);
 }
 
 void check_poses(Communicator& ranks) {
-  check_learned({[](TrainConfig& config) {
-                   config.pose_opt = true;
-                   config.pose_opt_from_iter = 2;
-                 },
-                 [](TrainConfig& config) {
-                   config.pose_opt = config.antialiasing = true;
-                   config.pose_opt_from_iter = 2;
-                 }},
+  check_learned({[](TrainConfig& config) { config.pose_opt = true; },
+                 [](TrainConfig& config) { config.pose_opt = config.antialiasing = true; }},
                 ranks);
 }
 

@@ -184,8 +184,9 @@ bool is_growth_round(const TrainConfig& config, int iteration) {
 }
 
 bool is_weight_prune_round(const TrainConfig& config, int iteration) {
-  return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < config.prune_until_iter &&
-         iteration % config.prune_interval == 0;
+  const std::int64_t until = std::int64_t{config.position_lr_max_steps} * 14 / 15;  // 28,000 of 30,000
+  return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < until &&
+         iteration % config.opacity_reset_interval == 0;
 }
 
 DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
@@ -195,7 +196,7 @@ DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
   const int window_end = next_multiple(iteration, config.densification_interval);
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||
-                is_weight_prune_round(config, next_multiple(iteration, config.prune_interval)));
+                is_weight_prune_round(config, next_multiple(iteration, config.opacity_reset_interval)));
   plan.after_step = plan.statistics = plan.score;
   return plan;
 }

@@ -6,7 +6,7 @@
 //   parents      drawn from the Gaussians with a score, in proportion to it
 //   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
 //   growth       budget_growth(): how far each round goes towards the budget
-//   pruning      in each round, opacity < --prune_opacity; every --prune_interval iterations, also blend weight
+//   pruning      in each round, opacity < --prune_opacity; every --opacity_reset_interval iterations, also blend weight
 //                < --prune_weight in all views scored since the last such pruning, if at least kPruneViews saw it
 #pragma once
 

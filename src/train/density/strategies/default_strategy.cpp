@@ -120,12 +120,13 @@ bool is_after_opacity_reset(const TrainConfig& config, int iteration) {
 }
 
 DensityRule density_rule(const TrainConfig& config, double extent, int iteration) {
+  constexpr double kPruneWorldSize = 0.1;  // of the scene extent
   const bool prunes_large = iteration > config.opacity_reset_interval;
   DensityRule rule;
   rule.grad_threshold = config.densify_grad_threshold;
   rule.split_scale = config.percent_dense * extent;
   rule.prune_opacity = config.prune_opacity;
-  rule.prune_scale = prunes_large ? config.prune_world_size * extent : 0;
+  rule.prune_scale = prunes_large ? kPruneWorldSize * extent : 0;
   rule.prune_radius = prunes_large ? config.prune_screen_size : 0;
   rule.max_gaussians = config.max_gaussians;
   return rule;

@@ -1,7 +1,7 @@
 // Arithmetic of strategy mcmc (Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo"), one row at
 // a time and the same on CPU and GPU. All arrays of a struct are on one device.
 //
-// A Gaussian is dead if its opacity is at most --prune_opacity, else live.
+// A Gaussian is dead if its opacity is at most prune_opacity, else live.
 #pragma once
 
 #include <cmath>
@@ -141,7 +141,7 @@ struct MeanNoiseArgs {
   const float* quats = nullptr;            // [N, 4] w x y z
   const float* logit_opacities = nullptr;  // [N]
   RandomKey key{};
-  double rate = 0;                           // --noise_lr times the learning rate of the means
+  double rate = 0;                           // noise_lr times the learning rate of the means
   float log_bound = 0;                       // log_noise_bound(rate)
   const std::int32_t* model_rows = nullptr;  // [N] row of the model, which selects the random numbers; null: the row
 };

@@ -31,7 +31,7 @@ struct McmcRule {
 /// depend on the number of threads.
 DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& rule, std::int64_t seed, int iteration);
 
-/// Adds noise to the means (mcmc_math.h); `rate` is --noise_lr times the learning rate of the means. `model_rows` as
+/// Adds noise to the means (mcmc_math.h); `rate` is noise_lr times the learning rate of the means. `model_rows` as
 /// DensityStrategy::after_step() has it: the noise of a Gaussian is that of its row of the model. Allocates nothing.
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
                     const torch::Tensor& model_rows = {});
