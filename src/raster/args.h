@@ -107,12 +107,15 @@ struct alignas(16) Splat {
 };
 static_assert(sizeof(Splat) == 48, "three 16-byte loads");
 
-/// A splat's sums over pixels: of q = dL/d(ln alpha), of its first and second moments with the pull, conic d (Reach in
-/// blend.h), and of the gradients with respect to colour and depth. The backward blend computes them; gaussian_grad.h
-/// turns them into parameter gradients. The moments are those of the pull rather than of d: along a needle d is long
-/// and the pull short, and multiplying by the conic after summing would cancel the significant digits.
+/// Gradient of the loss with respect to a splat, summed over pixels by the backward blend; gaussian_grad.h turns it
+/// into parameter gradients. With g = dL/d(ln alpha) and p = conic delta at a pixel (Footprint in blend.h), the sums
+/// for mean and covariance are those of g p and g p p^T: multiples of the gradients (projection.h). p rather than
+/// delta, because along a needle delta is long and p short, and multiplying by the conic after summing would cancel the
+/// digits.
 struct SplatGrad {
-  float q, q_x, q_y, q_xx, q_xy, q_yy;
+  float log_alpha;               // g
+  float mean_x, mean_y;          // g p: dL/dmean times kConicScale
+  float cov_xx, cov_xy, cov_yy;  // g p p^T: dL/dcov times 2 kConicScale^2
   float red, green, blue;
   float depth;
 };

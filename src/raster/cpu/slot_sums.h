@@ -9,12 +9,12 @@ namespace b3dgs::cpu {
 inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
   SplatGrad sum{};
   for (const SplatGrad* part = first; part != last; ++part) {
-    sum.q += part->q;
-    sum.q_x += part->q_x;
-    sum.q_y += part->q_y;
-    sum.q_xx += part->q_xx;
-    sum.q_xy += part->q_xy;
-    sum.q_yy += part->q_yy;
+    sum.log_alpha += part->log_alpha;
+    sum.mean_x += part->mean_x;
+    sum.mean_y += part->mean_y;
+    sum.cov_xx += part->cov_xx;
+    sum.cov_xy += part->cov_xy;
+    sum.cov_yy += part->cov_yy;
     sum.red += part->red;
     sum.green += part->green;
     sum.blue += part->blue;

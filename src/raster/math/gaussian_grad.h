@@ -41,20 +41,20 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
   }
   const Shape<float> shape = make_shape(smoothed.log_scales, load4(g.quats, i));
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.q_xx, sum.q_xy, sum.q_yy});
+  SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.cov_xx, sum.cov_xy, sum.cov_yy});
   if constexpr (kAntialiasing) {
-    const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.q);
+    const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.log_alpha);
     grad_spread = {grad_spread.x + through_blur.x, grad_spread.y + through_blur.y};
   }
   const ProjectionGrad<float> grad =
-      project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y}, grad_spread, sum.depth);
+      project_backward(view, point, shape.factor, p, Vec2f{sum.mean_x, sum.mean_y}, grad_spread, sum.depth);
   ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   if constexpr (kAntialiasing) {
     // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity's factor) is 1 - share.
     const Vec3f share = smoothed.share;
-    grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.q * (1 - share.x),
-                             share.y * grad_shape.log_scales.y + sum.q * (1 - share.y),
-                             share.z * grad_shape.log_scales.z + sum.q * (1 - share.z)};
+    grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.log_alpha * (1 - share.x),
+                             share.y * grad_shape.log_scales.y + sum.log_alpha * (1 - share.y),
+                             share.z * grad_shape.log_scales.z + sum.log_alpha * (1 - share.z)};
   }
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
@@ -63,7 +63,7 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
   return {transpose_times(view.rotation, grad.point) + grad_sh.offset,
           grad_shape.log_scales,
           grad_shape.quat,
-          logit_grad(sum.q, g.logit_opacities[i]),
+          logit_grad(sum.log_alpha, g.logit_opacities[i]),
           grad.mean2d,
           grad_color,
           grad_sh.dir};
@@ -74,7 +74,7 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
                          std::uint32_t clamped) {
   out.records[m] = {sum, i, clamped};
   out.record_of_gaussian[i] = static_cast<std::int32_t>(m);
-  const Vec2f centre = centre_gradient(Vec2f{sum.q_x, sum.q_y});
+  const Vec2f centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
   out.means2d[2 * std::int64_t{i}] = centre.x;
   out.means2d[2 * std::int64_t{i} + 1] = centre.y;
 }

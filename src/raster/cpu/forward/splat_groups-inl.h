@@ -74,17 +74,17 @@ HWY_INLINE int last_lane(LaneMask mask) {
 
 /// Blends a group onto a pixel with centre (pixel_x, pixel_y), px.
 HWY_INLINE void blend_group(PixelScan& pixel, const SplatGroup& group, float pixel_x, float pixel_y) {
-  const Reach<Lanes> reach = evaluate_reach(group.shape, Lanes(pixel_x), Lanes(pixel_y));
-  const LaneMask contributes = reach.contributes & group.present;
+  const Footprint<Lanes> footprint = evaluate_footprint(group.shape, Lanes(pixel_x), Lanes(pixel_y));
+  const LaneMask contributes = footprint.contributes & group.present;
   if (none(contributes)) return;
 
-  const Alpha<Lanes> alpha = evaluate_alpha(reach.power);
+  const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
   // Splats that do not contribute count as factor 1.
   const Lanes passed = prefix_product(select(contributes, Lanes(1.0f) - alpha.alpha, Lanes(1.0f)));
   const Lanes before = Lanes(pixel.transmittance) * shift_in_ones(passed, 1);
   const Lanes after = Lanes(pixel.transmittance) * passed;
   LaneMask accepted = contributes;
-  const LaneMask saturating = contributes & (after < Lanes(kTransmittanceMin));
+  const LaneMask saturating = contributes & is_saturated(after);
   if (!none(saturating)) {
     const auto stop = static_cast<int>(hn::FindFirstTrue(FloatTag(), saturating.m));
     accepted = accepted & LaneMask{hn::FirstN(FloatTag(), static_cast<std::size_t>(stop))};

@@ -43,7 +43,7 @@ struct TilePixels {
     for (int row = 0; row < rows; ++row) {
       float* const t = transmittance + row * stride;
       std::fill(t, t + columns, 1.0f);
-      std::fill(t + columns, t + stride, -1.0f);
+      std::fill(t + columns, t + stride, kClosedPixel);
     }
     const int n = rows * stride;
     for (float* plane : {red, green, blue, depth}) std::fill(plane, plane + n, 0.0f);
@@ -58,7 +58,7 @@ struct TilePixels {
       bool live = false;
       for (int v = 0; v < row_vectors; ++v) {
         const Lanes t = Lanes::load(transmittance + row * stride + v * lane_count());
-        live = live || !none(t > Lanes(0.0f));
+        live = live || !none(is_open(t));
       }
       if (!live) continue;
       *first = std::min(*first, row);
@@ -88,13 +88,13 @@ HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_be
     const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
     for (int v = 0; v < tile.row_vectors; ++v) {
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
-      const Reach<Lanes> reach = evaluate_reach(shape, pixel_x, pixel_y);
-      if (none(reach.contributes)) continue;
+      const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
+      if (none(footprint.contributes)) continue;
       const int p = row * tile.stride + v * lanes;
-      const Alpha<Lanes> alpha = evaluate_alpha(reach.power);
+      const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
       PixelState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p),
                               Lanes::load(tile.green + p), Lanes::load(tile.blue + p), Lanes::load(tile.depth + p)};
-      const LaneMask accepted = blend_over(pixel, reach.contributes, alpha.alpha, red, green, blue, depth);
+      const LaneMask accepted = blend_over(pixel, footprint.contributes, alpha.alpha, red, green, blue, depth);
       pixel.transmittance.store(tile.transmittance + p);
       pixel.red.store(tile.red + p);
       pixel.green.store(tile.green + p);

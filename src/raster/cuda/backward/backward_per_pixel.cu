@@ -53,18 +53,19 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
       const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
-      const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
-      const bool blended = reach.contributes && end - j <= last;
+      const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
+      const bool blended = footprint.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
       SplatGrad grad{};
       if (blended) {
         const float4 color = colors[j];
         const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
-        const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
-        accumulate(grad, reach, part, g.color.x, g.color.y, g.color.z, g.depth);
+        const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(footprint.power), value);
+        accumulate(grad, footprint, part, g.color.x, g.color.y, g.color.z, g.depth);
       }
-      grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
-              warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
+      grad = {warp_sum(grad.log_alpha), warp_sum(grad.mean_x), warp_sum(grad.mean_y), warp_sum(grad.cov_xx),
+              warp_sum(grad.cov_xy),    warp_sum(grad.cov_yy), warp_sum(grad.red),    warp_sum(grad.green),
+              warp_sum(grad.blue),      warp_sum(grad.depth)};
       if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad);
     }
   }

@@ -180,13 +180,13 @@ __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& arg
       state = {entering.x, entering.y};
     }
     const float2 center = ring.center[slot];
-    const Reach<float> reach = evaluate_reach(shape, center.x, center.y);
-    if (!reach.contributes || own_position > ring.last[slot]) return;
+    const Footprint<float> footprint = evaluate_footprint(shape, center.x, center.y);
+    if (!footprint.contributes || own_position > ring.last[slot]) return;
     const float4 g = ring.color[slot];
     float value = g.x * color.x + g.y * color.y + g.z * color.z;
     if constexpr (kWithDepth) value += g.w * depth;
-    const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
-    accumulate(sum, reach, part, g.x, g.y, g.z, g.w);
+    const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(footprint.power), value);
+    accumulate(sum, footprint, part, g.x, g.y, g.z, g.w);
   };
 
   // Keep at least 32 pixels ahead, then step through all that are there; finally let the last 31 pass the lanes.
@@ -200,7 +200,7 @@ __device__ __forceinline__ void backward_bucket(const BlendBackwardCudaArgs& arg
     for (const int end = produced + kWarpSize - 1; step < end;) advance();
   }
   if (id < 0) return;  // beyond the end of the list
-  if (sum.q == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
+  if (sum.log_alpha == 0 && sum.red == 0 && sum.green == 0 && sum.blue == 0 && sum.depth == 0) return;
   if (args.pair_grads != nullptr) {
     args.pair_grads[blend.bins.pair_slots[first + own_position]] = {sum, {0, 0}};
   } else {

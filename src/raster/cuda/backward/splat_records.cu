@@ -19,7 +19,7 @@ __global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const Spla
     record = args.rank_of_gaussian[i];
     const SplatGrad sum = args.splat_grads[record].sum;
     args.out.records[record] = {sum, static_cast<std::int32_t>(i), args.splats[record].clamped};
-    centre = centre_gradient(Vec2f{sum.q_x, sum.q_y});
+    centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
   }
   args.out.record_of_gaussian[i] = record;
   reinterpret_cast<float2*>(args.out.means2d)[i] = make_float2(centre.x, centre.y);

@@ -177,10 +177,10 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   std::uint32_t own_counts = 0;    // how many, a byte per pixel
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
-    const Reach<float> reach = evaluate_reach(shape, quad.center_x + static_cast<float>(p % kQuadSide),
-                                              quad.center_y + static_cast<float>(p / kQuadSide));
-    power[p] = reach.power;
-    contributing[p] = __ballot_sync(kFullWarp, reach.contributes && has_candidate);
+    const Footprint<float> footprint = evaluate_footprint(shape, quad.center_x + static_cast<float>(p % kQuadSide),
+                                                          quad.center_y + static_cast<float>(p / kQuadSide));
+    power[p] = footprint.power;
+    contributing[p] = __ballot_sync(kFullWarp, footprint.contributes && has_candidate);
     own_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
   }
   if (lane == 0) shared.n_by_warp[warp] = own_counts;

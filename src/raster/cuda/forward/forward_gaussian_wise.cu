@@ -26,10 +26,10 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
     const std::int32_t entry = group + lane_id();
     const std::int32_t id = blend.bins.splat_ids[first + (entry < n ? entry : n - 1)];
     const SplatShape<float> shape = make_splat_shape(load_place(blend.splats, id), load_conic(blend.splats, id));
-    const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
-    const bool contributes = reach.contributes && entry < n;
+    const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
+    const bool contributes = footprint.contributes && entry < n;
     if (!__any_sync(kFullWarp, contributes)) continue;
-    pixel.blend({contributes, reach.power, entry}, [&] {
+    pixel.blend({contributes, footprint.power, entry}, [&] {
       const float4 color = load_color(blend.splats, id).v;
       return make_float4(color.x, color.y, color.z, __ldg(&blend.splats[id].depth));
     });

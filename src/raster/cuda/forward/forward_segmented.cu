@@ -172,12 +172,12 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   if (own.index > own.first) {
     segments.before[pixel_of_segment] = 1;
     const float bound = transmittance_bound<kThreads>(segments, own, at.index);  // uses votes: all lanes must call it
-    is_alive = is_alive && bound >= kTransmittanceMin;
+    is_alive = is_alive && !is_saturated(bound);
     is_any_alive = __syncthreads_or(is_alive) != 0;
   }
 
   // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
-  PixelState<float> pixel{is_alive ? 1.0f : -1.0f, 0, 0, 0, 0};
+  PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
   const std::int32_t last = is_any_alive ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
   if (own.first < 0) {
     if (at.inside) store_pixel(blend, at, pixel, last);
@@ -233,7 +233,7 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
       // With transmittance 1 in front, the segment was blended exactly as it should be. Otherwise, if the product falls
       // below the minimum, or the segment alone finishes the pixel (negative), it has to be blended again.
       const bool is_exact = before == 1;
-      if (behind < kTransmittanceMin && !is_exact) {
+      if (is_saturated(behind) && !is_exact) {
         segments.before[to] = -before;
         segments.color_depth[to] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
         segments.last[to] = last;
@@ -243,7 +243,7 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
       pixel = {behind, pixel.red + before * color_depth[k].x, pixel.green + before * color_depth[k].y,
                pixel.blue + before * color_depth[k].z, pixel.depth + before * color_depth[k].w};
       if (last_of_segment[k] >= 0) last = last_of_segment[k];
-      if (behind < 0) {
+      if (is_finished(behind)) {
         store_pixel(args.blend, at, pixel, last);
         return;
       }

@@ -15,7 +15,7 @@ __global__ void __launch_bounds__(kThreads) forward_shared_memory_kernel(const B
   const BlendForwardArgs& blend = args.blend;
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const TilePixel at = staged_pixel(blend.grid, tile);
-  PixelState<float> pixel{at.inside ? 1.0f : -1.0f, 0, 0, 0, 0};  // outside the image: starts as finished
+  PixelState<float> pixel{at.inside ? 1.0f : kClosedPixel, 0, 0, 0, 0};
   const std::int32_t last = blend_staged(args, batches, tile, {0, list_length(blend.bins, tile)}, at, pixel);
   if (at.inside) store_pixel(blend, at, pixel, last);
 }

@@ -57,7 +57,7 @@ class GaussianWisePixel {
     float before = __shfl_up_sync(kFullWarp, after, 1);
     if (lane == 0) before = transmittance_;
     // The first lane that would bring the transmittance below the minimum finishes the pixel.
-    const unsigned saturating = __ballot_sync(kFullWarp, splat.contributes && after < kTransmittanceMin);
+    const unsigned saturating = __ballot_sync(kFullWarp, splat.contributes && is_saturated(after));
     const int stop = saturating != 0 ? __ffs(saturating) - 1 : kWarpSize;
     const bool accepted = splat.contributes && lane < stop;
     PixelState<float> own{after, 0, 0, 0, 0};

@@ -50,9 +50,9 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       for (int j = bucket; j < bucket_end; ++j) {
         const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
-        const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
-        if (!reach.contributes) continue;
-        const float alpha = evaluate_alpha(reach.power).alpha;
+        const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+        if (!footprint.contributes) continue;
+        const float alpha = evaluate_alpha(footprint.power).alpha;
         const float4 color = load_color(blend.splats, batch.id[j]).v;
         const float depth = __ldg(&blend.splats[batch.id[j]].depth);
         done = !blend_over(part, true, alpha, color.x, color.y, color.z, depth);

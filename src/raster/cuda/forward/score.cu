@@ -57,28 +57,29 @@ __global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
       at.inside ? clamp_error(args.error[static_cast<std::int64_t>(at.y) * args.grid.image_width + at.x]) : 0.0f;
   const std::int64_t first = args.bins.tile_offsets[tile], last = args.bins.tile_offsets[tile + 1];
 
-  float transmittance = at.inside ? 1.0f : -1.0f;  // outside the image: starts as finished
-  std::int32_t own_id = -1;                        // splat that this thread has staged
+  float transmittance = at.inside ? 1.0f : kClosedPixel;
+  std::int32_t own_id = -1;  // splat that this thread has staged
   for (std::int64_t start = first;; start += kThreads) {
     // All threads have finished with the previous batch.
-    const bool is_finished = __syncthreads_count(transmittance < 0) == kThreads;
+    const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads;
     if (own_id >= 0) batch.add_to(args.sums + own_id);
-    if (is_finished || start >= last) break;
+    if (is_done || start >= last) break;
     own_id = start + threadIdx.x < last ? args.bins.splat_ids[start + threadIdx.x] : -1;
     if (own_id >= 0) batch.stage(args, own_id);
     __syncthreads();  // the batch is complete
 
     const int count = static_cast<int>(last - start < kThreads ? last - start : kThreads);
     for (int bucket = 0; bucket < count; bucket += kWarpSize) {
-      if (!__any_sync(kFullWarp, transmittance > 0)) break;
+      if (!__any_sync(kFullWarp, is_open(transmittance))) break;
       const int own = bucket + lane_id();
       const bool reaches =
           own < count && reaches_sub_tile(batch.place[own].x, batch.place[own].y, batch.extent[own], left, top);
       for (unsigned chosen = __ballot_sync(kFullWarp, reaches); chosen != 0; chosen &= chosen - 1) {
         const int j = bucket + __ffs(static_cast<int>(chosen)) - 1;
         const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
-        const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
-        const float weight = blend_weight_over(transmittance, reach.contributes, evaluate_alpha(reach.power).alpha);
+        const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+        const float weight =
+            blend_weight_over(transmittance, footprint.contributes, evaluate_alpha(footprint.power).alpha);
         if (!__any_sync(kFullWarp, weight > 0)) continue;
         const unsigned weights = warp_sum(score_units(weight)), errors = warp_sum(score_units(weight * error));
         const int max_weight = warp_max(__float_as_int(weight));

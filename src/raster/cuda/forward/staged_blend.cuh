@@ -65,9 +65,9 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
       places[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
       chosen &= chosen - 1;
       const SplatShape<float> shape = make_splat_shape({batch.place[places[k]]}, {batch.conic[places[k]]});
-      const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
-      contributes[k] = reach.contributes && is_chosen;
-      alpha[k] = evaluate_alpha(reach.power).alpha;
+      const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+      contributes[k] = footprint.contributes && is_chosen;
+      alpha[k] = evaluate_alpha(footprint.power).alpha;
     }
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
@@ -102,7 +102,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
   for (std::int32_t start = 0; start < n; start += kThreads) {
     __pipeline_wait_prior(0);
     // The one barrier per batch: this batch is complete, and all threads have finished with the previous one.
-    if (__syncthreads_count(pixel.transmittance < 0) == kThreads) break;
+    if (__syncthreads_count(is_finished(pixel.transmittance)) == kThreads) break;
     const Batch<kThreads>& batch = batches[start / kThreads % 2];
     if (start + kThreads + thread < n) batches[(start / kThreads + 1) % 2].copy(blend, next_id);
     __pipeline_commit();
@@ -110,7 +110,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
 
     const int count = n - start < kThreads ? n - start : kThreads;
     for (int bucket = 0; bucket < count; bucket += kWarpSize) {
-      const bool is_alive = pixel.transmittance > 0;
+      const bool is_alive = is_open(pixel.transmittance);
       if (!__any_sync(kFullWarp, is_alive)) break;
       // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
       const int own = bucket + lane_id();
