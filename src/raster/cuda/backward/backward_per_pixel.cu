@@ -17,7 +17,7 @@ namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
-  __shared__ float4 places[kThreads], conics[kThreads], colors[kThreads];
+  __shared__ float4 means[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
   __shared__ std::int32_t tile_last;
   const BlendBackwardArgs& blend = args.blend;
@@ -45,21 +45,21 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     if (entry >= 0) {
       const std::int32_t id = blend.bins.splat_ids[first + entry];
       ids[threadIdx.x] = id;
-      places[threadIdx.x] = load_place(blend.splats, id).v;
+      means[threadIdx.x] = load_mean(blend.splats, id).v;
       conics[threadIdx.x] = load_conic(blend.splats, id).v;
       colors[threadIdx.x] = load_color(blend.splats, id).v;
     }
     __syncthreads();  // the batch is complete
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
-      const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
+      const SplatShape<float> shape = make_splat_shape({means[j]}, {conics[j]});
       const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
       const bool blended = footprint.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
       SplatGrad grad{};
       if (blended) {
         const float4 color = colors[j];
-        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
+        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * means[j].w;
         const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(footprint.power), value);
         accumulate(grad, footprint, part, g.color.x, g.color.y, g.color.z, g.depth);
       }

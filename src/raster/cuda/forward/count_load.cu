@@ -17,7 +17,7 @@ __global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArg
   const std::int64_t last = args.bins.tile_offsets[tile + 1];
   for (std::int64_t i = args.bins.tile_offsets[tile]; i < last; ++i) {
     const std::int32_t id = args.bins.splat_ids[i];
-    const SplatShape<float> shape = make_splat_shape(load_place(args.splats, id), load_conic(args.splats, id));
+    const SplatShape<float> shape = make_splat_shape(load_mean(args.splats, id), load_conic(args.splats, id));
     if (!count_entry(load, shape, at.center_x(), at.center_y())) break;
   }
   const std::int64_t pixel = static_cast<std::int64_t>(at.y) * args.grid.image_width + at.x;

@@ -81,10 +81,10 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   TileRows rows{};
   if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
-    const float4 place = load_place(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
-    const Splat splat{place.x, place.y, place.z, place.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
+    const float4 mean = load_mean(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
+    const Splat splat{mean.x, mean.y, mean.z, mean.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
     // Below opacity 1/255 a splat contributes nowhere, and its ellipse is not defined (Culling::kSquare lists it).
-    if (place.z >= kLog2AlphaMin) {
+    if (mean.z >= kLog2AlphaMin) {
       rows = tile_rows(make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape), Culling::kEllipse,
                        splat, blend.extents[id], 0);
     }
@@ -161,17 +161,17 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   const int lane = lane_id(), warp = static_cast<int>(threadIdx.x) / kWarpSize;
   const bool has_candidate = candidate >= 0;
   std::int32_t position = 0;
-  SplatPlace place{};
+  SplatMean mean{};
   SplatConic conic{};
   SplatColor color{};
   if (has_candidate) {
     position = shared.candidates[candidate];
     const std::int32_t id = __ldg(quad.ids + position);
-    place = load_place(quad.splats, id);
+    mean = load_mean(quad.splats, id);
     conic = load_conic(quad.splats, id);
     color = load_color(quad.splats, id);
   }
-  const SplatShape<float> shape = make_splat_shape(place, conic);
+  const SplatShape<float> shape = make_splat_shape(mean, conic);
   float power[kPixels];
   unsigned contributing[kPixels];  // lanes whose splat contributes to each pixel
   std::uint32_t own_counts = 0;    // how many, a byte per pixel
@@ -199,7 +199,7 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
     if ((contributing[p] >> lane & 1) != 0) {
       const int rank = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
       const int slot = wrapped(ends.place[p] + rank);
-      shared.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
+      shared.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, mean.v.w);
       shared.power[p][slot] = power[p];
       shared.position[p][slot] = position;
     }

@@ -25,7 +25,7 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
   for (std::int32_t group = 0; group < n && !pixel.is_finished(); group += kWarpSize) {
     const std::int32_t entry = group + lane_id();
     const std::int32_t id = blend.bins.splat_ids[first + (entry < n ? entry : n - 1)];
-    const SplatShape<float> shape = make_splat_shape(load_place(blend.splats, id), load_conic(blend.splats, id));
+    const SplatShape<float> shape = make_splat_shape(load_mean(blend.splats, id), load_conic(blend.splats, id));
     const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
     const bool contributes = footprint.contributes && entry < n;
     if (!__any_sync(kFullWarp, contributes)) continue;

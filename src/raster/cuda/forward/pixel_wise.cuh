@@ -15,7 +15,7 @@ namespace b3dgs::cuda {
 /// A batch of splats in shared memory, one per thread of the block.
 template <int kThreads>
 struct StagedBatch {
-  float4 place[kThreads];
+  float4 mean[kThreads];
   float4 conic[kThreads];
   std::int32_t id[kThreads];
 };
@@ -38,7 +38,7 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
     if (start + threadIdx.x < last) {
       const std::int32_t id = blend.bins.splat_ids[start + threadIdx.x];
       batch.id[threadIdx.x] = id;
-      batch.place[threadIdx.x] = load_place(blend.splats, id).v;
+      batch.mean[threadIdx.x] = load_mean(blend.splats, id).v;
       batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
     }
     __syncthreads();  // the batch is complete
@@ -49,7 +49,7 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
       const int bucket_end = bucket + kWarpSize < n ? bucket + kWarpSize : n;
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       for (int j = bucket; j < bucket_end; ++j) {
-        const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
+        const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
         const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
         if (!footprint.contributes) continue;
         const float alpha = evaluate_alpha(footprint.power).alpha;

@@ -24,14 +24,14 @@ constexpr int kAddThreads = 256;
 template <int kThreads>
 struct ScoredBatch {
   static_assert(std::uint64_t{kThreads} * kScoreMax < std::uint64_t{1} << 32, "a tile's sums fit into 32 bits");
-  float4 place[kThreads];
+  float4 mean[kThreads];
   float4 conic[kThreads];
   float2 extent[kThreads];
   unsigned error[kThreads], weight[kThreads];
   int max_weight[kThreads];  // bits of a float, which compare like it: weights are not negative
 
   __device__ __forceinline__ void stage(const ScoreArgs& args, std::int32_t id) {
-    place[threadIdx.x] = load_place(args.splats, id).v;
+    mean[threadIdx.x] = load_mean(args.splats, id).v;
     conic[threadIdx.x] = load_conic(args.splats, id).v;
     extent[threadIdx.x] = __ldg(reinterpret_cast<const float2*>(args.extents) + id);
     error[threadIdx.x] = weight[threadIdx.x] = 0;
@@ -73,10 +73,10 @@ __global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
       if (!__any_sync(kFullWarp, is_open(transmittance))) break;
       const int own = bucket + lane_id();
       const bool reaches =
-          own < count && reaches_sub_tile(batch.place[own].x, batch.place[own].y, batch.extent[own], left, top);
+          own < count && reaches_sub_tile(batch.mean[own].x, batch.mean[own].y, batch.extent[own], left, top);
       for (unsigned chosen = __ballot_sync(kFullWarp, reaches); chosen != 0; chosen &= chosen - 1) {
         const int j = bucket + __ffs(static_cast<int>(chosen)) - 1;
-        const SplatShape<float> shape = make_splat_shape({batch.place[j]}, {batch.conic[j]});
+        const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
         const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
         const float weight =
             blend_weight_over(transmittance, footprint.contributes, evaluate_alpha(footprint.power).alpha);

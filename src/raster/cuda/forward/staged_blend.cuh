@@ -19,7 +19,7 @@ namespace b3dgs::cuda {
 /// A batch of splats in shared memory, one per thread of the block.
 template <int kThreads>
 struct Batch {
-  float4 place[kThreads];
+  float4 mean[kThreads];
   float4 conic[kThreads];
   float4 color[kThreads];
   float2 extent[kThreads];
@@ -27,7 +27,7 @@ struct Batch {
   /// Starts copying a splat to this thread's entry.
   __device__ __forceinline__ void copy(const BlendForwardArgs& blend, std::int32_t id) {
     const auto* const words = reinterpret_cast<const float4*>(blend.splats + id);
-    __pipeline_memcpy_async(place + threadIdx.x, words, sizeof(float4));
+    __pipeline_memcpy_async(mean + threadIdx.x, words, sizeof(float4));
     __pipeline_memcpy_async(conic + threadIdx.x, words + 1, sizeof(float4));
     __pipeline_memcpy_async(color + threadIdx.x, words + 2, sizeof(float4));
     __pipeline_memcpy_async(extent + threadIdx.x, blend.extents + id, sizeof(float2));
@@ -64,7 +64,7 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
       const bool is_chosen = chosen != 0;
       places[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
       chosen &= chosen - 1;
-      const SplatShape<float> shape = make_splat_shape({batch.place[places[k]]}, {batch.conic[places[k]]});
+      const SplatShape<float> shape = make_splat_shape({batch.mean[places[k]]}, {batch.conic[places[k]]});
       const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
       contributes[k] = footprint.contributes && is_chosen;
       alpha[k] = evaluate_alpha(footprint.power).alpha;
@@ -72,7 +72,7 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const float4 color = batch.color[places[k]];
-      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.place[places[k]].w)) {
+      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.mean[places[k]].w)) {
         last = places[k];
       }
     }
@@ -115,7 +115,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
       // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
       const int own = bucket + lane_id();
       const bool reaches =
-          own < count && reaches_sub_tile(batch.place[own].x, batch.place[own].y, batch.extent[own], left, top);
+          own < count && reaches_sub_tile(batch.mean[own].x, batch.mean[own].y, batch.extent[own], left, top);
       const unsigned chosen = __ballot_sync(kFullWarp, reaches);
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       const int last = blend_chosen(batch, bucket, chosen, center_x, center_y, part);
