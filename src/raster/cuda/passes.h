@@ -176,7 +176,7 @@ struct BlendForwardCudaArgs {
   Buckets buckets{};
   BucketParts parts{};
   std::int32_t* next_task = nullptr;    // [1] task counter, 0 at the start
-  std::uint32_t* quad_words = nullptr;  // [n_buckets_max, quads of a tile] scratch of `combined`
+  std::uint32_t* quad_masks = nullptr;  // [n_buckets_max, quads of a tile] scratch of `combined`
   Segments segments{};
 };
 

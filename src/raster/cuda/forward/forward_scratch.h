@@ -16,7 +16,7 @@ class ForwardScratch {
     args.next_task = next_task_.resize(1, context);
     if (kernel == ForwardKernel::kCombined) {
       scratch.allocate(context, [&](ScratchArrays& arrays) {
-        args.quad_words = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / kQuadPixels);
+        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / kQuadPixels);
       });
     }
     if (kernel == ForwardKernel::kSegmented) {
