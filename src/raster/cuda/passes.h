@@ -131,6 +131,21 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuf
 /// Second part of binning, after list_seen(). Pairs are sorted in `scratch`; the result does not use it.
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
+/// For a pixel and a segment of its list: the transmittance in front of the segment, by which the segment's bucket
+/// parts are to be multiplied. A pixel whose list has four segments and which finishes in the third:
+///
+///     segment                 0           1           2            3
+///     transmittance      1 ------> 0.5 -----> 0.01 -----> finished
+///     forward_segmented                   1           1            1    its parts begin at transmittance 1
+///     join_segments           1          0.5       -0.01           1    -: to be blended again from 0.01
+///     end_pixels              1          0.5          1            1    that was done: its parts are now absolute
+struct SegmentFront {
+  float value;
+  static B3DGS_HD SegmentFront blend_again_from(float transmittance) { return {-transmittance}; }
+  B3DGS_HD bool is_to_blend_again() const { return value < 0; }
+  B3DGS_HD float transmittance_to_blend_from() const { return -value; }
+};
+
 /// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
 /// sum of parts. As a difference of two running sums it would lose accuracy where it is small.
@@ -141,7 +156,7 @@ struct BucketParts {
   float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
   // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is cut.
-  const float* before_segment = nullptr;                // Segments::before
+  const SegmentFront* segment_fronts = nullptr;         // Segments::fronts
 };
 
 /// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
@@ -162,13 +177,12 @@ struct Segments {
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] index of the first segment, -1 if the list is not cut
   std::int32_t* is_done = nullptr;        // [n] 1 as soon as the segment is blended
   // All [n, pixels of a tile row by row]:
-  // Transmittance in front of the segment; 1 if the pixel finishes in the segment or before it. Between join_segments
-  // and end_pixels: negated if the pixel finishes in the segment; `color_depth` and `last` then hold the state in front
-  // of it.
-  float* before = nullptr;
-  float* transmittance = nullptr;  // of the segment alone, negated if it finishes the pixel
-  float4* color_depth = nullptr;   // what it adds to a pixel whose transmittance is 1
-  std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
+  SegmentFront* fronts = nullptr;
+  float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel
+  // What it adds to a pixel whose transmittance is 1; position in the list of the last splat blended, or -1. If the
+  // segment is to be blended again: colour, depth and last splat in front of it.
+  float4* color_depth = nullptr;
+  std::int32_t* last = nullptr;
 };
 
 struct BlendForwardCudaArgs {

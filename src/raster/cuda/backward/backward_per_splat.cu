@@ -45,15 +45,15 @@ class TransmittanceBefore {
   __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile,
                                                  std::int32_t pixel_index) {
     const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
-    if (first >= 0) before_ = parts.before_segment + std::int64_t{first} * kTilePixels + pixel_index;
+    if (first >= 0) fronts_ = parts.segment_fronts + std::int64_t{first} * kTilePixels + pixel_index;
   }
   __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
     constexpr int kBuckets = kSegmentEntries / kWarpSize;
-    return before_ != nullptr ? __ldg(before_ + std::int64_t{bucket / kBuckets} * kTilePixels) : 1.0f;
+    return fronts_ != nullptr ? __ldg(&fronts_[std::int64_t{bucket / kBuckets} * kTilePixels].value) : 1.0f;
   }
 
  private:
-  const float* before_ = nullptr;  // null if the list is not cut
+  const SegmentFront* fronts_ = nullptr;  // null if the list is not cut
 };
 
 /// Sum of weight * value (blend.h) over a bucket's splats at a pixel: dot(dL/dcolour, colour part) + depth term.

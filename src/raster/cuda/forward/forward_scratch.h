@@ -27,7 +27,7 @@ class ForwardScratch {
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
       segments.n_tasks = args.next_task;
       segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
-      segments.before = before_.resize(n_pixels, context);
+      segments.fronts = fronts_.resize(n_pixels, context);
       scratch.allocate(context, [&](ScratchArrays& arrays) {
         segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
         segments.is_done = arrays.take<std::int32_t>(n);
@@ -40,12 +40,12 @@ class ForwardScratch {
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(next_task_), visit(first_of_tile_), visit(before_);
+    visit(next_task_), visit(first_of_tile_), visit(fronts_);
   }
 
  private:
   DeviceBuffer<std::int32_t> next_task_, first_of_tile_;
-  DeviceBuffer<float> before_;
+  DeviceBuffer<SegmentFront> fronts_;
 };
 
 /// The bucket parts that a forward pass with these arguments has stored for the backward pass.
@@ -53,7 +53,7 @@ inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs&
   BucketParts parts = args.parts;
   if (kernel == ForwardKernel::kSegmented) {
     parts.first_segment_of_tile = args.segments.first_of_tile;
-    parts.before_segment = args.segments.before;
+    parts.segment_fronts = args.segments.fronts;
   }
   return parts;
 }
