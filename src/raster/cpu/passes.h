@@ -23,7 +23,12 @@ struct BinBuffers {
 /// @throws NumericError naming the widest Gaussian if there are too many pairs, before memory is taken for them
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit = {});
 
-/// Runs one of the kernels of forward/forward_table.h.
+/// The forward kernels: blend_forward_naive(), ...
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) void blend_forward_##id(const BlendForwardArgs& args);
+B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+
+/// Runs one of them.
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
 
 void count_load(const CountLoadArgs& args);

@@ -9,7 +9,6 @@
 #include "core/parallel.h"
 #include "raster/args_check.h"
 #include "raster/cpu/buffer.h"
-#include "raster/cpu/forward/forward_table.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/inverse_depth.h"
 #include "raster/math/tiling.h"
@@ -18,7 +17,13 @@
 namespace b3dgs::cpu {
 
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args) {
-  kForwardTable[static_cast<std::size_t>(kernel)].blend(args);
+  switch (kernel) {
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  case ForwardKernel::kernel:                             \
+    return blend_forward_##id(args);
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+  }
 }
 
 namespace {
