@@ -13,6 +13,10 @@
 
 namespace b3dgs {
 
+namespace cuda {
+class ColorPass;  // cuda/passes.h
+}
+
 /// One pinhole view. Camera frame: +x right, +y down, +z forward; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
 struct PinholeView {
   Mat3f rotation;              // world to camera: x_camera = rotation x_world + translation
@@ -67,13 +71,14 @@ struct RenderSettings {
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
-  bool deterministic = false;       // on CUDA: sum gradients in a fixed order; the CPU always does
-  bool antialiasing = false;        // see antialiasing.h
-  bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
-  bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
-  bool inverse_depth = false;       // the depth image is the sum of weight over camera-space z, 1 / world units
-  bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
-  StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
+  bool deterministic = false;             // on CUDA: sum gradients in a fixed order; the CPU always does
+  bool antialiasing = false;              // see antialiasing.h
+  bool keep_for_backward = true;          // false saves memory and time if backward() will not be called
+  bool depth_gradient = true;             // false saves GPU memory if no gradient with respect to depth follows
+  bool inverse_depth = false;             // the depth image is the sum of weight over camera-space z, 1 / world units
+  bool camera_gradient = false;           // backward() also computes the gradient with respect to the camera's pose
+  StageRecorder* stages = nullptr;        // notified when a stage begins; may be null
+  cuda::ColorPass* color_pass = nullptr;  // on CUDA: computes the splats' colours; null: the projection does
 };
 
 /// Numbers of a gradient with respect to the camera's pose (math/camera_grad.h): rotation, then translation.

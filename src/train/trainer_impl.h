@@ -20,7 +20,7 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "dist/communicator.h"
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "scene/view_image.h"
 #include "train/appearance/appearance_model.h"
 #include "train/checkpoint/train_state.h"

@@ -1,7 +1,7 @@
 // Views split at the splats: projected in one rasterizer, drawn in another, and summed by the owner of the Gaussians.
 #include <gtest/gtest.h>
 
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "raster/torch/splat_owner.h"
 #include "support/expect_error.h"
 #include "support/raster/hostile_scenes.h"

@@ -14,7 +14,6 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/cpu/rasterize_cpu.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();

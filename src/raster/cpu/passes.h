@@ -1,15 +1,22 @@
-// The passes of the CPU rasterizer, each a function of its arguments. rasterize_cpu.cpp calls them in this order.
+// The CPU rasterizer, and its passes, each a function of its arguments, in the order in which the rasterizer calls
+// them.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
 #include "raster/args.h"
+#include "raster/checks.h"
 #include "raster/cpu/buffer.h"
-#include "raster/pair_limit.h"
-#include "raster/splat_records.h"
+#include "raster/rasterizer_backend.h"
 #include "raster/splat_rows.h"
 
 namespace b3dgs::cpu {
+
+/// Largest tile side that the CPU kernels support, px.
+inline constexpr int kMaxTileSide = 32;
+
+std::unique_ptr<RasterizerBackend> make_rasterizer();
 
 /// Returns M, the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian
 std::int64_t project(const ProjectArgs& args);

@@ -7,7 +7,6 @@
 #include "raster/cpu/passes.h"
 #include "raster/cpu/slot_sums.h"
 #include "raster/math/gaussian_grad.h"
-#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/sh.h"
 

@@ -1,13 +1,19 @@
-// The passes of the CUDA rasterizer and their arguments. Each pass is queued on context.stream and does not wait for
+// The CUDA rasterizer, and its passes and their arguments. Each pass is queued on context.stream and does not wait for
 // the device. rasterize_cuda.cpp calls them.
 #pragma once
 
+#include <functional>
+#include <memory>
+
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
-#include "raster/splat_records.h"
+#include "raster/rasterizer_backend.h"
 #include "raster/splat_rows.h"
 
 namespace b3dgs::cuda {
+
+/// A rasterizer that calls `context` for the stream and the memory of each pass.
+std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()> context);
 
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {

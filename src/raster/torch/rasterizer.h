@@ -12,6 +12,10 @@
 
 namespace b3dgs {
 
+namespace cuda {
+struct ProjectBackwardCudaArgs;  // raster/cuda/passes.h
+}
+
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
   torch::Tensor color;  // [H, W, 3] RGB, not clamped
@@ -84,6 +88,12 @@ class Rasterizer {
   /// or of another shape are allocated.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
 
+  /// The blending half of backward(), on a GPU. `rest` receives the arguments of the other half, the backward
+  /// projection, for a kernel that uses each Gaussian's gradient without storing it. Its only gradient array is
+  /// means2d, the one in the returned statistics, which that kernel must write. @throws LogicError before any forward()
+  ViewStatistics backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                cuda::ProjectBackwardCudaArgs& rest);
+
   /// backward() up to the splats, whose sums are written to `out`, so that the backward projection can follow after
   /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
   ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
@@ -148,7 +158,6 @@ class Rasterizer {
   void score(const torch::Tensor& error, const GaussianScores& scores);
 
  private:
-  friend class FusedStep;  // fused_step.h
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

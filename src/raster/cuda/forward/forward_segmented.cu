@@ -29,7 +29,7 @@
 #include <cub/block/block_scan.cuh>
 #include <cuda/atomic>
 
-#include "raster/args_check.h"
+#include "raster/checks.h"
 #include "raster/cuda/forward/forward_table.h"
 #include "raster/cuda/forward/staged_blend.cuh"
 #include "raster/cuda/launch.cuh"
