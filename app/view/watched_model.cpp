@@ -2,7 +2,7 @@
 
 #include "app/view/viewed_scene.h"
 #include "core/check.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 
 namespace b3dgs {
 

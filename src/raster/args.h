@@ -6,9 +6,8 @@
 #include <cstdint>
 
 #include "core/vec.h"
-#include "raster/backward_kernel.h"
 #include "raster/constants.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 #include "raster/stages.h"
 
 namespace b3dgs {
@@ -81,7 +80,7 @@ struct RenderSettings {
   cuda::ColorPass* color_pass = nullptr;  // on CUDA: computes the splats' colours; null: the projection does
 };
 
-/// Numbers of a gradient with respect to the camera's pose (math/camera_grad.h): rotation, then translation.
+/// Numbers of a gradient with respect to the camera's pose (math/gaussian_grad.h): rotation, then translation.
 inline constexpr int kCameraGradients = 6;
 
 /// The rendered view.
@@ -206,7 +205,7 @@ struct BlendBackwardArgs {
 };
 
 /// Sums over the pixels of a view, and what they are added to. Fixed point, so that a sum does not depend on the order
-/// of its terms: units of 2^-24 (math/pixel_score.h), which 64 bits hold for 2^40 pixels.
+/// of its terms: units of 2^-24 (math/pixel_outputs.h), which 64 bits hold for 2^40 pixels.
 struct ScoreSums {
   std::uint64_t error, weight;
   float max_weight;

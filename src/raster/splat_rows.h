@@ -58,7 +58,7 @@ struct CameraPartsView {
   bool antialiasing = false;
 };
 
-/// What each splat adds to the gradient with respect to the camera's pose (math/camera_grad.h).
+/// What each splat adds to the gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraPartsArgs {
   CameraPartsView of{};
   std::int64_t n_splats = 0;           // M

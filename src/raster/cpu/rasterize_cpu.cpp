@@ -7,7 +7,7 @@
 #include "core/parallel.h"
 #include "raster/checks.h"
 #include "raster/cpu/passes.h"
-#include "raster/math/inverse_depth.h"
+#include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/rasterizer_backend.h"
 

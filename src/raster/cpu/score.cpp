@@ -14,7 +14,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/math/pixel_score.h"
+#include "raster/math/pixel_outputs.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();

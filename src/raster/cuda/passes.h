@@ -226,7 +226,7 @@ struct SumSplatGradsArgs {
 };
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
-/// For RenderSettings::inverse_depth (math/inverse_depth.h): after binning, and after the backward blend.
+/// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend.
 void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context);
 void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
                             const LaunchContext& context);
@@ -270,7 +270,7 @@ void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatG
                    const LaunchContext& context);
 void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row, const LaunchContext& context);
 
-/// Gradient with respect to the camera's pose (math/camera_grad.h).
+/// Gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraGradientArgs {
   ProjectBackwardCudaArgs backward{};  // its `grad` is not used
   std::int64_t n_splats = 0;           // M

@@ -6,10 +6,8 @@
 #include <vector>
 
 #include "raster/checks.h"
-#include "raster/cuda/backward/backward_table.h"
-#include "raster/cuda/forward/forward_scratch.h"
-#include "raster/cuda/forward/forward_table.h"
-#include "raster/cuda/host_wait.h"
+#include "raster/cuda/blend_kernels.h"
+#include "raster/cuda/device_buffer.h"
 #include "raster/cuda/passes.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"

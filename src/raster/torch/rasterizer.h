@@ -32,8 +32,8 @@ struct RenderedViewGrad {
 struct ViewStatistics {
   torch::Tensor means2d_grad;  // [N, 2] gradient of the loss with respect to the projected centre, 1/px
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
-  // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/camera_grad.h): rotation
-  // (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
+  // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/gaussian_grad.h):
+  // rotation (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
   // camera_gradient.
   torch::Tensor camera_grad;
 };

@@ -7,8 +7,8 @@
 //     Sums of different warps arrive in any order, so results differ in rounding from run to run.
 //   Barriers: two at the start, two per batch.
 
-#include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -82,10 +82,7 @@ void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchCo
 }
 
 KernelResources backward_per_pixel_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(backward_per_pixel_kernel<pixels.value>, pixels.value); });
-  return resources;
+  return tile_kernel_resources(tile, [](auto pixels) { return backward_per_pixel_kernel<pixels.value>; });
 }
 
 }  // namespace b3dgs::cuda

@@ -14,8 +14,8 @@
 //   Pixels that finished before the bucket, and sub-tiles of 8 x 4 pixels that no splat of it reaches, are left out.
 //   Shared memory: a ring of 128 pixels per warp. Barriers: only within the warp, around writes to the ring.
 
-#include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -266,11 +266,8 @@ void launch_backward_per_splat(const BlendBackwardCudaArgs& args, const LaunchCo
 }
 
 KernelResources backward_per_splat_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(backward_per_splat_kernel<pixels.value, false>, kWarps * kWarpSize);
-  });
-  return resources;
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return backward_per_splat_kernel<pixels.value, false>; }, kWarps * kWarpSize);
 }
 
 }  // namespace b3dgs::cuda

@@ -27,7 +27,7 @@
 //     QuadMemory may be overwritten.
 //   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -343,11 +343,8 @@ void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchConte
 }
 
 KernelResources forward_combined_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads);
-  });
-  return resources;
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_combined_kernel<pixels.value, KeptParts::kNone>; }, kThreads);
 }
 
 }  // namespace b3dgs::cuda

@@ -7,7 +7,7 @@
 //     the block of the most crowded tile still runs longest.
 //   Saved for the backward pass: final transmittance, last splat, and bucket parts.
 
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -60,11 +60,8 @@ void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const Launch
 }
 
 KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, KeptParts::kNone>, pixels.value);
-  });
-  return resources;
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_gaussian_wise_kernel<pixels.value, KeptParts::kNone>; });
 }
 
 }  // namespace b3dgs::cuda

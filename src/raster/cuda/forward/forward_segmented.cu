@@ -30,7 +30,7 @@
 #include <cuda/atomic>
 
 #include "raster/checks.h"
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/staged_blend.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -306,10 +306,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
 }
 
 KernelResources forward_segmented_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(forward_segmented_kernel<pixels.value>, pixels.value); });
-  return resources;
+  return tile_kernel_resources(tile, [](auto pixels) { return forward_segmented_kernel<pixels.value>; });
 }
 
 }  // namespace b3dgs::cuda

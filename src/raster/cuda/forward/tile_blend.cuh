@@ -4,7 +4,7 @@
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/blend.h"
-#include "raster/math/store_pixel.h"
+#include "raster/math/pixel_outputs.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {

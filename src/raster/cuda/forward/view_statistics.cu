@@ -1,6 +1,9 @@
-// Scoring.
+// What a rendered view says about its load and its Gaussians.
 //
-// Kernel 1, score: sums for each splat.
+// Load counting, count_load. Grid: a block per tile; thread: one pixel; lists are read from global memory without staging.
+// Training calls it only for its statistics, so it does not have to be fast.
+//
+// Scoring, kernel 1, score: sums for each splat.
 //   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
 //   Stage: each thread loads one splat of the batch to shared memory, and zeroes its sums there.
 //   Cull: for every bucket (32 staged splats) a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
@@ -9,16 +12,35 @@
 //   Barriers: two per batch. After the first, each thread adds the block's sums of its splat to memory: an integer
 //     atomic per sum, tile and splat. Integers add up to the same sum in any order.
 //
-// Kernel 2, add_scores: a thread per splat adds its sums to its Gaussian's.
+// Scoring, kernel 2, add_scores: a thread per splat adds its sums to its Gaussian's.
 
+#include "core/cuda_rows.cuh"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
-#include "raster/math/pixel_score.h"
+#include "raster/math/pixel_load.h"
+#include "raster/math/pixel_outputs.h"
 
 namespace b3dgs::cuda {
 namespace {
 
 constexpr int kAddThreads = 256;
+
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArgs args) {
+  const auto tile = static_cast<std::int32_t>(blockIdx.x);
+  const TilePixel at = tile_pixel(args.grid, tile, static_cast<std::int32_t>(threadIdx.x));
+  if (!at.inside) return;
+  PixelLoad load;
+  const std::int64_t last = args.bins.tile_offsets[tile + 1];
+  for (std::int64_t i = args.bins.tile_offsets[tile]; i < last; ++i) {
+    const std::int32_t id = args.bins.splat_ids[i];
+    const SplatShape<float> shape = make_splat_shape(load_mean(args.splats, id), load_conic(args.splats, id));
+    if (!count_entry(load, shape, at.center_x(), at.center_y())) break;
+  }
+  const std::int64_t pixel = static_cast<std::int64_t>(at.y) * args.grid.image_width + at.x;
+  args.processed[pixel] = load.processed;
+  args.contributing[pixel] = load.contributing;
+}
 
 /// A batch of splats in shared memory, one per thread of the block, and what the block's pixels add up for them.
 template <int kThreads>
@@ -94,11 +116,18 @@ __global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
 }
 
 __global__ void __launch_bounds__(kAddThreads) add_scores_kernel(const AddScoresArgs args) {
-  const std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kAddThreads + threadIdx.x;
+  const std::int64_t m = own_row<kAddThreads>();
   if (m < args.n_splats) b3dgs::add_scores(args.sums[m], args.out, args.splats[m].gaussian);
 }
 
 }  // namespace
+
+void count_load(const CountLoadArgs& args, const LaunchContext& context) {
+  with_tile_pixels(args.grid.tile, [&](auto pixels) {
+    count_load_kernel<pixels.value><<<args.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
 
 void score(const ScoreArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.grid.tile, [&](auto pixels) {
@@ -108,10 +137,7 @@ void score(const ScoreArgs& args, const LaunchContext& context) {
 }
 
 void add_scores(const AddScoresArgs& args, const LaunchContext& context) {
-  if (args.n_splats == 0) return;
-  const auto blocks = static_cast<unsigned>((args.n_splats + kAddThreads - 1) / kAddThreads);
-  add_scores_kernel<<<blocks, kAddThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_rows<kAddThreads>(add_scores_kernel, args, args.n_splats, context.stream);
 }
 
 }  // namespace b3dgs::cuda
