@@ -83,7 +83,7 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
   const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const IntTag di;
-  const IntVec own_position = hn::Set(di, position);
+  const IntVec splat_position = hn::Set(di, position);
   const Lanes zero(0.0f);
   SplatGradLanes sums{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   bool any = false;
@@ -95,7 +95,7 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
       const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
       const int p = row * tile.stride + v * lanes;
-      const LaneMask past{hn::RebindMask(FloatTag(), hn::Lt(hn::Load(di, tile.last + p), own_position))};
+      const LaneMask past{hn::RebindMask(FloatTag(), hn::Lt(hn::Load(di, tile.last + p), splat_position))};
       const LaneMask blended = footprint.contributes & !past;
       if (none(blended)) continue;
       any = true;

@@ -57,6 +57,24 @@ void blend_backward(const BlendBackwardArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);
 
+/// The sum over a splat's pairs, in the order of their slots, [first, last).
+inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
+  SplatGrad sum{};
+  for (const SplatGrad* part = first; part != last; ++part) {
+    sum.log_alpha += part->log_alpha;
+    sum.mean_x += part->mean_x;
+    sum.mean_y += part->mean_y;
+    sum.cov_xx += part->cov_xx;
+    sum.cov_xy += part->cov_xy;
+    sum.cov_yy += part->cov_yy;
+    sum.red += part->red;
+    sum.green += part->green;
+    sum.blue += part->blue;
+    sum.depth += part->depth;
+  }
+  return sum;
+}
+
 /// Sums of each splat's pairs, for a later backward projection.
 struct SplatRecordArgs {
   std::int64_t n_gaussians = 0, n_splats = 0;

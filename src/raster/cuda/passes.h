@@ -88,7 +88,7 @@ void load_rows(const LoadRowsArgs& args, const LaunchContext& context);
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
   DeviceBuffer<std::uint32_t> depths, depths_sorted;
-  DeviceBuffer<std::int32_t> seen, seen_by_depth, rank_of_gaussian, splat_ids, tile_of_bucket;
+  DeviceBuffer<std::int32_t> seen, seen_by_depth, splat_of_gaussian, splat_ids, tile_of_bucket;
   DeviceBuffer<std::int64_t> slot_offsets, pair_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<unsigned long long> n_buckets;
   DeviceBuffer<Splat> splats;
@@ -97,7 +97,7 @@ struct BinBuffers {
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(depths), visit(depths_sorted), visit(seen), visit(seen_by_depth), visit(rank_of_gaussian);
+    visit(depths), visit(depths_sorted), visit(seen), visit(seen_by_depth), visit(splat_of_gaussian);
     visit(splat_ids), visit(tile_of_bucket), visit(slot_offsets), visit(pair_slots), visit(tile_offsets);
     visit(bucket_offsets), visit(n_buckets), visit(splats), visit(extents), visit(temporary);
   }
@@ -122,10 +122,10 @@ struct Buckets {
 
 /// Result of binning: splats in depth order, and a list per tile.
 struct BinnedView {
-  const Splat* splats = nullptr;                   // [M] nearest first; equal depths in the order of the Gaussians
-  const Vec2f* extents = nullptr;                  // [M]
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N] index in `splats`; undefined if not seen
-  BinnedSplats bins{};                             // pair_slots is null unless keep_slots
+  const Splat* splats = nullptr;                    // [M] nearest first; equal depths in the order of the Gaussians
+  const Vec2f* extents = nullptr;                   // [M]
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N] index in `splats`; undefined if not seen
+  BinnedSplats bins{};                              // pair_slots is null unless keep_slots
   Buckets buckets{};
 };
 
@@ -235,10 +235,10 @@ struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
   PinholeView view{};
   int sh_degree = 0;
-  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                   // [M]
-  const SplatGradSum* splat_grads = nullptr;       // [M]
+  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                    // [M]
+  const SplatGradSum* splat_grads = nullptr;        // [M]
   GaussianGradArrays grad{};
   bool antialiasing = false;
 };
@@ -247,10 +247,10 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
 /// Keeps the splats' sums for a later backward projection.
 struct SplatRecordArgs {
   std::int64_t n_gaussians = 0;
-  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                   // [M]
-  const SplatGradSum* splat_grads = nullptr;       // [M]
+  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                    // [M]
+  const SplatGradSum* splat_grads = nullptr;        // [M]
   SplatRecordArrays out{};
 };
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
@@ -258,17 +258,18 @@ void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& contex
 /// The same for splats that were drawn elsewhere.
 void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
 
-/// Ranks of the splats of load_rows().
-struct RanksOfRows {
+/// The splats of load_rows().
+struct SplatsOfRows {
   std::int64_t n_rows = 0;
-  const std::int32_t* radii = nullptr;        // [n_rows] 0 if not drawn
-  const std::int32_t* rank_of_row = nullptr;  // [n_rows]
+  const std::int32_t* radii = nullptr;         // [n_rows] 0 if not drawn
+  const std::int32_t* splat_of_row = nullptr;  // [n_rows]
 };
 
-/// From the order of the ranks to that of the rows; 0 for a row that is not drawn.
-void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatGradSum* by_row,
-                   const LaunchContext& context);
-void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row, const LaunchContext& context);
+/// From the order of the splats to that of the rows; 0 for a row that is not drawn.
+void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
+                    const LaunchContext& context);
+void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
+                    const LaunchContext& context);
 
 /// Gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraGradientArgs {

@@ -48,7 +48,7 @@ __device__ __forceinline__ void count_splat(std::int32_t n_tiles, unsigned long 
 /// args.antialiasing.
 template <int kShDegree, bool kAntialiasing>
 __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i) {
-  const std::int32_t rank = args.rank_of_gaussian[i];
+  const std::int32_t rank = args.splat_of_gaussian[i];
   const SplatGrad sum = args.splat_grads[rank].sum;
   const unsigned clamped = args.splats[rank].clamped;
   return b3dgs::gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(args.view), args.view.center,

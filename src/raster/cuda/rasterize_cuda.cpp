@@ -80,7 +80,7 @@ class Rasterizer final : public RasterizerBackend {
     const LaunchContext context = context_();
     const ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    keep_splat_records({gaussians.n_gaussians, args.radii, args.rank_of_gaussian, args.splats, args.splat_grads, out},
+    keep_splat_records({gaussians.n_gaussians, args.radii, args.splat_of_gaussian, args.splats, args.splat_grads, out},
                        context);
     end_stage(state_.stages);
   }
@@ -146,13 +146,13 @@ class Rasterizer final : public RasterizerBackend {
     begin_stage(state_.stages, Stage::kBlendBackward);
     blend_backward(backward_kernel_, grad, context);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    rows_of_ranks(ranks_of_rows(), splat_grads_.data(), out, context);
+    rows_of_splats(splats_of_rows(), splat_grads_.data(), out, context);
     end_stage(state_.stages);
   }
 
   const std::int32_t* splat_of_row() const override {
     state_.check_rows("splat_of_row()");
-    return binned_.rank_of_gaussian;
+    return binned_.splat_of_gaussian;
   }
 
   void score(const float* error, const ScoreArrays& out) override {
@@ -164,7 +164,7 @@ class Rasterizer final : public RasterizerBackend {
   void score_splats(const float* error, ScoreSums* out) override {
     state_.check_rows("score_splats()");
     const LaunchContext context = context_();
-    rows_of_ranks(ranks_of_rows(), score_of_splats(error, context), out, context);
+    rows_of_splats(splats_of_rows(), score_of_splats(error, context), out, context);
   }
 
   void reblend(ForwardKernel kernel) override {
@@ -318,7 +318,7 @@ class Rasterizer final : public RasterizerBackend {
     blend_backward(backward_kernel_, grad, context);
     end_stage(state_.stages);
     ProjectBackwardCudaArgs args{
-        gaussians,      state_.view,        state_.sh_degree, radii_.data(), binned_.rank_of_gaussian,
+        gaussians,      state_.view,        state_.sh_degree, radii_.data(), binned_.splat_of_gaussian,
         binned_.splats, splat_grads_.data()};
     args.antialiasing = state_.antialiasing;
     state_.has_camera_gradient = state_.camera_gradient;
@@ -340,7 +340,7 @@ class Rasterizer final : public RasterizerBackend {
     return sums;
   }
 
-  RanksOfRows ranks_of_rows() const { return {state_.n_rows, radii_.data(), binned_.rank_of_gaussian}; }
+  SplatsOfRows splats_of_rows() const { return {state_.n_rows, radii_.data(), binned_.splat_of_gaussian}; }
 
   std::int64_t n_bucket_pixels() const {
     return binned_.buckets.n_max * (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);

@@ -65,22 +65,22 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
 
 /// Rows of `words` words each; 0 for a row that is not drawn.
 __global__ void __launch_bounds__(kThreads)
-    rows_of_ranks_kernel(const RanksOfRows ranks, int words, const unsigned long long* by_rank,
-                         unsigned long long* by_row) {
+    rows_of_splats_kernel(const SplatsOfRows splats, int words, const unsigned long long* by_splat,
+                          unsigned long long* by_row) {
   const std::int64_t k = thread_index();
   const std::int64_t row = k / words;
-  if (row >= ranks.n_rows) return;
-  const bool is_drawn = ranks.radii[row] > 0;
-  by_row[k] = is_drawn ? by_rank[std::int64_t{ranks.rank_of_row[row]} * words + k % words] : 0;
+  if (row >= splats.n_rows) return;
+  const bool is_drawn = splats.radii[row] > 0;
+  by_row[k] = is_drawn ? by_splat[std::int64_t{splats.splat_of_row[row]} * words + k % words] : 0;
 }
 
 template <class Row>
-void copy_to_rows(const RanksOfRows& ranks, const Row* by_rank, Row* by_row, const LaunchContext& context) {
+void copy_to_rows(const SplatsOfRows& splats, const Row* by_splat, Row* by_row, const LaunchContext& context) {
   constexpr int kWords = sizeof(Row) / sizeof(unsigned long long);
   static_assert(sizeof(Row) % sizeof(unsigned long long) == 0 && alignof(Row) >= alignof(unsigned long long));
-  if (ranks.n_rows == 0) return;
-  rows_of_ranks_kernel<<<blocks_for(ranks.n_rows * kWords), kThreads, 0, context.stream>>>(
-      ranks, kWords, reinterpret_cast<const unsigned long long*>(by_rank),
+  if (splats.n_rows == 0) return;
+  rows_of_splats_kernel<<<blocks_for(splats.n_rows * kWords), kThreads, 0, context.stream>>>(
+      splats, kWords, reinterpret_cast<const unsigned long long*>(by_splat),
       reinterpret_cast<unsigned long long*>(by_row));
   B3DGS_CUDA_CHECK_LAUNCH();
 }
@@ -124,7 +124,7 @@ __global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const Spla
   std::int32_t record = -1;
   Vec2f centre{0, 0};
   if (args.radii[i] > 0) {
-    record = args.rank_of_gaussian[i];
+    record = args.splat_of_gaussian[i];
     const SplatGrad sum = args.splat_grads[record].sum;
     args.out.records[record] = {sum, static_cast<std::int32_t>(i), args.splats[record].clamped};
     centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
@@ -149,13 +149,13 @@ void load_rows(const LoadRowsArgs& args, const LaunchContext& context) {
   launch_rows<kThreads>(load_rows_kernel, args, args.rows.n_splats, context.stream);
 }
 
-void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatGradSum* by_row,
-                   const LaunchContext& context) {
-  copy_to_rows(ranks, by_rank, by_row, context);
+void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
+                    const LaunchContext& context) {
+  copy_to_rows(splats, by_splat, by_row, context);
 }
-void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row,
-                   const LaunchContext& context) {
-  copy_to_rows(ranks, by_rank, by_row, context);
+void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
+                    const LaunchContext& context) {
+  copy_to_rows(splats, by_splat, by_row, context);
 }
 
 void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context) {

@@ -186,7 +186,7 @@ ViewStatistics Rasterizer::backward_blend(const GaussianTensors& gaussians, cons
 }
 
 ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
-                                              const KeptSplats& out) {
+                                              const SplatRecordTensors& out) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   const ImageGradArrays image = impl_->image_grad(grad);
   TensorCheck check(impl_->device);

@@ -39,7 +39,7 @@ struct ViewStatistics {
 };
 
 /// What a later backward projection needs of a view (SplatRecordArrays). Tensors may be larger.
-struct KeptSplats {
+struct SplatRecordTensors {
   torch::Tensor records;             // [M, 12] 32 bits each: SplatRecord
   torch::Tensor record_of_gaussian;  // [N] int32
 };
@@ -97,7 +97,7 @@ class Rasterizer {
   /// backward() up to the splats, whose sums are written to `out`, so that the backward projection can follow after
   /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
   ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
-                                    const KeptSplats& out);
+                                    const SplatRecordTensors& out);
 
   /// The first pass of forward() alone: the splats of the Gaussians that the view sees, in the order of the Gaussians,
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.

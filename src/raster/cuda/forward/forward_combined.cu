@@ -229,16 +229,16 @@ __device__ __forceinline__ Queued queue_contributions(const Quad& quad, int cand
 }
 
 /// Blend: the warp blends the first `count` <= 32 splats of its queue.
-template <KeptParts kKept>
+template <StoredParts kStored>
 __device__ __forceinline__ void blend_queued(const QuadMemory& shared, const WarpQueue& queue, int count,
-                                             GaussianWisePixel<kKept>& pixel) {
+                                             GaussianWisePixel<kStored>& pixel) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize, index = queue.head + lane_id();
   pixel.blend({lane_id() < count, shared.power[warp][index], shared.position[warp][index]},
               [&] { return shared.color_depth[warp][index]; });
 }
 
 /// One task: blends quad `task` with the whole block.
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& shared) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
@@ -253,7 +253,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const std::int32_t x = quad_x + warp % kQuadSide, y = quad_y + warp / kQuadSide;
   const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileWidth + x,
                      tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
-  GaussianWisePixel<kKept> pixel(args, tile, at);
+  GaussianWisePixel<kStored> pixel(args, tile, at);
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
@@ -300,7 +300,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   pixel.store();
 }
 
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ QuadMemory shared;
@@ -311,14 +311,14 @@ __global__ void __launch_bounds__(kThreads)
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
-    blend_quad<kTilePixels, kKept>(args, task, shared);
+    blend_quad<kTilePixels, kStored>(args, task, shared);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
     __syncthreads();  // the ticket is written, and QuadMemory may be overwritten
     task = tickets[turn];
   }
 }
 
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
@@ -328,7 +328,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }
-  const auto kernel = forward_combined_kernel<kTilePixels, kKept>;
+  const auto kernel = forward_combined_kernel<kTilePixels, kStored>;
   kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
       args, static_cast<std::int32_t>(n_tasks));
   B3DGS_CUDA_CHECK_LAUNCH();
@@ -338,13 +338,13 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
 
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    with_kept_parts(args.parts, [&](auto kept) { launch<pixels.value, kept.value>(args, context); });
+    with_stored_parts(args.parts, [&](auto stored) { launch<pixels.value, stored.value>(args, context); });
   });
 }
 
 KernelResources forward_combined_resources(const TileShape& tile) {
   return tile_kernel_resources(
-      tile, [](auto pixels) { return forward_combined_kernel<pixels.value, KeptParts::kNone>; }, kThreads);
+      tile, [](auto pixels) { return forward_combined_kernel<pixels.value, StoredParts::kNone>; }, kThreads);
 }
 
 }  // namespace b3dgs::cuda

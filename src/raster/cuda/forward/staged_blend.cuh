@@ -56,24 +56,24 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
   constexpr int kAtOnce = 4;  // independent evaluations that hide the latency of shared memory and the exponential
   int last = -1;
   while (chosen != 0) {
-    int places[kAtOnce];
+    int indices[kAtOnce];
     bool contributes[kAtOnce];
     float alpha[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const bool is_chosen = chosen != 0;
-      places[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
+      indices[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
       chosen &= chosen - 1;
-      const SplatShape<float> shape = make_splat_shape({batch.mean[places[k]]}, {batch.conic[places[k]]});
+      const SplatShape<float> shape = make_splat_shape({batch.mean[indices[k]]}, {batch.conic[indices[k]]});
       const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
       contributes[k] = footprint.contributes && is_chosen;
       alpha[k] = evaluate_alpha(footprint.power).alpha;
     }
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
-      const float4 color = batch.color[places[k]];
-      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.mean[places[k]].w)) {
-        last = places[k];
+      const float4 color = batch.color[indices[k]];
+      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.mean[indices[k]].w)) {
+        last = indices[k];
       }
     }
   }
@@ -113,9 +113,9 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
       const bool is_alive = is_open(pixel.transmittance);
       if (!__any_sync(kFullWarp, is_alive)) break;
       // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
-      const int own = bucket + lane_id();
-      const bool reaches =
-          own < count && reaches_sub_tile(batch.mean[own].x, batch.mean[own].y, batch.extent[own], left, top);
+      const int tested = bucket + lane_id();
+      const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
+                                                              batch.extent[tested], left, top);
       const unsigned chosen = __ballot_sync(kFullWarp, reaches);
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       const int last = blend_chosen(batch, bucket, chosen, center_x, center_y, part);

@@ -1,7 +1,7 @@
 // What a rendered view says about its load and its Gaussians.
 //
-// Load counting, count_load. Grid: a block per tile; thread: one pixel; lists are read from global memory without staging.
-// Training calls it only for its statistics, so it does not have to be fast.
+// Load counting, count_load. Grid: a block per tile; thread: one pixel; lists are read from global memory without
+// staging. Training calls it only for its statistics, so it does not have to be fast.
 //
 // Scoring, kernel 1, score: sums for each splat.
 //   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
@@ -80,22 +80,22 @@ __global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
   const std::int64_t first = args.bins.tile_offsets[tile], last = args.bins.tile_offsets[tile + 1];
 
   float transmittance = at.inside ? 1.0f : kClosedPixel;
-  std::int32_t own_id = -1;  // splat that this thread has staged
+  std::int32_t staged_id = -1;  // splat that this thread has staged
   for (std::int64_t start = first;; start += kThreads) {
     // All threads have finished with the previous batch.
     const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads;
-    if (own_id >= 0) batch.add_to(args.sums + own_id);
+    if (staged_id >= 0) batch.add_to(args.sums + staged_id);
     if (is_done || start >= last) break;
-    own_id = start + threadIdx.x < last ? args.bins.splat_ids[start + threadIdx.x] : -1;
-    if (own_id >= 0) batch.stage(args, own_id);
+    staged_id = start + threadIdx.x < last ? args.bins.splat_ids[start + threadIdx.x] : -1;
+    if (staged_id >= 0) batch.stage(args, staged_id);
     __syncthreads();  // the batch is complete
 
     const int count = static_cast<int>(last - start < kThreads ? last - start : kThreads);
     for (int bucket = 0; bucket < count; bucket += kWarpSize) {
       if (!__any_sync(kFullWarp, is_open(transmittance))) break;
-      const int own = bucket + lane_id();
-      const bool reaches =
-          own < count && reaches_sub_tile(batch.mean[own].x, batch.mean[own].y, batch.extent[own], left, top);
+      const int tested = bucket + lane_id();
+      const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
+                                                              batch.extent[tested], left, top);
       for (unsigned chosen = __ballot_sync(kFullWarp, reaches); chosen != 0; chosen &= chosen - 1) {
         const int j = bucket + __ffs(static_cast<int>(chosen)) - 1;
         const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
