@@ -1,5 +1,5 @@
-// The tables of blending kernels, forward and backward. Plain C++: the command line, the kernel selector and their tests
-// need no CUDA.
+// The tables of blending kernels, forward and backward. Plain C++: the command line, the kernel selector and their
+// tests need no CUDA.
 //
 // Adding a forward kernel: one row here, blend_forward_ID() in a source of cpu/forward, and launch_forward_ID() and
 // forward_ID_resources() in a source of cuda/forward. A backward kernel, of which the CPU has one, whose pool of tiles

@@ -1,5 +1,5 @@
-// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and the memory that forward kernels need in
-// addition to their arguments and results.
+// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and the memory that forward kernels need
+// in addition to their arguments and results.
 #pragma once
 
 #include <array>

@@ -30,8 +30,8 @@ B3DGS_HD void store_blended(const BlendForwardArgs& args, std::int32_t x, std::i
   args.last_ids[p] = pixel.last;
 }
 
-// Weights and errors are added to scores as integers, so that sums do not depend on the order of their terms: they are the
-// same for any schedule, on CPU and GPU.
+// Weights and errors are added to scores as integers, so that sums do not depend on the order of their terms: they are
+// the same for any schedule, on CPU and GPU.
 
 inline constexpr int kScoreBits = 24;
 inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // units in a value of 1
