@@ -1,5 +1,4 @@
-// The CPU rasterizer, and its passes, each a function of its arguments, in the order in which the rasterizer calls
-// them.
+// The CPU rasterizer, and its passes, each a function of its arguments, in the order in which they run.
 #pragma once
 
 #include <cstdint>

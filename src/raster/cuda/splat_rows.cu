@@ -1,16 +1,15 @@
-// What passes over the splats do besides projecting and blending them: a thread per splat or Gaussian, unless another
-// is named. Rows are splats in the order of their Gaussians (splat_rows.h).
-//   Views split at the splats: copy_seen_kernel, after projection, copies each row from its Gaussian's.
-//   load_rows_kernel,
-//     in place of projection, copies each row and counts its tiles; shared memory: the block's numbers of splats and
-//     pairs, with two barriers around these sums. rows_of_splats_kernel, after the backward blend or scoring, copies
-//     each row from its splat's; a thread per 8 bytes.
+// What passes over splats do besides projecting and blending them: a thread per splat or Gaussian, unless another is
+// named. Rows are splats in the order of their Gaussians (splat_rows.h).
+//   Views split at the splats:
+//     copy_seen_kernel, after projection: copies each row from its Gaussian's.
+//     load_rows_kernel, in place of projection: copies each row and counts its tiles. Shared memory: the block's
+//       numbers of splats and pairs. Barriers: two, around these sums.
+//     rows_of_splats_kernel, after the backward blend or scoring: copies each row from its splat's; a thread per 8
+//       bytes.
 //   Inverse depth (math/project_splat.h): invert_depths_kernel, invert_depth_gradients_kernel.
 //   Deterministic gradients: sum_splat_grads_kernel sums those of each splat's pairs in a fixed order. A warp per
-//   splat;
-//     lanes take the pairs in turn, and the lanes are summed with shuffles.
-//   For a later backward projection: keep_splat_records_kernel, and keep_splats_kernel for splats that were drawn
-//     elsewhere.
+//     splat: lanes take the pairs in turn, and the lanes are summed with shuffles.
+//   For a later backward projection: keep_splat_records_kernel; keep_splats_kernel for splats drawn elsewhere.
 
 #include <cstdint>
 
@@ -28,12 +27,8 @@ unsigned blocks_for(std::int64_t n) {
   return static_cast<unsigned>((n + kThreads - 1) / kThreads);
 }
 
-__device__ __forceinline__ std::int64_t thread_index() {
-  return own_row<kThreads>();
-}
-
 __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs args) {
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   if (m >= args.n_splats || (args.counts != nullptr && m >= args.counts->n_splats)) return;
   const std::int32_t i = args.seen[m];
   args.out.splats[m] = args.projected.splats[i];
@@ -46,7 +41,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
   if (threadIdx.x == 0) block_splats = block_pairs = 0;
   __syncthreads();
 
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   std::int32_t n_tiles = 0;
   if (m < args.rows.n_splats) {
     Splat splat = args.rows.splats[m];
@@ -67,7 +62,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
 __global__ void __launch_bounds__(kThreads)
     rows_of_splats_kernel(const SplatsOfRows splats, int words, const unsigned long long* by_splat,
                           unsigned long long* by_row) {
-  const std::int64_t k = thread_index();
+  const std::int64_t k = own_row<kThreads>();
   const std::int64_t row = k / words;
   if (row >= splats.n_rows) return;
   const bool is_drawn = splats.radii[row] > 0;
@@ -86,13 +81,13 @@ void copy_to_rows(const SplatsOfRows& splats, const Row* by_splat, Row* by_row, 
 }
 
 __global__ void __launch_bounds__(kThreads) invert_depths_kernel(Splat* splats, std::int64_t n_splats) {
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   if (m < n_splats) invert_depth(splats[m]);
 }
 
 __global__ void __launch_bounds__(kThreads)
     invert_depth_gradients_kernel(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads) {
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   if (m < n_splats) splat_grads[m].sum.depth = depth_gradient(splats[m], splat_grads[m].sum.depth);
 }
 
@@ -102,7 +97,7 @@ __device__ __forceinline__ void add(float4& sum, float4 value) {
 
 __global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSplatGradsArgs args) {
   constexpr int kWords = sizeof(SplatGradSum) / sizeof(float4);
-  const std::int64_t splat = thread_index() / kWarpSize;
+  const std::int64_t splat = own_row<kThreads>() / kWarpSize;
   if (splat >= args.n_splats) return;
   float4 sum[kWords]{};
   for (std::int64_t slot = args.slot_offsets[splat] + lane_id(); slot < args.slot_offsets[splat + 1];
@@ -119,7 +114,7 @@ __global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSpla
 }
 
 __global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const SplatRecordArgs args) {
-  const std::int64_t i = thread_index();
+  const std::int64_t i = own_row<kThreads>();
   if (i >= args.n_gaussians) return;
   std::int32_t record = -1;
   Vec2f centre{0, 0};
@@ -134,7 +129,7 @@ __global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const Spla
 }
 
 __global__ void __launch_bounds__(kThreads) keep_splats_kernel(const KeepSplatsArgs args) {
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   if (m < args.rows.n_splats) keep_splat(args, m);
 }
 

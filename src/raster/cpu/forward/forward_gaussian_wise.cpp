@@ -2,12 +2,11 @@
 // one at a time. The transmittance in front of each lane is a prefix product of 1 - alpha; the first lane that would
 // bring it below kTransmittanceMin finishes the pixel.
 //   gaussian-wise: each thread gets an equal, contiguous share of the tiles. A pixel stops after the group that
-//   finishes
-//     it, so no lane waits for another pixel; but splats are fetched again for every pixel. On a CPU this is faster
-//     than pixel-wise blending only where few pixels of a tile are unfinished.
+//     finishes it, so no lane waits for another pixel; but splats are fetched again for every pixel. On a CPU this is
+//     faster than pixel-wise blending only where few pixels of a tile are unfinished.
 //   combined (the paper's fine-grained combined load balancing): threads take tasks of 2 x 2 pixels (quads) from an
-//     atomic counter. A crowded tile becomes tens of tasks, and threads finish at about the same time even if one tile
-//     holds most of the work. A group is fetched once for the four pixels of the task.
+//     atomic counter. A crowded tile becomes tens of tasks, and threads finish at about the same time even if one
+//     tile holds most of the work. A group is fetched once for the four pixels of the task.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_gaussian_wise.cpp"

@@ -1,17 +1,18 @@
 // Forward kernels whose lanes are pixels of a row: naive, dynamic, shared-memory, segmented.
-//   naive: each thread gets an equal, contiguous share of the tiles before it starts. A thread whose share contains the
-//     crowded tiles finishes last.
+//   naive: each thread gets an equal, contiguous share of the tiles before it starts. A thread whose share contains
+//     the crowded tiles finishes last.
 //   dynamic: threads take tiles from an atomic counter (the paper's inter-block dynamic workload distribution). This
 //     balances tiles of different cost, but a single tile that costs more than a thread's fair share still determines
 //     the time.
 //   shared-memory: as dynamic, with splats staged in the first-level cache, which takes the part of shared memory.
 //   segmented: as shared-memory, with the tiles of long lists cut, so that threads finish at about the same time even
-//     if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of rows:
-//     a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen by
-//     timing, so only equal images make equal commands give equal models. Each band stages the list again, which costs
-//     little compared to blending.
-// Ends: once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile (staged),
-// or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each pixel.
+//     if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of
+//     rows: a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen
+//     by timing, so only equal images make equal commands give equal models. Each band stages the list again, which
+//     costs little compared to blending.
+// Ends: once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile
+// (staged), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
+// pixel.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_pixel_wise.cpp"

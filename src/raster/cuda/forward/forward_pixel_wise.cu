@@ -2,19 +2,16 @@
 //   naive: the paper's baseline, and the reference if kernels disagree. Tiles are assigned statically: a block runs as
 //     long as its slowest pixel, and the most crowded tile determines the time of the launch.
 //   dynamic: the paper's inter-block dynamic workload distribution. As many blocks as are resident at once take tiles
-//   from
-//     an atomic counter until none is left. The hardware's block scheduler does nearly the same for naive, so the gain
-//     is small: a single tile that costs more than a block's fair share still determines the time.
+//     from an atomic counter until none is left. The hardware's block scheduler does nearly the same for naive, so the
+//     gain is small: a single tile that costs more than a block's fair share still determines the time.
 //   shared-memory: tiles assigned statically; splats staged completely and culled by sub-tile (staged_blend.cuh).
 //
 // naive and dynamic, as in the paper:
 //   Stage: each thread loads one splat of the batch to shared memory: its id, mean, opacity and conic.
 //   Blend: each thread (row by row; a warp has two rows of 16) evaluates the batch's splats in order, and reads colour
-//   and
-//     depth from global memory only where the splat contributes.
+//     and depth from global memory only where the splat contributes.
 //   Barriers: two per batch; dynamic has two more per tile, to hand out the task. A block stops once all of its pixels
-//   are
-//     finished.
+//     are finished.
 //
 // Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
