@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "model/raster_input.h"
-#include "raster/cpu/rasterize_cpu.h"
+#include "raster/cpu/passes.h"
 #include "raster/math/sh.h"
 
 namespace b3dgs {
@@ -28,9 +28,8 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
 
   const std::size_t n_pixels = static_cast<std::size_t>(camera.width) * camera.height;
   std::vector<float> color(3 * n_pixels), depth(n_pixels), alpha(n_pixels);
-  cpu::Rasterizer rasterizer;
-  rasterizer.forward(to_gaussian_arrays(truth), to_pinhole_view(camera), settings,
-                     {color.data(), depth.data(), alpha.data()});
+  cpu::make_rasterizer()->forward(to_gaussian_arrays(truth), to_pinhole_view(camera), settings,
+                                  {color.data(), depth.data(), alpha.data()});
 
   Image8 image(camera.width, camera.height, 3);
   std::transform(color.begin(), color.end(), image.pixels.begin(), [](float value) {

@@ -8,7 +8,6 @@
 #include "app/bench/bench_report.h"
 #include "core/check.h"
 #include "core/parallel.h"
-#include "raster/cpu/forward/forward_table.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/tiling.h"
 

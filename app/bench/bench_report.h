@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "raster/cuda/kernel_resources.h"
+#include "raster/cuda/gpu_support.h"
 
 namespace b3dgs {
 

@@ -8,7 +8,7 @@
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/parallel.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 
 namespace b3dgs {
 namespace {

@@ -1,7 +1,7 @@
 #include "app/view/watched_model.h"
 
 #include "core/check.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 
 namespace b3dgs {
 

@@ -8,8 +8,7 @@
 #include "config/batch_steps.h"
 #include "config/density_strategies.h"
 #include "core/config.h"
-#include "raster/backward_kernel.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 
 namespace b3dgs {
 

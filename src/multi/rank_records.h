@@ -7,7 +7,7 @@
 #include "config/batch_steps.h"
 #include "core/check.h"
 #include "raster/args.h"
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "raster/math/project_splat.h"
 
 namespace b3dgs {

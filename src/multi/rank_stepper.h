@@ -22,7 +22,7 @@
 #include "multi/rank_records.h"
 #include "multi/rows/row_owners.h"
 #include "multi/splat_exchange.h"
-#include "raster/math/camera_grad.h"
+#include "raster/math/gaussian_grad.h"
 #include "train/stepper.h"
 
 namespace b3dgs {

@@ -6,12 +6,15 @@
 #include <cstdint>
 
 #include "core/vec.h"
-#include "raster/backward_kernel.h"
 #include "raster/constants.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 #include "raster/stages.h"
 
 namespace b3dgs {
+
+namespace cuda {
+class ColorPass;  // cuda/passes.h
+}
 
 /// One pinhole view. Camera frame: +x right, +y down, +z forward; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
 struct PinholeView {
@@ -67,16 +70,17 @@ struct RenderSettings {
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
   BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
-  bool deterministic = false;       // on CUDA: sum gradients in a fixed order; the CPU always does
-  bool antialiasing = false;        // see antialiasing.h
-  bool keep_for_backward = true;    // false saves memory and time if backward() will not be called
-  bool depth_gradient = true;       // false saves GPU memory if no gradient with respect to depth follows
-  bool inverse_depth = false;       // the depth image is the sum of weight over camera-space z, 1 / world units
-  bool camera_gradient = false;     // backward() also computes the gradient with respect to the camera's pose
-  StageRecorder* stages = nullptr;  // notified when a stage begins; may be null
+  bool deterministic = false;             // on CUDA: sum gradients in a fixed order; the CPU always does
+  bool antialiasing = false;              // see antialiasing.h
+  bool keep_for_backward = true;          // false saves memory and time if backward() will not be called
+  bool depth_gradient = true;             // false saves GPU memory if no gradient with respect to depth follows
+  bool inverse_depth = false;             // the depth image is the sum of weight over camera-space z, 1 / world units
+  bool camera_gradient = false;           // backward() also computes the gradient with respect to the camera's pose
+  StageRecorder* stages = nullptr;        // notified when a stage begins; may be null
+  cuda::ColorPass* color_pass = nullptr;  // on CUDA: computes the splats' colours; null: the projection does
 };
 
-/// Numbers of a gradient with respect to the camera's pose (math/camera_grad.h): rotation, then translation.
+/// Numbers of a gradient with respect to the camera's pose (math/gaussian_grad.h): rotation, then translation.
 inline constexpr int kCameraGradients = 6;
 
 /// The rendered view.
@@ -107,12 +111,15 @@ struct alignas(16) Splat {
 };
 static_assert(sizeof(Splat) == 48, "three 16-byte loads");
 
-/// A splat's sums over pixels: of q = dL/d(ln alpha), of its first and second moments with the pull, conic d (Reach in
-/// blend.h), and of the gradients with respect to colour and depth. The backward blend computes them; gaussian_grad.h
-/// turns them into parameter gradients. The moments are those of the pull rather than of d: along a needle d is long
-/// and the pull short, and multiplying by the conic after summing would cancel the significant digits.
+/// Gradient of the loss with respect to a splat, summed over pixels by the backward blend; gaussian_grad.h turns it
+/// into parameter gradients. With g = dL/d(ln alpha) and p = conic delta at a pixel (Footprint in blend.h), the sums
+/// for mean and covariance are those of g p and g p p^T: multiples of the gradients (projection.h). p rather than
+/// delta, because along a needle delta is long and p short, and multiplying by the conic after summing would cancel the
+/// digits.
 struct SplatGrad {
-  float q, q_x, q_y, q_xx, q_xy, q_yy;
+  float log_alpha;               // g
+  float mean_x, mean_y;          // g p: dL/dmean times kConicScale
+  float cov_xx, cov_xy, cov_yy;  // g p p^T: dL/dcov times 2 kConicScale^2
   float red, green, blue;
   float depth;
 };
@@ -198,7 +205,7 @@ struct BlendBackwardArgs {
 };
 
 /// Sums over the pixels of a view, and what they are added to. Fixed point, so that a sum does not depend on the order
-/// of its terms: units of 2^-24 (math/pixel_score.h), which 64 bits hold for 2^40 pixels.
+/// of its terms: units of 2^-24 (math/pixel_outputs.h), which 64 bits hold for 2^40 pixels.
 struct ScoreSums {
   std::uint64_t error, weight;
   float max_weight;

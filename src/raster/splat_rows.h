@@ -1,12 +1,12 @@
-// Splats of one view as rows of an array, so that Gaussians can be projected by one rasterizer and drawn by another:
-// what the projection stage leaves for binning and blending, and what blending backward returns.
+// What stands between the passes of a view, for views that are split there: splats as rows of an array, so that
+// Gaussians can be projected by one rasterizer and drawn by another; and what the backward blend leaves for the
+// backward projection, kept so that this can follow after other views.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 
 #include "raster/args.h"
-#include "raster/splat_records.h"
 
 namespace b3dgs {
 
@@ -28,6 +28,21 @@ struct SplatRowArrays {
 /// Returns memory for M splats.
 using SplatAllocator = std::function<SplatRowArrays(std::int64_t n_splats)>;
 
+/// Sums of one splat, with all that turns them into the gradient of its Gaussian.
+struct alignas(16) SplatRecord {
+  SplatGrad sum;
+  std::int32_t gaussian;  // < N
+  std::uint32_t clamped;  // as in Splat
+};
+static_assert(sizeof(SplatRecord) == 48, "three 16-byte words");
+
+/// Of one view with N Gaussians and M splats.
+struct SplatRecordArrays {
+  SplatRecord* records = nullptr;              // [M] out, in any order
+  std::int32_t* record_of_gaussian = nullptr;  // [N] out: index in `records`; -1 if the view does not see the Gaussian
+  float* means2d = nullptr;                    // [N, 2] out: gradient of the projected centre, 1/px; 0 if not seen
+};
+
 /// A splat's sums of the backward blend, in three 16-byte words for vector atomics.
 struct alignas(16) SplatGradSum {
   SplatGrad sum;
@@ -43,7 +58,7 @@ struct CameraPartsView {
   bool antialiasing = false;
 };
 
-/// What each splat adds to the gradient with respect to the camera's pose (math/camera_grad.h).
+/// What each splat adds to the gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraPartsArgs {
   CameraPartsView of{};
   std::int64_t n_splats = 0;           // M

@@ -22,7 +22,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "train/density/row_edit.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/memory/memory_plan.h"

@@ -15,7 +15,7 @@
 #include "core/check.h"
 #include "data_synth/synth_scene.h"
 #include "dist/tensor_group.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/run_program.h"

@@ -17,19 +17,19 @@ TEST(Blend, EvaluatesTheExponentInBaseTwo) {
   // sigma = d^T conic d / 2 with conic (0.5, 0.1, 0.3) and d = (1.5, -2), stored times log2(e)/2.
   const double log2e = 1 / std::log(2.0);
   const SplatShape<double> splat{3.0, 7.0, std::log2(0.8), 0.25 * log2e, 0.05 * log2e, 0.15 * log2e};
-  const Reach<double> reach = evaluate_reach(splat, 4.5, 5.0);
-  EXPECT_NEAR(reach.pull_x, 0.5 * log2e * (0.5 * 1.5 + 0.1 * -2), 1e-12);
-  EXPECT_NEAR(reach.pull_y, 0.5 * log2e * (0.1 * 1.5 + 0.3 * -2), 1e-12);
+  const Footprint<double> footprint = evaluate_footprint(splat, 4.5, 5.0);
+  EXPECT_NEAR(footprint.conic_delta_x, 0.5 * log2e * (0.5 * 1.5 + 0.1 * -2), 1e-12);
+  EXPECT_NEAR(footprint.conic_delta_y, 0.5 * log2e * (0.1 * 1.5 + 0.3 * -2), 1e-12);
   const double sigma = 0.5 * (0.5 * 2.25 + 2 * 0.1 * -3 + 0.3 * 4);
-  const Alpha<double> alpha = evaluate_alpha(reach.power);
+  const Alpha<double> alpha = evaluate_alpha(footprint.power);
   EXPECT_NEAR(alpha.alpha, 0.8 * std::exp(-sigma), 1e-12);
   EXPECT_FALSE(alpha.capped);
-  EXPECT_TRUE(reach.contributes);
+  EXPECT_TRUE(footprint.contributes);
 }
 
 TEST(Blend, SkipsBelowTheCutoff) {
   const auto contributes = [](double opacity) {
-    return evaluate_reach<double>({0, 0, std::log2(opacity), 1, 0, 1}, 0, 0).contributes;
+    return evaluate_footprint<double>({0, 0, std::log2(opacity), 1, 0, 1}, 0, 0).contributes;
   };
   EXPECT_TRUE(contributes(1.00001 / 255));
   EXPECT_FALSE(contributes(0.99999 / 255));
@@ -107,7 +107,7 @@ struct PixelProblem {
     return grad[0] * splat[1] + grad[1] * splat[2] + grad[2] * splat[3] + grad[3] * splat[4];
   }
   void store(const BlendGrad<double>& g, std::size_t i, std::vector<double>& out) const {
-    out[5 * i] = g.q * std::log(2.0);  // q is by ln(alpha)
+    out[5 * i] = g.log_alpha * std::log(2.0);  // q is by ln(alpha)
     for (std::size_t c = 0; c < 4; ++c) out[5 * i + 1 + c] = g.weight * grad[c];
   }
 };

@@ -40,21 +40,21 @@ class CountLoadTest : public testing::TestWithParam<TestSceneRow> {};
 TEST_P(CountLoadTest, CountsWhatTheListsSay) {
   const TestScene scene = GetParam().build();
   const std::int64_t n = arrays_of(scene).n_gaussians;
-  cpu::Rasterizer rasterizer;
+  const std::unique_ptr<RasterizerBackend> rasterizer = cpu::make_rasterizer();
   torch::Tensor color = torch::empty({scene.view.height, scene.view.width, 3}),
                 depth = torch::empty({scene.view.height, scene.view.width}), alpha = torch::empty_like(depth);
-  rasterizer.forward(arrays_of(scene), scene.view, settings_of(scene),
-                     {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
+  rasterizer->forward(arrays_of(scene), scene.view, settings_of(scene),
+                      {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
   std::vector<std::int32_t> processed(static_cast<std::size_t>(depth.numel()), -1), contributing = processed;
-  rasterizer.count_load(processed.data(), contributing.data());
+  rasterizer->count_load(processed.data(), contributing.data());
 
-  const TileGrid grid = rasterizer.grid();
-  const BinnedSplats bins = rasterizer.bins();
+  const TileGrid grid = rasterizer->grid();
+  const BinnedSplats bins = rasterizer->bins();
   std::int64_t n_hazards = 0;
   for (std::int32_t tile = 0; tile < grid.n_tiles(); ++tile) {
     std::vector<const Splat*> list;
     for (std::int64_t i = bins.tile_offsets[tile]; i < bins.tile_offsets[tile + 1]; ++i) {
-      list.push_back(rasterizer.splats() + bins.splat_ids[i]);
+      list.push_back(rasterizer->splats() + bins.splat_ids[i]);
     }
     const Rect rect = tile_pixels(grid, tile);
     for (std::int32_t y = rect.y_begin; y < rect.y_end; ++y) {
@@ -63,7 +63,7 @@ TEST_P(CountLoadTest, CountsWhatTheListsSay) {
         const PixelCounts wanted = count_by_the_rules(list, x + 0.5, y + 0.5, &hazard);
         const auto pixel =
             static_cast<std::size_t>(y) * static_cast<std::size_t>(grid.image_width) + static_cast<std::size_t>(x);
-        ASSERT_GT(processed[pixel], rasterizer.last_ids()[pixel]) << "the last splat blended must have been evaluated";
+        ASSERT_GT(processed[pixel], rasterizer->last_ids()[pixel]) << "the last splat blended must have been evaluated";
         ASSERT_LE(processed[pixel], static_cast<std::int32_t>(list.size()));
         n_hazards += hazard;
         if (hazard) continue;
@@ -84,7 +84,7 @@ TEST(CountLoad, OfTheTorchLayerIsTheRasterizersAndItsTileListsAddUp) {
   rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
   const ViewLoad load = rasterizer.count_load();
   const CpuView view(scene, settings_of(scene));
-  const cpu::Rasterizer& own = view.rasterizer();
+  const RasterizerBackend& own = view.rasterizer();
   ASSERT_EQ(load.tile_lists.numel(), own.grid().n_tiles());
   EXPECT_EQ(load.tile_lists.sum().item<std::int64_t>(), own.bins().n_pairs);
   for (std::int64_t tile = 0; tile < own.grid().n_tiles(); ++tile) {

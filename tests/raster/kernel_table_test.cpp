@@ -1,12 +1,9 @@
 // The tables of kernels: names are unique, lead back to their kernel, and unknown ones are errors.
-#include "raster/kernel_table.h"
+#include "raster/kernels.h"
 
 #include <gtest/gtest.h>
 
 #include <set>
-
-#include "raster/backward_kernel.h"
-#include "raster/forward_kernel.h"
 
 namespace b3dgs {
 namespace {

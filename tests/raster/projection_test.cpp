@@ -144,16 +144,16 @@ struct Loss {
   ProjectionGrad<double> gradient(const ViewTransform<double>& view, Vec3<double> point,
                                   const Mat3<double>& factor) const {
     const Projection<double> p = project_gaussian(view, point, factor);
-    Vec2<double> q_p{0, 0};
-    Sym2<double> q_pp{0, 0, 0};
+    Vec2<double> grad_mean{0, 0};
+    Sym2<double> grad_cov{0, 0, 0};
     for (const Vec3<double>& pixel : pixels) {
       const double dx = pixel.x - p.mean2d.x, dy = pixel.y - p.mean2d.y;
       const double x = kConicScale * (p.conic.xx * dx + p.conic.xy * dy);
       const double y = kConicScale * (p.conic.xy * dx + p.conic.yy * dy);
-      q_p = {q_p.x + pixel.z * x, q_p.y + pixel.z * y};
-      q_pp = {q_pp.xx + pixel.z * x * x, q_pp.xy + pixel.z * x * y, q_pp.yy + pixel.z * y * y};
+      grad_mean = {grad_mean.x + pixel.z * x, grad_mean.y + pixel.z * y};
+      grad_cov = {grad_cov.xx + pixel.z * x * x, grad_cov.xy + pixel.z * x * y, grad_cov.yy + pixel.z * y * y};
     }
-    return project_backward(view, point, factor, p, q_p, spread_grad(p, q_pp), depth_weight);
+    return project_backward(view, point, factor, p, grad_mean, spread_grad(p, grad_cov), depth_weight);
   }
 };
 

@@ -1,6 +1,6 @@
 // The CPU rasterizer compared with the dense reference: every kernel, culling, tile shape and instruction set, on every
 // test scene.
-#include "raster/cpu/rasterize_cpu.h"
+#include "raster/cpu/passes.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,6 @@
 #include <limits>
 
 #include "core/check.h"
-#include "raster/cpu/passes.h"
 #include "raster/math/tiling.h"
 #include "support/expect_error.h"
 #include "support/raster/cpu_harness.h"
@@ -89,7 +88,7 @@ TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
     settings.culling = binning.culling;
     settings.tile = binning.tile;
     const CpuView view(scene, settings);
-    const cpu::Rasterizer& rasterizer = view.rasterizer();
+    const RasterizerBackend& rasterizer = view.rasterizer();
     const BinnedSplats bins = rasterizer.bins();
     torch::Tensor listed = torch::zeros({scene.gaussians.size()}, torch::kBool);
     for (std::int64_t i = 0; i < bins.n_pairs; ++i) {
@@ -226,13 +225,13 @@ TEST(RasterizeCpu, RunsAreReproducible) {
 
 TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
   // Scenes of different sizes, through one rasterizer and through new ones.
-  cpu::Rasterizer reused;
+  const std::unique_ptr<RasterizerBackend> reused = cpu::make_rasterizer();
   for (const TestScene& scene : {saturated_pixels(), one_pixel_image(), empty_scene(), anisotropic_cloud(),
                                  behind_the_camera(), odd_image_size(), opaque_front_layer()}) {
     const std::int64_t h = scene.view.height, w = scene.view.width;
     const torch::Tensor color = torch::empty({h, w, 3}), depth = torch::empty({h, w}), alpha = torch::empty({h, w});
-    reused.forward(arrays_of(scene), scene.view, settings_of(scene),
-                   {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
+    reused->forward(arrays_of(scene), scene.view, settings_of(scene),
+                    {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
     const CpuView fresh(scene, settings_of(scene));
     expect_same_bytes({color, depth, alpha}, {fresh.color, fresh.depth, fresh.alpha});
   }
@@ -340,9 +339,9 @@ TEST(RasterizeCpu, RefusesWhatItCannotRender) {
 }
 
 TEST(RasterizeCpu, BackwardNeedsAForward) {
-  cpu::Rasterizer rasterizer;
+  const std::unique_ptr<RasterizerBackend> rasterizer = cpu::make_rasterizer();
   const TestScene scene = smooth_scene();
-  EXPECT_THROW(rasterizer.backward(arrays_of(scene), {}, {}), LogicError);
+  EXPECT_THROW(rasterizer->backward(arrays_of(scene), {}, {}), LogicError);
 }
 
 }  // namespace

@@ -1,7 +1,7 @@
 // Views split at the splats: projected in one rasterizer, drawn in another, and summed by the owner of the Gaussians.
 #include <gtest/gtest.h>
 
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "raster/torch/splat_owner.h"
 #include "support/expect_error.h"
 #include "support/raster/hostile_scenes.h"
@@ -54,7 +54,7 @@ class CpuSplit {
   }
 
  private:
-  static KeptSplats make_room(std::int64_t n_splats, std::int64_t n_gaussians) {
+  static SplatRecordTensors make_room(std::int64_t n_splats, std::int64_t n_gaussians) {
     return {torch::full({n_splats, 12}, NAN), torch::full({n_gaussians}, -7, torch::kInt32)};
   }
   Rasterizer rasterizer_{torch::kCPU};
@@ -212,9 +212,9 @@ TEST(SplitView, RefusesTensorsThatDoNotFit) {
   EXPECT_TRUE(fails_with<LogicError>({"error"}, [&] { rasterizer.score_splats(torch::zeros({1, 1})); }));
   const torch::Tensor sums = torch::zeros({m, 12}), scores = torch::zeros({m, 6}, torch::kInt32);
   const std::int64_t n = scene.gaussians.size();
-  const KeptSplats room{torch::zeros({m, 12}), torch::zeros({n}, torch::kInt32)};
+  const SplatRecordTensors room{torch::zeros({m, 12}), torch::zeros({n}, torch::kInt32)};
   SplatOwner owner;
-  const auto keep = [&](const torch::Tensor& some_sums, const KeptSplats& some_room) {
+  const auto keep = [&](const torch::Tensor& some_sums, const SplatRecordTensors& some_room) {
     return [=, &owner, &good] { owner.keep(good, some_sums, n, some_room); };
   };
   EXPECT_TRUE(fails_with<LogicError>({"sums"}, keep(sums.slice(0, 1), room)));

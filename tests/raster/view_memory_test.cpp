@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "raster/pair_limit.h"
+#include "raster/checks.h"
 
 namespace b3dgs {
 namespace {

@@ -8,8 +8,7 @@
 #include "app/bench/bench_devices.h"
 #include "app/bench/cuda/bench_cuda_frame.h"
 #include "core/check.h"
-#include "raster/cuda/backward/backward_table.h"
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/gpu_support.h"
 
 namespace b3dgs {

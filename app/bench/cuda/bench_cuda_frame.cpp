@@ -59,7 +59,7 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
                                      grad_sh0_.resize(3 * n_, context),    grad_shN_.resize(n_rest_ + 1, context),
                                      grad_means2d_.resize(2 * n_, context)};
   project_backward_args = {
-      project_args.gaussians,    scene.view, degree, projected.radii, binned.rank_of_gaussian, binned.splats,
+      project_args.gaussians,    scene.view, degree, projected.radii, binned.splat_of_gaussian, binned.splats,
       backward_args.splat_grads, gradients};
 }
 

@@ -10,9 +10,9 @@
 
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
-#include "raster/cuda/forward/forward_scratch.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/passes.h"
-#include "raster/forward_kernel.h"
+#include "raster/kernels.h"
 
 namespace b3dgs::cuda {
 

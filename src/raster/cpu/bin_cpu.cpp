@@ -65,13 +65,13 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
 
-  const auto visit_splat = [&](std::int64_t rank, auto&& visit) {
-    // In depth order the splats are scattered in memory, so fetch them some ranks ahead.
-    const std::uint64_t ahead = keys[std::min(rank + kPrefetch, n - 1)] & 0xffffffffu;
+  const auto visit_splat = [&](std::int64_t depth_index, auto&& visit) {
+    // In depth order the splats are scattered in memory, so fetch them some splats ahead.
+    const std::uint64_t ahead = keys[std::min(depth_index + kPrefetch, n - 1)] & 0xffffffffu;
     __builtin_prefetch(&args.splats[ahead]);
     __builtin_prefetch(&args.extents[ahead]);
     __builtin_prefetch(&slot_offsets[ahead]);
-    const auto m = static_cast<std::int32_t>(keys[rank] & 0xffffffffu);
+    const auto m = static_cast<std::int32_t>(keys[depth_index] & 0xffffffffu);
     const Splat& splat = args.splats[m];
     visit_tile_rows(args.grid, args.culling, splat, args.extents[m], args.radii[splat.gaussian],
                     [&](std::int32_t row, TileSpan span) { visit(m, row * args.grid.columns, span); });
@@ -83,13 +83,13 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const count = counts + chunk * n_tiles;
     std::fill(count, count + n_tiles, 0);
-    for (std::int64_t rank = chunks.begin(chunk); rank < chunks.end(chunk); ++rank) {
+    for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
       std::int64_t pairs = 0;
-      visit_splat(rank, [&](std::int32_t, std::int64_t row_start, TileSpan span) {
+      visit_splat(depth_index, [&](std::int32_t, std::int64_t row_start, TileSpan span) {
         for (std::int32_t column = span.begin; column < span.end; ++column) ++count[row_start + column];
         pairs += span.end - span.begin;
       });
-      slot_offsets[keys[rank] & 0xffffffffu] = pairs;
+      slot_offsets[keys[depth_index] & 0xffffffffu] = pairs;
     }
   });
 
@@ -124,9 +124,9 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   std::int64_t* const pair_slots = buffers.pair_slots.resize(n_pairs);
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const next = counts + chunk * n_tiles;
-    for (std::int64_t rank = chunks.begin(chunk); rank < chunks.end(chunk); ++rank) {
-      std::int64_t slot = slot_offsets[keys[rank] & 0xffffffffu];
-      visit_splat(rank, [&](std::int32_t m, std::int64_t row_start, TileSpan span) {
+    for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
+      std::int64_t slot = slot_offsets[keys[depth_index] & 0xffffffffu];
+      visit_splat(depth_index, [&](std::int32_t m, std::int64_t row_start, TileSpan span) {
         for (std::int32_t column = span.begin; column < span.end; ++column) {
           const std::int64_t position = next[row_start + column]++;
           splat_ids[position] = m;

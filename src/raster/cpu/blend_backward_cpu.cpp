@@ -14,7 +14,6 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/cpu/rasterize_cpu.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -72,7 +71,7 @@ struct TileGradients {
 
 /// SplatGrad, spread over lanes until the last row is done.
 struct SplatGradLanes {
-  Lanes q, q_x, q_y, q_xx, q_xy, q_yy;
+  Lanes log_alpha, mean_x, mean_y, cov_xx, cov_xy, cov_yy;
   Lanes red, green, blue;
   Lanes depth;
 };
@@ -84,7 +83,7 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
   const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const IntTag di;
-  const IntVec own_position = hn::Set(di, position);
+  const IntVec splat_position = hn::Set(di, position);
   const Lanes zero(0.0f);
   SplatGradLanes sums{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   bool any = false;
@@ -94,13 +93,13 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
     const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
     for (int v = 0; v < tile.row_vectors; ++v) {
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
-      const Reach<Lanes> reach = evaluate_reach(shape, pixel_x, pixel_y);
+      const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
       const int p = row * tile.stride + v * lanes;
-      const LaneMask past{hn::RebindMask(FloatTag(), hn::Lt(hn::Load(di, tile.last + p), own_position))};
-      const LaneMask blended = reach.contributes & !past;
+      const LaneMask past{hn::RebindMask(FloatTag(), hn::Lt(hn::Load(di, tile.last + p), splat_position))};
+      const LaneMask blended = footprint.contributes & !past;
       if (none(blended)) continue;
       any = true;
-      const Alpha<Lanes> alpha = evaluate_alpha(reach.power);
+      const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
       const Lanes grad_red = Lanes::load(tile.red + p), grad_green = Lanes::load(tile.green + p),
                   grad_blue = Lanes::load(tile.blue + p), grad_depth = Lanes::load(tile.depth + p);
       const Lanes value = multiply_add(
@@ -110,12 +109,12 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       pixel.transmittance.store(tile.transmittance + p);
       pixel.behind.store(tile.behind + p);
 
-      accumulate(sums, reach, grad, grad_red, grad_green, grad_blue, grad_depth);
+      accumulate(sums, footprint, grad, grad_red, grad_green, grad_blue, grad_depth);
     }
   }
   if (!any) return false;
-  out = {sums.q.sum(),    sums.q_x.sum(), sums.q_y.sum(),   sums.q_xx.sum(), sums.q_xy.sum(),
-         sums.q_yy.sum(), sums.red.sum(), sums.green.sum(), sums.blue.sum(), sums.depth.sum()};
+  out = {sums.log_alpha.sum(), sums.mean_x.sum(), sums.mean_y.sum(), sums.cov_xx.sum(), sums.cov_xy.sum(),
+         sums.cov_yy.sum(),    sums.red.sum(),    sums.green.sum(),  sums.blue.sum(),   sums.depth.sum()};
   return true;
 }
 

@@ -7,8 +7,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/cpu/slot_sums.h"
-#include "raster/math/camera_grad.h"
+#include "raster/math/gaussian_grad.h"
 
 namespace b3dgs::cpu {
 namespace {

@@ -1,15 +1,21 @@
-// The passes of the CPU rasterizer, each a function of its arguments. rasterize_cpu.cpp calls them in this order.
+// The CPU rasterizer, and its passes, each a function of its arguments, in the order in which they run.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
 #include "raster/args.h"
+#include "raster/checks.h"
 #include "raster/cpu/buffer.h"
-#include "raster/pair_limit.h"
-#include "raster/splat_records.h"
+#include "raster/rasterizer_backend.h"
 #include "raster/splat_rows.h"
 
 namespace b3dgs::cpu {
+
+/// Largest tile side that the CPU kernels support, px.
+inline constexpr int kMaxTileSide = 32;
+
+std::unique_ptr<RasterizerBackend> make_rasterizer();
 
 /// Returns M, the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian
 std::int64_t project(const ProjectArgs& args);
@@ -23,7 +29,12 @@ struct BinBuffers {
 /// @throws NumericError naming the widest Gaussian if there are too many pairs, before memory is taken for them
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit = {});
 
-/// Runs one of the kernels of forward/forward_table.h.
+/// The forward kernels: blend_forward_naive(), ...
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) void blend_forward_##id(const BlendForwardArgs& args);
+B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+
+/// Runs one of them.
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
 
 void count_load(const CountLoadArgs& args);
@@ -44,6 +55,24 @@ void sum_scores(const SumScoresArgs& args);
 void blend_backward(const BlendBackwardArgs& args);
 
 void project_backward(const ProjectBackwardArgs& args);
+
+/// The sum over a splat's pairs, in the order of their slots, [first, last).
+inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
+  SplatGrad sum{};
+  for (const SplatGrad* part = first; part != last; ++part) {
+    sum.log_alpha += part->log_alpha;
+    sum.mean_x += part->mean_x;
+    sum.mean_y += part->mean_y;
+    sum.cov_xx += part->cov_xx;
+    sum.cov_xy += part->cov_xy;
+    sum.cov_yy += part->cov_yy;
+    sum.red += part->red;
+    sum.green += part->green;
+    sum.blue += part->blue;
+    sum.depth += part->depth;
+  }
+  return sum;
+}
 
 /// Sums of each splat's pairs, for a later backward projection.
 struct SplatRecordArgs {

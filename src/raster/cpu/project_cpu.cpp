@@ -5,9 +5,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/cpu/slot_sums.h"
 #include "raster/math/gaussian_grad.h"
-#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/sh.h"
 
@@ -55,23 +53,23 @@ std::int64_t project(const ProjectArgs& args) {
   const std::int64_t n = args.gaussians.n_gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
 
-  // Each chunk packs its splats at its own beginning; afterwards the chunks are moved together.
+  // Each chunk packs its splats at its chunk_packed beginning; afterwards the chunks are moved together.
   struct Packed {
     std::int64_t n_splats, invalid;
   };
   const Chunks chunks = make_chunks(n, kGrain);
   std::vector<Packed> packed(static_cast<std::size_t>(chunks.count));
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
-    Packed& own = packed[static_cast<std::size_t>(chunk)];
-    own = {0, n};
+    Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
+    chunk_packed = {0, n};
     for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
-      const std::int64_t slot = chunks.begin(chunk) + own.n_splats;
+      const std::int64_t slot = chunks.begin(chunk) + chunk_packed.n_splats;
       const Outcome outcome = args.antialiasing
                                   ? project_one<true>(args, view, i, args.splats[slot], args.extents[slot])
                                   : project_one<false>(args, view, i, args.splats[slot], args.extents[slot]);
-      if (outcome == Outcome::kSeen) ++own.n_splats;
+      if (outcome == Outcome::kSeen) ++chunk_packed.n_splats;
       if (outcome == Outcome::kInvalid) {
-        own.invalid = i;
+        chunk_packed.invalid = i;
         break;
       }
     }
@@ -79,14 +77,14 @@ std::int64_t project(const ProjectArgs& args) {
 
   std::int64_t n_splats = 0;
   for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
-    const Packed& own = packed[static_cast<std::size_t>(chunk)];
-    if (own.invalid < n) fail_invalid(args.gaussians, own.invalid);
+    const Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
+    if (chunk_packed.invalid < n) fail_invalid(args.gaussians, chunk_packed.invalid);
     const std::int64_t begin = chunks.begin(chunk);
     if (n_splats != begin) {
-      std::copy_n(args.splats + begin, own.n_splats, args.splats + n_splats);
-      std::copy_n(args.extents + begin, own.n_splats, args.extents + n_splats);
+      std::copy_n(args.splats + begin, chunk_packed.n_splats, args.splats + n_splats);
+      std::copy_n(args.extents + begin, chunk_packed.n_splats, args.extents + n_splats);
     }
-    n_splats += own.n_splats;
+    n_splats += chunk_packed.n_splats;
   }
   return n_splats;
 }

@@ -1,24 +1,26 @@
 // Runs the passes in order and owns the memory between them.
 
-#include "raster/cpu/rasterize_cpu.h"
-
 #include <algorithm>
 #include <array>
+#include <memory>
 
-#include "core/check.h"
 #include "core/parallel.h"
-#include "raster/args_check.h"
-#include "raster/cpu/buffer.h"
-#include "raster/cpu/forward/forward_table.h"
+#include "raster/checks.h"
 #include "raster/cpu/passes.h"
-#include "raster/math/inverse_depth.h"
+#include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
-#include "raster/view_state.h"
+#include "raster/rasterizer_backend.h"
 
 namespace b3dgs::cpu {
 
 void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args) {
-  kForwardTable[static_cast<std::size_t>(kernel)].blend(args);
+  switch (kernel) {
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  case ForwardKernel::kernel:                             \
+    return blend_forward_##id(args);
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+  }
 }
 
 namespace {
@@ -49,211 +51,186 @@ TileGrid checked_grid(const PinholeView& view, const TileShape& tile) {
   return make_tile_grid(view.width, view.height, tile);
 }
 
-}  // namespace
-
-struct Rasterizer::Impl : ViewState {
-  Buffer<Splat> splats;
-  Buffer<Vec2f> extents;
-  Buffer<std::int32_t> radii, last_ids;
-  Buffer<float> transmittance;
-  Buffer<SplatGrad> pair_grads;
-  BinBuffers bin_buffers;
-
-  BinnedSplats bins{};
-  std::array<double, kCameraGradients> camera_gradients{};  // of the last backward pass
-
-  // The parts of a forward pass:
-  void project(const GaussianArrays& gaussians, const RenderSettings& settings);
-  /// From the splats to the images.
-  void draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit = {});
-
-  /// The gradients of the pairs.
-  void blend_backward(const ImageGradArrays& grad);
-  /// The scores of the pairs, in memory of the gradients.
-  ScoreSums* score_pairs(const float* error);
-  void project_camera_gradient(const ProjectBackwardArgs& args) {
-    if (camera_gradient) cpu::camera_gradient(args, camera_gradients.data());
-    has_camera_gradient = camera_gradient;
+class Rasterizer final : public RasterizerBackend {
+ public:
+  void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const ImageArrays& out) override {
+    project_gaussians(gaussians, view, settings);
+    draw(settings, out);
+    state_.n_gaussians = gaussians.n_gaussians;
   }
-  ProjectBackwardArgs project_args(const GaussianArrays& gaussians, const GaussianGradArrays& out) const {
-    return {gaussians,         view, sh_degree,   splats.data(), n_splats, bins.slot_offsets,
-            pair_grads.data(), out,  antialiasing};
+
+  void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) override {
+    state_.check_same(gaussians);
+    blend_backward(grad);
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    const ProjectBackwardArgs args = project_args(gaussians, out);
+    project_backward(args);
+    project_camera_gradient(args);
+    end_stage(state_.stages);
+  }
+
+  void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                          const SplatRecordArrays& out) override {
+    state_.check_same(gaussians);
+    blend_backward(grad);
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    keep_splat_records(
+        {state_.n_gaussians, state_.n_splats, splats_.data(), bins_.slot_offsets, pair_grads_.data(), out});
+    project_camera_gradient(project_args(gaussians, {}));
+    end_stage(state_.stages);
+  }
+
+  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const SplatAllocator& allocate) override {
+    project_gaussians(gaussians, view, settings);
+    const SplatRowArrays out = allocate(state_.n_splats);
+    parallel_chunks(state_.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      std::copy(splats_.data() + begin, splats_.data() + end, out.splats + begin);
+      std::copy(extents_.data() + begin, extents_.data() + end, out.extents + begin);
+      for (std::int64_t m = begin; m < end; ++m) out.radii[m] = radii_.data()[out.splats[m].gaussian];
+    });
+    end_stage(state_.stages);
+  }
+
+  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                      const ImageArrays& out) override {
+    const std::int64_t n = rows.n_splats;
+    check_splat_args(n, view, settings);
+    state_.begin_view(view, checked_grid(view, settings.tile), settings);
+    begin_stage(state_.stages, Stage::kProject);
+    Splat* const splats = splats_.resize(n);
+    Vec2f* const extents = extents_.resize(n);
+    std::int32_t* const radii = radii_.resize(n);
+    parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      std::copy(rows.extents + begin, rows.extents + end, extents + begin);
+      std::copy(rows.radii + begin, rows.radii + end, radii + begin);
+      for (std::int64_t m = begin; m < end; ++m) {
+        splats[m] = rows.splats[m];
+        splats[m].gaussian = static_cast<std::int32_t>(m);
+      }
+    });
+    state_.n_splats = n;
+    PairLimit limit;
+    limit.indexed = "the Gaussian of splat";
+    draw(settings, out, limit);
+    state_.n_rows = n;
+  }
+
+  void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {
+    state_.check_rows("backward_splats()");
+    blend_backward(grad);
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    sum_splat_grads({state_.n_splats, bins_.slot_offsets, pair_grads_.data(), out});
+    end_stage(state_.stages);
+  }
+
+  void score(const float* error, const ScoreArrays& out) override {
+    state_.check_gaussians("score()");
+    add_scores({splats_.data(), state_.n_splats, bins_.slot_offsets, score_pairs(error), out});
+  }
+
+  void score_splats(const float* error, ScoreSums* out) override {
+    state_.check_rows("score_splats()");
+    sum_scores({state_.n_splats, bins_.slot_offsets, score_pairs(error), out});
+  }
+
+  void reblend(ForwardKernel kernel) override {
+    state_.check_view("reblend()");
+    blend_forward(kernel, blend_args());
+  }
+
+  void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
+    state_.check_view("count_load()");
+    cpu::count_load({splats_.data(), bins_, state_.grid, processed, contributing});
+  }
+
+  const double* camera_gradient() const override {
+    check_camera_gradient();
+    return camera_gradients_.data();
+  }
+
+  const std::int32_t* radii() const override { return radii_.data(); }
+  const std::int32_t* last_ids() const override { return last_ids_.data(); }
+  const Splat* splats() const override { return splats_.data(); }
+  BinnedSplats bins() const override { return bins_; }
+
+ private:
+  void project_gaussians(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings) {
+    check_render_args(gaussians, view, settings);
+    B3DGS_CHECK(settings.color_pass == nullptr, "a ColorPass needs a GPU");
+    state_.begin_view(view, checked_grid(view, settings.tile), settings);
+    begin_stage(state_.stages, Stage::kProject);
+    const std::int64_t n = gaussians.n_gaussians;
+    splats_.resize(n);
+    extents_.resize(n);
+    radii_.resize(n);
+    state_.n_splats =
+        cpu::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid,
+                      splats_.data(), extents_.data(), radii_.data(), settings.antialiasing});
+  }
+
+  /// From the splats to the images.
+  void draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit = {}) {
+    state_.begin_drawing(settings, out);
+    begin_stage(state_.stages, Stage::kBin);
+    bins_ = bin({splats_.data(), extents_.data(), radii_.data(), state_.n_splats, state_.grid, settings.culling},
+                bin_buffers_, limit);
+    if (state_.inverse_depth) invert_depths(splats_.data(), state_.n_splats);
+    begin_stage(state_.stages, Stage::kBlendForward);
+    const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
+    transmittance_.resize(n_pixels);
+    last_ids_.resize(n_pixels);
+    blend_forward(settings.kernel, blend_args());
+    end_stage(state_.stages);
   }
 
   BlendForwardArgs blend_args() const {
-    return {splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(), last_ids.data()};
+    return {splats_.data(),  extents_.data(),       bins_,           state_.grid, state_.background,
+            state_.rendered, transmittance_.data(), last_ids_.data()};
   }
+
+  /// The gradients of the pairs.
+  void blend_backward(const ImageGradArrays& grad) {
+    begin_stage(state_.stages, Stage::kBlendBackward);
+    SplatGrad* const pairs = pair_grads_.resize(bins_.n_pairs);
+    cpu::blend_backward({splats_.data(), extents_.data(), bins_, state_.grid, state_.background, state_.rendered,
+                         transmittance_.data(), last_ids_.data(), grad, pairs});
+    if (state_.inverse_depth) invert_depth_gradients(splats_.data(), state_.n_splats, bins_.slot_offsets, pairs);
+  }
+
+  ProjectBackwardArgs project_args(const GaussianArrays& gaussians, const GaussianGradArrays& out) const {
+    return {gaussians,          state_.view, state_.sh_degree,   splats_.data(), state_.n_splats, bins_.slot_offsets,
+            pair_grads_.data(), out,         state_.antialiasing};
+  }
+
+  void project_camera_gradient(const ProjectBackwardArgs& args) {
+    if (state_.camera_gradient) cpu::camera_gradient(args, camera_gradients_.data());
+    state_.has_camera_gradient = state_.camera_gradient;
+  }
+
+  /// The scores of the pairs, in memory of the gradients.
+  ScoreSums* score_pairs(const float* error) {
+    static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
+    auto* const sums = reinterpret_cast<ScoreSums*>(pair_grads_.resize(bins_.n_pairs));
+    cpu::score({splats_.data(), extents_.data(), bins_, state_.grid, error, sums});
+    return sums;
+  }
+
+  Buffer<Splat> splats_;
+  Buffer<Vec2f> extents_;
+  Buffer<std::int32_t> radii_, last_ids_;
+  Buffer<float> transmittance_;
+  Buffer<SplatGrad> pair_grads_;
+  BinBuffers bin_buffers_;
+  BinnedSplats bins_{};
+  std::array<double, kCameraGradients> camera_gradients_{};  // of the last backward pass
 };
 
-Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
-Rasterizer::~Rasterizer() = default;
-Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
-Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
+}  // namespace
 
-void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSettings& settings) {
-  begin_stage(stages, Stage::kProject);
-  const std::int64_t n = gaussians.n_gaussians;
-  splats.resize(n);
-  extents.resize(n);
-  radii.resize(n);
-  n_splats = cpu::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, grid,
-                           splats.data(), extents.data(), radii.data(), settings.antialiasing});
-}
-
-void Rasterizer::Impl::draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit) {
-  begin_drawing(settings, out);
-  begin_stage(stages, Stage::kBin);
-  bins = bin({splats.data(), extents.data(), radii.data(), n_splats, grid, settings.culling}, bin_buffers, limit);
-  if (inverse_depth) invert_depths(splats.data(), n_splats);
-  begin_stage(stages, Stage::kBlendForward);
-  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  transmittance.resize(n_pixels);
-  last_ids.resize(n_pixels);
-  blend_forward(settings.kernel, blend_args());
-  end_stage(stages);
-}
-
-void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const ImageArrays& out) {
-  check_render_args(gaussians, view, settings);
-  impl_->begin_view(view, checked_grid(view, settings.tile), settings);
-  impl_->project(gaussians, settings);
-  impl_->draw(settings, out);
-  impl_->n_gaussians = gaussians.n_gaussians;
-}
-
-void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const SplatAllocator& allocate) {
-  check_render_args(gaussians, view, settings);
-  Impl& s = *impl_;
-  s.begin_view(view, checked_grid(view, settings.tile), settings);
-  s.project(gaussians, settings);
-  const SplatRowArrays out = allocate(s.n_splats);
-  parallel_chunks(s.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::copy(s.splats.data() + begin, s.splats.data() + end, out.splats + begin);
-    std::copy(s.extents.data() + begin, s.extents.data() + end, out.extents + begin);
-    for (std::int64_t m = begin; m < end; ++m) out.radii[m] = s.radii.data()[out.splats[m].gaussian];
-  });
-  end_stage(s.stages);
-}
-
-void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
-                                const ImageArrays& out) {
-  const std::int64_t n = rows.n_splats;
-  check_splat_args(n, view, settings);
-  Impl& s = *impl_;
-  s.begin_view(view, checked_grid(view, settings.tile), settings);
-  begin_stage(s.stages, Stage::kProject);
-  Splat* const splats = s.splats.resize(n);
-  Vec2f* const extents = s.extents.resize(n);
-  std::int32_t* const radii = s.radii.resize(n);
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::copy(rows.extents + begin, rows.extents + end, extents + begin);
-    std::copy(rows.radii + begin, rows.radii + end, radii + begin);
-    for (std::int64_t m = begin; m < end; ++m) {
-      splats[m] = rows.splats[m];
-      splats[m].gaussian = static_cast<std::int32_t>(m);
-    }
-  });
-  s.n_splats = n;
-  PairLimit limit;
-  limit.indexed = "the Gaussian of splat";
-  s.draw(settings, out, limit);
-  s.n_rows = n;
-}
-
-void Rasterizer::Impl::blend_backward(const ImageGradArrays& grad) {
-  begin_stage(stages, Stage::kBlendBackward);
-  SplatGrad* const pairs = pair_grads.resize(bins.n_pairs);
-  cpu::blend_backward({splats.data(), extents.data(), bins, grid, background, rendered, transmittance.data(),
-                       last_ids.data(), grad, pairs});
-  if (inverse_depth) invert_depth_gradients(splats.data(), n_splats, bins.slot_offsets, pairs);
-}
-
-void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) {
-  Impl& s = *impl_;
-  s.check_gaussians(gaussians);
-  s.blend_backward(grad);
-  begin_stage(s.stages, Stage::kProjectBackward);
-  const ProjectBackwardArgs args = s.project_args(gaussians, out);
-  project_backward(args);
-  s.project_camera_gradient(args);
-  end_stage(s.stages);
-}
-
-void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
-                                    const SplatRecordArrays& out) {
-  Impl& s = *impl_;
-  s.check_gaussians(gaussians);
-  s.blend_backward(grad);
-  begin_stage(s.stages, Stage::kProjectBackward);
-  keep_splat_records({s.n_gaussians, s.n_splats, s.splats.data(), s.bins.slot_offsets, s.pair_grads.data(), out});
-  s.project_camera_gradient(s.project_args(gaussians, {}));
-  end_stage(s.stages);
-}
-
-void Rasterizer::backward_splats(const ImageGradArrays& grad, SplatGradSum* out) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_rows >= 0, "backward_splats() before any forward_splats()");
-  s.blend_backward(grad);
-  begin_stage(s.stages, Stage::kProjectBackward);
-  sum_splat_grads({s.n_splats, s.bins.slot_offsets, s.pair_grads.data(), out});
-  end_stage(s.stages);
-}
-
-void Rasterizer::reblend(ForwardKernel kernel) {
-  B3DGS_CHECK(impl_->has_view(), "reblend() before any forward()");
-  blend_forward(kernel, impl_->blend_args());
-}
-
-void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing) const {
-  const Impl& s = *impl_;
-  B3DGS_CHECK(s.has_view(), "count_load() before any forward()");
-  cpu::count_load({s.splats.data(), s.bins, s.grid, processed, contributing});
-}
-
-const double* Rasterizer::camera_gradient() const {
-  B3DGS_CHECK(impl_->has_camera_gradient,
-              "camera_gradient() without a forward() with camera_gradient and its backward()");
-  return impl_->camera_gradients.data();
-}
-
-ScoreSums* Rasterizer::Impl::score_pairs(const float* error) {
-  static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
-  auto* const sums = reinterpret_cast<ScoreSums*>(pair_grads.resize(bins.n_pairs));
-  cpu::score({splats.data(), extents.data(), bins, grid, error, sums});
-  return sums;
-}
-
-void Rasterizer::score(const float* error, const ScoreArrays& out) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
-  cpu::add_scores({s.splats.data(), s.n_splats, s.bins.slot_offsets, s.score_pairs(error), out});
-}
-
-void Rasterizer::score_splats(const float* error, ScoreSums* out) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_rows >= 0, "score_splats() before any forward_splats()");
-  cpu::sum_scores({s.n_splats, s.bins.slot_offsets, s.score_pairs(error), out});
-}
-
-const std::int32_t* Rasterizer::radii() const {
-  return impl_->radii.data();
-}
-const std::int32_t* Rasterizer::last_ids() const {
-  return impl_->last_ids.data();
-}
-const Splat* Rasterizer::splats() const {
-  return impl_->splats.data();
-}
-BinnedSplats Rasterizer::bins() const {
-  return impl_->bins;
-}
-TileGrid Rasterizer::grid() const {
-  return impl_->grid;
-}
-std::int64_t Rasterizer::n_splats() const {
-  return impl_->n_splats;
+std::unique_ptr<RasterizerBackend> make_rasterizer() {
+  return std::make_unique<Rasterizer>();
 }
 
 }  // namespace b3dgs::cpu

@@ -14,8 +14,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
-#include "raster/cpu/rasterize_cpu.h"
-#include "raster/math/pixel_score.h"
+#include "raster/math/pixel_outputs.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -36,7 +35,7 @@ struct TileErrors {
     rows = rect.y_end - rect.y_begin;
     row_vectors = (args.grid.tile.width + lane_count() - 1) / lane_count();
     stride = row_vectors * lane_count();
-    std::fill(transmittance, transmittance + rows * stride, -1.0f);
+    std::fill(transmittance, transmittance + rows * stride, kClosedPixel);
     std::fill(error, error + rows * stride, 0.0f);
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < rect.x_end - rect.x_begin; ++column) {
@@ -65,11 +64,12 @@ HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, int row_be
     const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
     for (int v = 0; v < tile.row_vectors; ++v) {
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
-      const Reach<Lanes> reach = evaluate_reach(shape, pixel_x, pixel_y);
-      if (none(reach.contributes)) continue;
+      const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
+      if (none(footprint.contributes)) continue;
       const int p = row * tile.stride + v * lanes;
       Lanes transmittance = Lanes::load(tile.transmittance + p);
-      const Lanes weight = blend_weight_over(transmittance, reach.contributes, evaluate_alpha(reach.power).alpha);
+      const Lanes weight =
+          blend_weight_over(transmittance, footprint.contributes, evaluate_alpha(footprint.power).alpha);
       transmittance.store(tile.transmittance + p);
       static_assert(std::int64_t{kMaxLanes} * kScoreMax < std::int64_t{1} << 31, "a vector's sum fits into 32 bits");
       const IntTag di;

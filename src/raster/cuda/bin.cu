@@ -2,14 +2,14 @@
 // are then written in that order and sorted stably by tile, with short keys.
 //
 //   1. list_seen: stream compaction of the Gaussians that the view sees, in their order (CUB).
-//   2. Radix sort of the seen Gaussians by depth (CUB). Its place in this order is a splat's rank.
-//   3. Exclusive scan of the tile counts in rank order: the first slot of each splat (CUB).
-//   4. emit_pairs_kernel: a thread per rank copies its splat and writes its pairs, tile and rank, to its slots. The
+//   2. Radix sort of the seen Gaussians by depth (CUB). Its index in this order is a splat's id.
+//   3. Exclusive scan of the tile counts in the order of ids: the first slot of each splat (CUB).
+//   4. emit_pairs_kernel: a thread per id copies its splat and writes its pairs, tile and id, to its slots. The
 //      whole warp writes the pairs of a splat with many tiles.
 //   5. Radix sort of the pairs by tile (CUB); stable, so lists stay in depth order.
 //   6. find_tiles_kernel: a thread per pair finds where each tile's list begins.
 //   7. number_buckets_kernel: a warp per tile numbers its buckets of 32 entries, for kernels that work on buckets.
-// With `deterministic`, step 5 carries slots instead of ranks, and gather_slots_kernel looks up the ranks afterwards.
+// With `deterministic`, step 5 carries slots instead of ids, and gather_slots_kernel looks up the ids afterwards.
 // The kernels here use no shared memory and no barriers.
 
 #include <thrust/iterator/counting_iterator.h>
@@ -45,14 +45,12 @@ struct IsSeen {
   }
 };
 
-/// Number of tiles of the splat at each rank, input of the scan; 0 behind the last.
-struct TilesOfRank {
+/// Number of tiles of each splat, input of the scan; 0 behind the last.
+struct TilesOfSplat {
   const std::int32_t* n_tiles;
   const std::int32_t* seen_by_depth;
   std::int64_t n_splats;
-  __device__ std::int64_t operator()(std::int64_t rank) const {
-    return rank < n_splats ? n_tiles[seen_by_depth[rank]] : 0;
-  }
+  __device__ std::int64_t operator()(std::int64_t id) const { return id < n_splats ? n_tiles[seen_by_depth[id]] : 0; }
 };
 
 template <class TileKey>
@@ -63,45 +61,45 @@ struct EmitArgs {
   std::int64_t n_splats;
   TileGrid grid;
   Culling culling;
-  Splat* splats;                   // [M] out
-  Vec2f* extents;                  // [M] out
-  std::int32_t* rank_of_gaussian;  // [N] out
-  TileKey* tiles;                  // [n_pairs] out
-  std::int32_t* pair_ranks;        // [n_pairs] out
-  std::int32_t* slots;             // [n_pairs] out: 0, 1, 2, ...; null if slots are not kept
+  Splat* splats;                    // [M] out
+  Vec2f* extents;                   // [M] out
+  std::int32_t* splat_of_gaussian;  // [N] out
+  TileKey* tiles;                   // [n_pairs] out
+  std::int32_t* pair_splats;        // [n_pairs] out
+  std::int32_t* slots;              // [n_pairs] out: 0, 1, 2, ...; null if slots are not kept
 };
 
 /// A splat whose pairs are written: the inputs of tile_rows(), and its slots.
 struct Emitted {
   Splat splat{};
   Vec2f extent{};
-  std::int32_t radius = 0, rank = 0;
+  std::int32_t radius = 0, id = 0;
   std::int64_t first = 0;  // first slot
   std::int32_t pairs = 0;  // number of pairs, as counted by the projection
 };
 
 /// The splat of another lane, in all lanes.
-__device__ __forceinline__ Emitted emitted_of_lane(const Emitted& own, int lane) {
+__device__ __forceinline__ Emitted emitted_of_lane(const Emitted& lane_splat, int lane) {
   Emitted other;
-  other.splat.mean_x = __shfl_sync(kFullWarp, own.splat.mean_x, lane);
-  other.splat.mean_y = __shfl_sync(kFullWarp, own.splat.mean_y, lane);
-  other.splat.log2_opacity = __shfl_sync(kFullWarp, own.splat.log2_opacity, lane);
-  other.splat.conic_xx = __shfl_sync(kFullWarp, own.splat.conic_xx, lane);
-  other.splat.conic_xy = __shfl_sync(kFullWarp, own.splat.conic_xy, lane);
-  other.splat.conic_yy = __shfl_sync(kFullWarp, own.splat.conic_yy, lane);
-  other.extent = {__shfl_sync(kFullWarp, own.extent.x, lane), __shfl_sync(kFullWarp, own.extent.y, lane)};
-  other.radius = __shfl_sync(kFullWarp, own.radius, lane);
-  other.rank = __shfl_sync(kFullWarp, own.rank, lane);
-  other.first = __shfl_sync(kFullWarp, own.first, lane);
-  other.pairs = __shfl_sync(kFullWarp, own.pairs, lane);
+  other.splat.mean_x = __shfl_sync(kFullWarp, lane_splat.splat.mean_x, lane);
+  other.splat.mean_y = __shfl_sync(kFullWarp, lane_splat.splat.mean_y, lane);
+  other.splat.log2_opacity = __shfl_sync(kFullWarp, lane_splat.splat.log2_opacity, lane);
+  other.splat.conic_xx = __shfl_sync(kFullWarp, lane_splat.splat.conic_xx, lane);
+  other.splat.conic_xy = __shfl_sync(kFullWarp, lane_splat.splat.conic_xy, lane);
+  other.splat.conic_yy = __shfl_sync(kFullWarp, lane_splat.splat.conic_yy, lane);
+  other.extent = {__shfl_sync(kFullWarp, lane_splat.extent.x, lane), __shfl_sync(kFullWarp, lane_splat.extent.y, lane)};
+  other.radius = __shfl_sync(kFullWarp, lane_splat.radius, lane);
+  other.id = __shfl_sync(kFullWarp, lane_splat.id, lane);
+  other.first = __shfl_sync(kFullWarp, lane_splat.first, lane);
+  other.pairs = __shfl_sync(kFullWarp, lane_splat.pairs, lane);
   return other;
 }
 
 template <class TileKey>
-__device__ __forceinline__ void emit_pair(const EmitArgs<TileKey>& args, std::int32_t rank, std::int32_t tile,
+__device__ __forceinline__ void emit_pair(const EmitArgs<TileKey>& args, std::int32_t id, std::int32_t tile,
                                           std::int64_t slot) {
   args.tiles[slot] = static_cast<TileKey>(tile);
-  args.pair_ranks[slot] = rank;
+  args.pair_splats[slot] = id;
   if (args.slots != nullptr) args.slots[slot] = static_cast<std::int32_t>(slot);
 }
 
@@ -112,7 +110,7 @@ template <class TileKey>
 __device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t row,
                                          TileSpan span, std::int32_t pair) {
   for (std::int32_t column = span.begin; column < span.end && pair < e.pairs; ++column, ++pair) {
-    emit_pair(args, e.rank, row * args.grid.columns + column, e.first + pair);
+    emit_pair(args, e.id, row * args.grid.columns + column, e.first + pair);
   }
 }
 
@@ -121,7 +119,7 @@ __device__ __forceinline__ void emit_row(const EmitArgs<TileKey>& args, const Em
 template <class TileKey>
 __device__ __forceinline__ void emit_unused(const EmitArgs<TileKey>& args, const Emitted& e, std::int32_t pair,
                                             std::int32_t stride) {
-  for (; pair < e.pairs; pair += stride) emit_pair(args, e.rank, args.grid.n_tiles(), e.first + pair);
+  for (; pair < e.pairs; pair += stride) emit_pair(args, e.id, args.grid.n_tiles(), e.first + pair);
 }
 
 /// Writes a splat's pairs with all lanes of the warp: a lane per row of tiles; a prefix sum gives each row its slots.
@@ -140,44 +138,45 @@ __device__ __forceinline__ void emit_by_warp(const EmitArgs<TileKey>& args, cons
   emit_unused(args, e, pair + lane_id(), kWarpSize);
 }
 
-/// Copies each splat to its rank and writes its pairs to its slots. A warp takes four runs of ranks that are far apart:
-/// splats of similar depth often have similar sizes, and a warp with only large ones would finish last.
+/// Copies each splat to its index in depth order and writes its pairs to its slots. A warp takes four runs of ids that
+/// are far apart: splats of similar depth often have similar sizes, and a warp with only large ones would finish last.
 template <class TileKey>
 __global__ void __launch_bounds__(kThreads) emit_pairs_kernel(const EmitArgs<TileKey> args) {
-  constexpr int kRun = 8;  // ranks per run: 32 bytes of indices, one memory sector
+  constexpr int kRun = 8;  // ids per run: 32 bytes of indices, one memory sector
   const std::int64_t warps = (args.n_splats + kWarpSize - 1) / kWarpSize;
   const std::int64_t warp = (static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x) / kWarpSize;
-  const std::int64_t rank = (lane_id() / kRun * warps + warp) * kRun + lane_id() % kRun;
-  Emitted own;
-  if (warp < warps && rank < args.n_splats) {
-    const std::int32_t gaussian = args.seen_by_depth[rank];
-    own = {args.projected.splats[gaussian], args.projected.extents[gaussian], args.projected.radii[gaussian],
-           static_cast<std::int32_t>(rank), args.slot_offsets[rank]};
-    own.pairs = static_cast<std::int32_t>(args.slot_offsets[rank + 1] - own.first);
-    args.splats[rank] = own.splat;
-    args.extents[rank] = own.extent;
-    args.rank_of_gaussian[gaussian] = own.rank;
+  const std::int64_t id = (lane_id() / kRun * warps + warp) * kRun + lane_id() % kRun;
+  Emitted lane_splat;
+  if (warp < warps && id < args.n_splats) {
+    const std::int32_t gaussian = args.seen_by_depth[id];
+    lane_splat = {args.projected.splats[gaussian], args.projected.extents[gaussian], args.projected.radii[gaussian],
+                  static_cast<std::int32_t>(id), args.slot_offsets[id]};
+    lane_splat.pairs = static_cast<std::int32_t>(args.slot_offsets[id + 1] - lane_splat.first);
+    args.splats[id] = lane_splat.splat;
+    args.extents[id] = lane_splat.extent;
+    args.splat_of_gaussian[gaussian] = lane_splat.id;
   }
-  if (own.pairs > 0 && own.pairs <= kTilesPerThread) {
+  if (lane_splat.pairs > 0 && lane_splat.pairs <= kTilesPerThread) {
     std::int32_t pair = 0;
-    visit_tile_rows(args.grid, args.culling, own.splat, own.extent, own.radius, [&](std::int32_t row, TileSpan span) {
-      emit_row(args, own, row, span, pair);
-      pair += span.end - span.begin;
-    });
-    emit_unused(args, own, pair, 1);
+    visit_tile_rows(args.grid, args.culling, lane_splat.splat, lane_splat.extent, lane_splat.radius,
+                    [&](std::int32_t row, TileSpan span) {
+                      emit_row(args, lane_splat, row, span, pair);
+                      pair += span.end - span.begin;
+                    });
+    emit_unused(args, lane_splat, pair, 1);
   }
-  for (unsigned large = __ballot_sync(kFullWarp, own.pairs > kTilesPerThread); large != 0; large &= large - 1) {
-    emit_by_warp(args, emitted_of_lane(own, __ffs(large) - 1));
+  for (unsigned large = __ballot_sync(kFullWarp, lane_splat.pairs > kTilesPerThread); large != 0; large &= large - 1) {
+    emit_by_warp(args, emitted_of_lane(lane_splat, __ffs(large) - 1));
   }
 }
 
 /// From the sorted slots to the splat and the slot of each list entry.
 __global__ void __launch_bounds__(kThreads)
-    gather_slots_kernel(const std::int32_t* slots, const std::int32_t* pair_ranks, std::int64_t n_pairs,
+    gather_slots_kernel(const std::int32_t* slots, const std::int32_t* pair_splats, std::int64_t n_pairs,
                         std::int32_t* splat_ids, std::int64_t* pair_slots) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= n_pairs) return;
-  splat_ids[i] = pair_ranks[slots[i]];
+  splat_ids[i] = pair_splats[slots[i]];
   pair_slots[i] = slots[i];
 }
 
@@ -253,20 +252,20 @@ void sort_pairs_by_tile(const BinCudaArgs& args, EmitArgs<TileKey> emit, BinBuff
   unsigned char* temporary = nullptr;
   scratch.allocate(context, [&](ScratchArrays& arrays) {
     emit.tiles = arrays.take<TileKey>(n);
-    emit.pair_ranks = arrays.take<std::int32_t>(n);
+    emit.pair_splats = arrays.take<std::int32_t>(n);
     emit.slots = args.keep_slots ? arrays.take<std::int32_t>(n) : nullptr;
     sorted = arrays.take<TileKey>(n);
     sorted_values = args.keep_slots ? arrays.take<std::int32_t>(n) : splat_ids;
     temporary = arrays.take<unsigned char>(static_cast<std::int64_t>(sort_bytes));
   });
-  values = args.keep_slots ? emit.slots : emit.pair_ranks;
+  values = args.keep_slots ? emit.slots : emit.pair_splats;
   if (args.n_splats > 0) {
     emit_pairs_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(emit);
     B3DGS_CUDA_CHECK_LAUNCH();
     B3DGS_CUDA_CHECK(sort(temporary, sort_bytes));
     if (args.keep_slots) {
       gather_slots_kernel<<<blocks_for(args.n_pairs), kThreads, 0, context.stream>>>(
-          sorted_values, emit.pair_ranks, args.n_pairs, splat_ids, buffers.pair_slots.resize(args.n_pairs, context));
+          sorted_values, emit.pair_splats, args.n_pairs, splat_ids, buffers.pair_slots.resize(args.n_pairs, context));
       B3DGS_CUDA_CHECK_LAUNCH();
     }
   }
@@ -306,17 +305,17 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
     });
   }
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1, context);
-  exclusive_scan<std::int64_t>(TilesOfRank{args.projected.n_tiles, seen_by_depth, n}, n + 1, slot_offsets, buffers,
+  exclusive_scan<std::int64_t>(TilesOfSplat{args.projected.n_tiles, seen_by_depth, n}, n + 1, slot_offsets, buffers,
                                context);
 
   Splat* const splats = buffers.splats.resize(n, context);
   Vec2f* const extents = buffers.extents.resize(n, context);
-  std::int32_t* const rank_of_gaussian = buffers.rank_of_gaussian.resize(args.n_gaussians, context);
+  std::int32_t* const splat_of_gaussian = buffers.splat_of_gaussian.resize(args.n_gaussians, context);
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
   const auto sort = [&](auto key) {
-    const EmitArgs<decltype(key)> emit{args.projected,   seen_by_depth, slot_offsets, n,
-                                       args.grid,        args.culling,  splats,       extents,
-                                       rank_of_gaussian, nullptr,       nullptr,      nullptr};
+    const EmitArgs<decltype(key)> emit{args.projected,    seen_by_depth, slot_offsets, n,
+                                       args.grid,         args.culling,  splats,       extents,
+                                       splat_of_gaussian, nullptr,       nullptr,      nullptr};
     sort_pairs_by_tile(args, emit, buffers, scratch, tile_offsets, context);
   };
   if (n_tiles < 1 << 16) {  // the tile behind the last must fit, too
@@ -334,7 +333,7 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   B3DGS_CUDA_CHECK_LAUNCH();
   return {splats,
           extents,
-          rank_of_gaussian,
+          splat_of_gaussian,
           {tile_offsets, buffers.splat_ids.data(), args.keep_slots ? buffers.pair_slots.data() : nullptr, slot_offsets,
            args.n_pairs},
           {bucket_offsets, tile_of_bucket, n_buckets, n_buckets_max}};

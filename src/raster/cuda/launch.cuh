@@ -3,7 +3,7 @@
 
 #include "core/check.h"
 #include "raster/cuda/device_buffer.h"
-#include "raster/cuda/kernel_resources.h"
+#include "raster/cuda/gpu_support.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
@@ -65,6 +65,17 @@ KernelResources kernel_resources(Kernel kernel, int threads) {
           static_cast<int>(attributes.localSizeBytes),
           blocks * threads,
           threads_max};
+}
+
+/// Resources of the kernel that kernel_of(std::integral_constant<int, pixels>) returns for this tile, in blocks of
+/// `threads` threads; 0: a thread per pixel.
+template <class KernelOf>
+KernelResources tile_kernel_resources(const TileShape& tile, KernelOf&& kernel_of, int threads = 0) {
+  KernelResources resources;
+  with_tile_pixels(tile, [&](auto pixels) {
+    resources = kernel_resources(kernel_of(pixels), threads > 0 ? threads : pixels.value);
+  });
+  return resources;
 }
 
 }  // namespace b3dgs::cuda

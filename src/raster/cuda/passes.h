@@ -1,13 +1,19 @@
-// The passes of the CUDA rasterizer and their arguments. Each pass is queued on context.stream and does not wait for
+// The CUDA rasterizer, and its passes and their arguments. Each pass is queued on context.stream and does not wait for
 // the device. rasterize_cuda.cpp calls them.
 #pragma once
 
+#include <functional>
+#include <memory>
+
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
-#include "raster/splat_records.h"
+#include "raster/rasterizer_backend.h"
 #include "raster/splat_rows.h"
 
 namespace b3dgs::cuda {
+
+/// A rasterizer that calls `context` for the stream and the memory of each pass.
+std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()> context);
 
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {
@@ -82,7 +88,7 @@ void load_rows(const LoadRowsArgs& args, const LaunchContext& context);
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
   DeviceBuffer<std::uint32_t> depths, depths_sorted;
-  DeviceBuffer<std::int32_t> seen, seen_by_depth, rank_of_gaussian, splat_ids, tile_of_bucket;
+  DeviceBuffer<std::int32_t> seen, seen_by_depth, splat_of_gaussian, splat_ids, tile_of_bucket;
   DeviceBuffer<std::int64_t> slot_offsets, pair_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<unsigned long long> n_buckets;
   DeviceBuffer<Splat> splats;
@@ -91,7 +97,7 @@ struct BinBuffers {
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(depths), visit(depths_sorted), visit(seen), visit(seen_by_depth), visit(rank_of_gaussian);
+    visit(depths), visit(depths_sorted), visit(seen), visit(seen_by_depth), visit(splat_of_gaussian);
     visit(splat_ids), visit(tile_of_bucket), visit(slot_offsets), visit(pair_slots), visit(tile_offsets);
     visit(bucket_offsets), visit(n_buckets), visit(splats), visit(extents), visit(temporary);
   }
@@ -116,10 +122,10 @@ struct Buckets {
 
 /// Result of binning: splats in depth order, and a list per tile.
 struct BinnedView {
-  const Splat* splats = nullptr;                   // [M] nearest first; equal depths in the order of the Gaussians
-  const Vec2f* extents = nullptr;                  // [M]
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N] index in `splats`; undefined if not seen
-  BinnedSplats bins{};                             // pair_slots is null unless keep_slots
+  const Splat* splats = nullptr;                    // [M] nearest first; equal depths in the order of the Gaussians
+  const Vec2f* extents = nullptr;                   // [M]
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N] index in `splats`; undefined if not seen
+  BinnedSplats bins{};                              // pair_slots is null unless keep_slots
   Buckets buckets{};
 };
 
@@ -131,6 +137,21 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuf
 /// Second part of binning, after list_seen(). Pairs are sorted in `scratch`; the result does not use it.
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
+/// For a pixel and a segment of its list: the transmittance in front of the segment, by which the segment's bucket
+/// parts are to be multiplied. A pixel whose list has four segments and which finishes in the third:
+///
+///     segment                 0           1           2            3
+///     transmittance      1 ------> 0.5 -----> 0.01 -----> finished
+///     forward_segmented                   1           1            1    its parts begin at transmittance 1
+///     join_segments           1          0.5       -0.01           1    -: to be blended again from 0.01
+///     end_pixels              1          0.5          1            1    that was done: its parts are now absolute
+struct SegmentFront {
+  float value;
+  static B3DGS_HD SegmentFront blend_again_from(float transmittance) { return {-transmittance}; }
+  B3DGS_HD bool is_to_blend_again() const { return value < 0; }
+  B3DGS_HD float transmittance_to_blend_from() const { return -value; }
+};
+
 /// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
 /// sum of parts. As a difference of two running sums it would lose accuracy where it is small.
@@ -141,7 +162,7 @@ struct BucketParts {
   float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
   // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is cut.
-  const float* before_segment = nullptr;                // Segments::before
+  const SegmentFront* segment_fronts = nullptr;         // Segments::fronts
 };
 
 /// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
@@ -162,13 +183,12 @@ struct Segments {
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] index of the first segment, -1 if the list is not cut
   std::int32_t* is_done = nullptr;        // [n] 1 as soon as the segment is blended
   // All [n, pixels of a tile row by row]:
-  // Transmittance in front of the segment; 1 if the pixel finishes in the segment or before it. Between join_segments
-  // and end_pixels: negated if the pixel finishes in the segment; `color_depth` and `last` then hold the state in front
-  // of it.
-  float* before = nullptr;
-  float* transmittance = nullptr;  // of the segment alone, negated if it finishes the pixel
-  float4* color_depth = nullptr;   // what it adds to a pixel whose transmittance is 1
-  std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
+  SegmentFront* fronts = nullptr;
+  float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel
+  // What it adds to a pixel whose transmittance is 1; position in the list of the last splat blended, or -1. If the
+  // segment is to be blended again: colour, depth and last splat in front of it.
+  float4* color_depth = nullptr;
+  std::int32_t* last = nullptr;
 };
 
 struct BlendForwardCudaArgs {
@@ -176,7 +196,7 @@ struct BlendForwardCudaArgs {
   Buckets buckets{};
   BucketParts parts{};
   std::int32_t* next_task = nullptr;    // [1] task counter, 0 at the start
-  std::uint32_t* quad_words = nullptr;  // [n_buckets_max, quads of a tile] scratch of `combined`
+  std::uint32_t* quad_masks = nullptr;  // [n_buckets_max, quads of a tile] scratch of `combined`
   Segments segments{};
 };
 
@@ -206,7 +226,7 @@ struct SumSplatGradsArgs {
 };
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
-/// For RenderSettings::inverse_depth (math/inverse_depth.h): after binning, and after the backward blend.
+/// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend.
 void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context);
 void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
                             const LaunchContext& context);
@@ -215,10 +235,10 @@ struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
   PinholeView view{};
   int sh_degree = 0;
-  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                   // [M]
-  const SplatGradSum* splat_grads = nullptr;       // [M]
+  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                    // [M]
+  const SplatGradSum* splat_grads = nullptr;        // [M]
   GaussianGradArrays grad{};
   bool antialiasing = false;
 };
@@ -227,10 +247,10 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
 /// Keeps the splats' sums for a later backward projection.
 struct SplatRecordArgs {
   std::int64_t n_gaussians = 0;
-  const std::int32_t* radii = nullptr;             // [N] 0 if not seen
-  const std::int32_t* rank_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                   // [M]
-  const SplatGradSum* splat_grads = nullptr;       // [M]
+  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
+  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
+  const Splat* splats = nullptr;                    // [M]
+  const SplatGradSum* splat_grads = nullptr;        // [M]
   SplatRecordArrays out{};
 };
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
@@ -238,19 +258,20 @@ void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& contex
 /// The same for splats that were drawn elsewhere.
 void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
 
-/// Ranks of the splats of load_rows().
-struct RanksOfRows {
+/// The splats of load_rows().
+struct SplatsOfRows {
   std::int64_t n_rows = 0;
-  const std::int32_t* radii = nullptr;        // [n_rows] 0 if not drawn
-  const std::int32_t* rank_of_row = nullptr;  // [n_rows]
+  const std::int32_t* radii = nullptr;         // [n_rows] 0 if not drawn
+  const std::int32_t* splat_of_row = nullptr;  // [n_rows]
 };
 
-/// From the order of the ranks to that of the rows; 0 for a row that is not drawn.
-void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatGradSum* by_row,
-                   const LaunchContext& context);
-void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row, const LaunchContext& context);
+/// From the order of the splats to that of the rows; 0 for a row that is not drawn.
+void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
+                    const LaunchContext& context);
+void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
+                    const LaunchContext& context);
 
-/// Gradient with respect to the camera's pose (math/camera_grad.h).
+/// Gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraGradientArgs {
   ProjectBackwardCudaArgs backward{};  // its `grad` is not used
   std::int64_t n_splats = 0;           // M

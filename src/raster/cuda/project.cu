@@ -1,15 +1,14 @@
 // Projection: Gaussians to splats.
 //   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
 //     splat, colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
-//   Shared memory: the block's numbers of splats and pairs (count_view.cuh).
+//   Shared memory: the block's numbers of splats and pairs (project.cuh).
 //   Barriers: two, around the block's sums.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 
-#include "raster/cuda/color.cuh"
-#include "raster/cuda/count_view.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/project.cuh"
 #include "raster/math/project_splat.h"
 
 namespace b3dgs::cuda {

@@ -1,22 +1,17 @@
 // Runs the passes in order and owns the memory between them.
 
-#include "raster/cuda/rasterize_cuda.h"
-
+#include <functional>
 #include <memory>
 #include <utility>
 #include <vector>
 
-#include "raster/args_check.h"
-#include "raster/cuda/backward/backward_table.h"
-#include "raster/cuda/forward/forward_scratch.h"
-#include "raster/cuda/forward/forward_table.h"
-#include "raster/cuda/host_wait.h"
+#include "raster/checks.h"
+#include "raster/cuda/blend_kernels.h"
+#include "raster/cuda/device_buffer.h"
 #include "raster/cuda/passes.h"
-#include "raster/math/invalid_gaussian.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
-#include "raster/pair_limit.h"
-#include "raster/view_state.h"
+#include "raster/rasterizer_backend.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -45,375 +40,357 @@ void check_kernels(const RenderSettings& settings) {
       "deterministic gradients need the per-splat backward kernel");
 }
 
-}  // namespace
+class Rasterizer final : public RasterizerBackend {
+ public:
+  explicit Rasterizer(std::function<LaunchContext()> context) : context_(std::move(context)) {}
 
-struct Rasterizer::Impl : ViewState {
-  DeviceBuffer<Splat> splats;
-  DeviceBuffer<Vec2f> extents;
-  DeviceBuffer<std::int32_t> radii, n_tiles, last_ids;
-  DeviceBuffer<std::uint32_t> depth_bits;
-  DeviceBuffer<ViewCounts> counts;
-  DeviceBuffer<float4> part_color;
-  DeviceBuffer<float> part_depth, transmittance;
-  ForwardScratch forward_scratch;
-  PassScratch pass_scratch;
-  DeviceBuffer<SplatGradSum> splat_grads, pair_grads;
-  DeviceBuffer<double> camera_parts, camera_gradients;
-  BinBuffers bin_buffers;
-  PinnedValue<ViewCounts> host_counts;
-  std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts;  // of the projections that were queued
-  std::size_t n_queued = 0;
-  std::int64_t n_queued_gaussians = 0;
-  StreamMark counts_copied;
+  void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const ImageArrays& out) override {
+    check_render_args(gaussians, view, settings);
+    check_kernels(settings);
+    const LaunchContext context = context_();
+    const std::int64_t n = gaussians.n_gaussians;
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    const ViewCounts counts = count(projected, n, context);
+    if (has_too_many_pairs(counts.n_pairs)) {
+      throw NumericError(
+          too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), state_.grid.n_tiles()));
+    }
+    draw(projected, n, counts, settings, out, context);
+    state_.n_gaussians = n;
+  }
 
-  // Of the last forward pass:
-  BackwardKernel backward_kernel{};
-  bool deterministic = false;
-  BinnedView binned{};
-  BucketParts parts{};       // memory for the bucket parts
-  BucketParts kept_parts{};  // what the last blend stored there
+  void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) override {
+    const LaunchContext context = context_();
+    ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
+    args.grad = out;
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    project_backward(args, context);
+    end_stage(state_.stages);
+  }
+
+  void backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad, float* means2d,
+                      ProjectBackwardCudaArgs& rest) override {
+    rest = blend_and_prepare(gaussians, grad, context_());
+    rest.grad.means2d = means2d;
+  }
+
+  void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                          const SplatRecordArrays& out) override {
+    const LaunchContext context = context_();
+    const ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    keep_splat_records({gaussians.n_gaussians, args.radii, args.splat_of_gaussian, args.splats, args.splat_grads, out},
+                       context);
+    end_stage(state_.stages);
+  }
+
+  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+               const SplatAllocator& allocate) override {
+    check_render_args(gaussians, view, settings);
+    const LaunchContext context = context_();
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    const ViewCounts counts = count(projected, gaussians.n_gaussians, context);
+    copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
+    end_stage(state_.stages);
+  }
+
+  void queue_projection(std::size_t index, const GaussianArrays& gaussians, const PinholeView& view,
+                        const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity) override {
+    check_render_args(gaussians, view, settings);
+    const LaunchContext context = context_();
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    while (queued_counts_.size() <= index) queued_counts_.push_back(std::make_unique<PinnedValue<ViewCounts>>());
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
+                                     cudaMemcpyDeviceToHost, context.stream));
+    n_queued_ = index + 1;
+    n_queued_gaussians_ = gaussians.n_gaussians;
+    counts_copied_.record(context.stream);
+    list_seen(projected, gaussians.n_gaussians, bin_buffers_, context);
+    copy_seen({projected, bin_buffers_.seen.data(), capacity, out, projected.counts}, context);
+    end_stage(state_.stages);
+  }
+
+  std::vector<std::int64_t> wait_for_projections() override {
+    const std::size_t n_views = std::exchange(n_queued_, 0);
+    if (n_views > 0) counts_copied_.wait();
+    std::vector<std::int64_t> n_splats;
+    for (std::size_t v = 0; v < n_views; ++v) {
+      const ViewCounts& found = *queued_counts_[v]->get();
+      check_valid(found, n_queued_gaussians_);
+      n_splats.push_back(found.n_splats);
+    }
+    return n_splats;
+  }
+
+  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                      const ImageArrays& out) override {
+    const std::int64_t n = rows.n_splats;
+    check_splat_args(n, view, settings);
+    check_kernels(settings);
+    const LaunchContext context = context_();
+    const ProjectOutputs projected = begin(n, view, settings, context);
+    load_rows({rows, state_.grid, settings.culling, projected}, context);
+    const ViewCounts counts = count(projected, n, context);
+    if (has_too_many_pairs(counts.n_pairs)) {
+      throw NumericError(too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context),
+                                        state_.grid.n_tiles(), "the Gaussian of splat"));
+    }
+    draw(projected, n, counts, settings, out, context);
+    state_.n_rows = n;
+  }
+
+  void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {
+    state_.check_rows("backward_splats()");
+    const LaunchContext context = context_();
+    begin_stage(state_.stages, Stage::kBlendBackward);
+    blend_backward(backward_kernel_, grad, context);
+    begin_stage(state_.stages, Stage::kProjectBackward);
+    rows_of_splats(splats_of_rows(), splat_grads_.data(), out, context);
+    end_stage(state_.stages);
+  }
+
+  const std::int32_t* splat_of_row() const override {
+    state_.check_rows("splat_of_row()");
+    return binned_.splat_of_gaussian;
+  }
+
+  void score(const float* error, const ScoreArrays& out) override {
+    state_.check_gaussians("score()");
+    const LaunchContext context = context_();
+    add_scores({binned_.splats, state_.n_splats, nullptr, score_of_splats(error, context), out}, context);
+  }
+
+  void score_splats(const float* error, ScoreSums* out) override {
+    state_.check_rows("score_splats()");
+    const LaunchContext context = context_();
+    rows_of_splats(splats_of_rows(), score_of_splats(error, context), out, context);
+  }
+
+  void reblend(ForwardKernel kernel) override {
+    state_.check_view("reblend()");
+    blend_forward(kernel, context_());
+  }
+
+  void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
+    state_.check_view("reblend_backward()");
+    blend_backward(kernel, grad, context_());
+  }
+
+  void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
+    state_.check_view("count_load()");
+    cuda::count_load({binned_.splats, binned_.bins, state_.grid, processed, contributing}, context_());
+  }
+
+  const double* camera_gradient() const override {
+    check_camera_gradient();
+    return camera_gradients_.data();
+  }
+
+  const float* splat_grads() const override { return reinterpret_cast<const float*>(splat_grads_.data()); }
+  const std::int32_t* radii() const override { return radii_.data(); }
+  const std::int32_t* last_ids() const override { return last_ids_.data(); }
+  const Splat* splats() const override { return binned_.splats; }
+  BinnedSplats bins() const override { return binned_.bins; }
+
+  std::int64_t memory_bytes() override {
+    std::int64_t bytes = 0;
+    visit_buffers([&](const auto& buffer) { bytes += buffer.bytes(); });
+    return bytes;
+  }
+  void release_memory() override {
+    state_.forget_view();
+    visit_buffers([](auto& buffer) { buffer.release(); });
+  }
+
+ private:
+  /// Returns buffers for n rows.
+  ProjectOutputs begin(std::int64_t n, const PinholeView& view, const RenderSettings& settings,
+                       const LaunchContext& context) {
+    state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
+    begin_stage(state_.stages, Stage::kProject);
+    return {splats_.resize(n, context),  extents_.resize(n, context),    radii_.resize(n, context),
+            n_tiles_.resize(n, context), depth_bits_.resize(n, context), counts_.resize(1, context)};
+  }
+
+  ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const PinholeView& view,
+                                   const RenderSettings& settings, const LaunchContext& context) {
+    const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context);
+    cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
+                   settings.color_pass, settings.antialiasing},
+                  context);
+    return projected;
+  }
+
+  /// Begins the binning of n rows, and waits for the counts.
+  ViewCounts count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_counts_.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
+                                     context.stream));
+    counts_copied_.record(context.stream);
+    begin_stage(state_.stages, Stage::kBin);
+    list_seen(projected, n, bin_buffers_, context);  // the device works on this while the host waits for the counts
+    counts_copied_.wait();
+    const ViewCounts found = *host_counts_.get();
+    check_valid(found, n);
+    return found;
+  }
+
+  /// From the splats to the images.
+  void draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counted, const RenderSettings& settings,
+            const ImageArrays& out, const LaunchContext& context) {
+    state_.begin_drawing(settings, out);
+    state_.n_splats = counted.n_splats;
+    const bool keep_slots = settings.deterministic && settings.keep_for_backward;
+    binned_ = bin({projected, n, counted.n_splats, counted.n_pairs, state_.grid, settings.culling, keep_slots},
+                  bin_buffers_, pass_scratch_, context);
+    if (state_.inverse_depth) invert_depths(bin_buffers_.splats.data(), state_.n_splats, context);
+
+    begin_stage(state_.stages, Stage::kBlendForward);
+    parts_ = {};
+    backward_kernel_ = settings.backward_kernel;
+    deterministic_ = settings.deterministic;
+    if (settings.keep_for_backward) {
+      parts_.color = part_color_.resize(n_bucket_pixels(), context);
+      if (settings.depth_gradient) parts_.depth = part_depth_.resize(n_bucket_pixels(), context);
+      reserve_for_backward(context);
+    }
+    const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
+    transmittance_.resize(n_pixels, context);
+    last_ids_.resize(n_pixels, context);
+    blend_forward(settings.kernel, context);
+    end_stage(state_.stages);
+  }
+
+  /// Takes the memory that the backward pass needs while this pass can still be repeated.
+  void reserve_for_backward(const LaunchContext& context) {
+    allocate_bucket_ends(context);
+    splat_grads_.resize(state_.n_splats, context);
+    if (deterministic_) pair_grads_.resize(binned_.bins.n_pairs, context);
+    if (state_.camera_gradient) {
+      camera_parts_.resize(kCameraGradientParts * kCameraGradients, context);
+      camera_gradients_.resize(kCameraGradients, context);
+    }
+  }
+
+  void blend_forward(ForwardKernel kernel, const LaunchContext& context) {
+    const BlendForwardArgs blend{binned_.splats,    binned_.extents, binned_.bins,          state_.grid,
+                                 state_.background, state_.rendered, transmittance_.data(), last_ids_.data()};
+    BlendForwardCudaArgs args{blend, binned_.buckets, parts_};
+    forward_scratch_.allocate(kernel, args, pass_scratch_, context);
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
+    kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+    stored_parts_ = parts_after(kernel, args);
+  }
+
+  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
+    B3DGS_CHECK(parts_.color != nullptr, "backward() after a forward() without keep_for_backward");
+    B3DGS_CHECK(grad.depth == nullptr || parts_.depth != nullptr,
+                "gradient with respect to depth after a forward() without depth_gradient");
+    const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
+      SplatGradSum* const sums = buffer.resize(count, context);
+      B3DGS_CUDA_CHECK(
+          cudaMemsetAsync(sums, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
+      return sums;
+    };
+    BlendBackwardCudaArgs args{};
+    args.blend = {binned_.splats,  binned_.extents,       binned_.bins,     state_.grid, state_.background,
+                  state_.rendered, transmittance_.data(), last_ids_.data(), grad,        nullptr};
+    args.buckets = binned_.buckets;
+    args.parts = stored_parts_;
+    args.bucket_ends = allocate_bucket_ends(context);
+    args.splat_grads = zeroed(splat_grads_, state_.n_splats);
+    if (deterministic_) args.pair_grads = zeroed(pair_grads_, binned_.bins.n_pairs);
+    kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+    if (deterministic_) {
+      sum_splat_grads({state_.n_splats, binned_.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
+    }
+    if (state_.inverse_depth && grad.depth != nullptr) {
+      invert_depth_gradients(binned_.splats, state_.n_splats, args.splat_grads, context);
+    }
+  }
+
+  /// The backward blend and, if wanted, the gradient with respect to the camera. Returns the arguments of
+  /// project_backward() without the gradient arrays.
+  ProjectBackwardCudaArgs blend_and_prepare(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                            const LaunchContext& context) {
+    state_.check_same(gaussians);
+    begin_stage(state_.stages, Stage::kBlendBackward);
+    blend_backward(backward_kernel_, grad, context);
+    end_stage(state_.stages);
+    ProjectBackwardCudaArgs args{
+        gaussians,      state_.view,        state_.sh_degree, radii_.data(), binned_.splat_of_gaussian,
+        binned_.splats, splat_grads_.data()};
+    args.antialiasing = state_.antialiasing;
+    state_.has_camera_gradient = state_.camera_gradient;
+    if (state_.camera_gradient) {
+      begin_stage(state_.stages, Stage::kProjectBackward);
+      cuda::camera_gradient({args, state_.n_splats, camera_parts_.data(), camera_gradients_.data()}, context);
+      end_stage(state_.stages);
+    }
+    return args;
+  }
+
+  /// Scores of each splat, in the memory of splat_grads_.
+  ScoreSums* score_of_splats(const float* error, const LaunchContext& context) {
+    static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
+    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(state_.n_splats, context));
+    const std::size_t bytes = static_cast<std::size_t>(state_.n_splats) * sizeof(ScoreSums);
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
+    cuda::score({binned_.splats, binned_.extents, binned_.bins, state_.grid, error, sums}, context);
+    return sums;
+  }
+
+  SplatsOfRows splats_of_rows() const { return {state_.n_rows, radii_.data(), binned_.splat_of_gaussian}; }
 
   std::int64_t n_bucket_pixels() const {
-    return binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
+    return binned_.buckets.n_max * (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);
   }
   float2* allocate_bucket_ends(const LaunchContext& context) {
     float2* ends = nullptr;
-    pass_scratch.allocate(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
+    pass_scratch_.allocate(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
     return ends;
   }
-  /// Takes what the backward pass needs while this one can still be repeated.
-  void make_room_for_backward(const LaunchContext& context) {
-    allocate_bucket_ends(context);
-    splat_grads.resize(n_splats, context);
-    if (deterministic) pair_grads.resize(binned.bins.n_pairs, context);
-    if (camera_gradient) {
-      camera_parts.resize(kCameraGradientParts * kCameraGradients, context);
-      camera_gradients.resize(kCameraGradients, context);
-    }
-  }
+
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(splats), visit(extents), visit(radii), visit(n_tiles), visit(last_ids), visit(depth_bits), visit(counts);
-    visit(part_color), visit(part_depth), visit(transmittance), visit(splat_grads), visit(pair_grads);
-    visit(pass_scratch), visit(camera_parts), visit(camera_gradients);
-    forward_scratch.visit_buffers(visit);
-    bin_buffers.visit_buffers(visit);
+    visit(splats_), visit(extents_), visit(radii_), visit(n_tiles_), visit(last_ids_), visit(depth_bits_);
+    visit(counts_), visit(part_color_), visit(part_depth_), visit(transmittance_), visit(splat_grads_);
+    visit(pair_grads_), visit(pass_scratch_), visit(camera_parts_), visit(camera_gradients_);
+    forward_scratch_.visit_buffers(visit);
+    bin_buffers_.visit_buffers(visit);
   }
 
-  // The parts of a forward pass:
-  /// Returns buffers for n rows.
-  ProjectOutputs begin(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
-                       const LaunchContext& context);
-  void project(const GaussianArrays& gaussians, const RenderSettings& settings, const ProjectOutputs& projected,
-               ColorPass* colors, const LaunchContext& context);
-  /// Begins the binning of n rows, and waits for the counts.
-  ViewCounts count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context);
-  /// From the splats to the images.
-  void draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counts, const RenderSettings& settings,
-            const ImageArrays& out, const LaunchContext& context);
+  std::function<LaunchContext()> context_;
+  DeviceBuffer<Splat> splats_;
+  DeviceBuffer<Vec2f> extents_;
+  DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_;
+  DeviceBuffer<std::uint32_t> depth_bits_;
+  DeviceBuffer<ViewCounts> counts_;
+  DeviceBuffer<float4> part_color_;
+  DeviceBuffer<float> part_depth_, transmittance_;
+  ForwardScratch forward_scratch_;
+  PassScratch pass_scratch_;
+  DeviceBuffer<SplatGradSum> splat_grads_, pair_grads_;
+  DeviceBuffer<double> camera_parts_, camera_gradients_;
+  BinBuffers bin_buffers_;
+  PinnedValue<ViewCounts> host_counts_;
+  std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts_;  // of the projections that were queued
+  std::size_t n_queued_ = 0;
+  std::int64_t n_queued_gaussians_ = 0;
+  StreamMark counts_copied_;
 
-  /// Scores of each splat, in the memory of splat_grads.
-  ScoreSums* score(const float* error, const LaunchContext& context);
-  RanksOfRows ranks_of_rows() const { return {n_rows, radii.data(), binned.rank_of_gaussian}; }
-  void blend_forward(ForwardKernel kernel, const LaunchContext& context);
-  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context);
+  // Of the last forward pass:
+  BackwardKernel backward_kernel_{};
+  bool deterministic_ = false;
+  BinnedView binned_{};
+  BucketParts parts_{};         // memory for the bucket parts
+  BucketParts stored_parts_{};  // what the last blend stored there
 };
 
-void Rasterizer::Impl::blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-  const BlendForwardArgs blend{binned.splats, binned.extents, binned.bins,          grid,
-                               background,    rendered,       transmittance.data(), last_ids.data()};
-  BlendForwardCudaArgs args{blend, binned.buckets, parts};
-  forward_scratch.allocate(kernel, args, pass_scratch, context);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
-  kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
-  kept_parts = parts_after(kernel, args);
-}
+}  // namespace
 
-void Rasterizer::Impl::blend_backward(BackwardKernel kernel, const ImageGradArrays& grad,
-                                      const LaunchContext& context) {
-  B3DGS_CHECK(parts.color != nullptr, "backward() after a forward() without keep_for_backward");
-  B3DGS_CHECK(grad.depth == nullptr || parts.depth != nullptr,
-              "gradient with respect to depth after a forward() without depth_gradient");
-  const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
-    SplatGradSum* const records = buffer.resize(count, context);
-    B3DGS_CUDA_CHECK(
-        cudaMemsetAsync(records, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
-    return records;
-  };
-  BlendBackwardCudaArgs args{};
-  args.blend = {binned.splats, binned.extents,       binned.bins,     grid, background,
-                rendered,      transmittance.data(), last_ids.data(), grad, nullptr};
-  args.buckets = binned.buckets;
-  args.parts = kept_parts;
-  args.bucket_ends = allocate_bucket_ends(context);
-  args.splat_grads = zeroed(splat_grads, n_splats);
-  if (deterministic) args.pair_grads = zeroed(pair_grads, binned.bins.n_pairs);
-  kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
-  if (deterministic) sum_splat_grads({n_splats, binned.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
-  if (inverse_depth && grad.depth != nullptr) {
-    invert_depth_gradients(binned.splats, n_splats, args.splat_grads, context);
-  }
-}
-
-Rasterizer::Rasterizer() : impl_(std::make_unique<Impl>()) {}
-Rasterizer::~Rasterizer() = default;
-Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
-Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
-
-ProjectOutputs Rasterizer::Impl::begin(std::int64_t n, const PinholeView& next_view, const RenderSettings& settings,
-                                       const LaunchContext& context) {
-  begin_view(next_view, make_tile_grid(next_view.width, next_view.height, settings.tile), settings);
-  begin_stage(stages, Stage::kProject);
-  return {splats.resize(n, context),  extents.resize(n, context),    radii.resize(n, context),
-          n_tiles.resize(n, context), depth_bits.resize(n, context), counts.resize(1, context)};
-}
-
-void Rasterizer::Impl::project(const GaussianArrays& gaussians, const RenderSettings& settings,
-                               const ProjectOutputs& projected, ColorPass* colors, const LaunchContext& context) {
-  cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, grid, projected, colors,
-                 settings.antialiasing},
-                context);
-}
-
-ViewCounts Rasterizer::Impl::count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
-  B3DGS_CUDA_CHECK(
-      cudaMemcpyAsync(host_counts.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
-  counts_copied.record(context.stream);
-  begin_stage(stages, Stage::kBin);
-  list_seen(projected, n, bin_buffers, context);  // the device works on this while the host waits for the counts
-  counts_copied.wait();
-  const ViewCounts found = *host_counts.get();
-  check_valid(found, n);
-  return found;
-}
-
-void Rasterizer::Impl::draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counted,
-                            const RenderSettings& settings, const ImageArrays& out, const LaunchContext& context) {
-  begin_drawing(settings, out);
-  n_splats = counted.n_splats;
-  const bool keep_slots = settings.deterministic && settings.keep_for_backward;
-  binned = bin({projected, n, counted.n_splats, counted.n_pairs, grid, settings.culling, keep_slots}, bin_buffers,
-               pass_scratch, context);
-  if (inverse_depth) invert_depths(bin_buffers.splats.data(), n_splats, context);
-
-  begin_stage(stages, Stage::kBlendForward);
-  parts = {};
-  backward_kernel = settings.backward_kernel;
-  deterministic = settings.deterministic;
-  if (settings.keep_for_backward) {
-    parts.color = part_color.resize(n_bucket_pixels(), context);
-    if (settings.depth_gradient) parts.depth = part_depth.resize(n_bucket_pixels(), context);
-    make_room_for_backward(context);
-  }
-  const std::int64_t n_pixels = std::int64_t{view.width} * view.height;
-  transmittance.resize(n_pixels, context);
-  last_ids.resize(n_pixels, context);
-  blend_forward(settings.kernel, context);
-  end_stage(stages);
-}
-
-void Rasterizer::forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const ImageArrays& out, const LaunchContext& context, ColorPass* colors) {
-  check_render_args(gaussians, view, settings);
-  check_kernels(settings);
-  Impl& s = *impl_;
-  const std::int64_t n = gaussians.n_gaussians;
-  const ProjectOutputs projected = s.begin(n, view, settings, context);
-  s.project(gaussians, settings, projected, colors, context);
-  const ViewCounts counts = s.count(projected, n, context);
-  if (has_too_many_pairs(counts.n_pairs)) {
-    throw NumericError(
-        too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles()));
-  }
-  s.draw(projected, n, counts, settings, out, context);
-  s.n_gaussians = n;
-}
-
-void Rasterizer::project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
-                         const SplatAllocator& allocate, const LaunchContext& context, ColorPass* colors) {
-  check_render_args(gaussians, view, settings);
-  Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin(gaussians.n_gaussians, view, settings, context);
-  s.project(gaussians, settings, projected, colors, context);
-  const ViewCounts counts = s.count(projected, gaussians.n_gaussians, context);
-  copy_seen({projected, s.bin_buffers.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
-  end_stage(s.stages);
-}
-
-void Rasterizer::queue_projection(std::size_t place, const GaussianArrays& gaussians, const PinholeView& view,
-                                  const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity,
-                                  const LaunchContext& context, ColorPass* colors) {
-  check_render_args(gaussians, view, settings);
-  Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin(gaussians.n_gaussians, view, settings, context);
-  s.project(gaussians, settings, projected, colors, context);
-  while (s.queued_counts.size() <= place) s.queued_counts.push_back(std::make_unique<PinnedValue<ViewCounts>>());
-  B3DGS_CUDA_CHECK(cudaMemcpyAsync(s.queued_counts[place]->get(), projected.counts, sizeof(ViewCounts),
-                                   cudaMemcpyDeviceToHost, context.stream));
-  s.n_queued = place + 1;
-  s.n_queued_gaussians = gaussians.n_gaussians;
-  s.counts_copied.record(context.stream);
-  list_seen(projected, gaussians.n_gaussians, s.bin_buffers, context);
-  copy_seen({projected, s.bin_buffers.seen.data(), capacity, out, projected.counts}, context);
-  end_stage(s.stages);
-}
-
-std::vector<std::int64_t> Rasterizer::wait_for_projections() {
-  Impl& s = *impl_;
-  const std::size_t n_views = std::exchange(s.n_queued, 0);
-  if (n_views > 0) s.counts_copied.wait();
-  std::vector<std::int64_t> n_splats;
-  for (std::size_t v = 0; v < n_views; ++v) {
-    const ViewCounts& found = *s.queued_counts[v]->get();
-    check_valid(found, s.n_queued_gaussians);
-    n_splats.push_back(found.n_splats);
-  }
-  return n_splats;
-}
-
-void Rasterizer::forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
-                                const ImageArrays& out, const LaunchContext& context) {
-  const std::int64_t n = rows.n_splats;
-  check_splat_args(n, view, settings);
-  check_kernels(settings);
-  Impl& s = *impl_;
-  const ProjectOutputs projected = s.begin(n, view, settings, context);
-  load_rows({rows, s.grid, settings.culling, projected}, context);
-  const ViewCounts counts = s.count(projected, n, context);
-  if (has_too_many_pairs(counts.n_pairs)) {
-    throw NumericError(too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), s.grid.n_tiles(),
-                                      "the Gaussian of splat"));
-  }
-  s.draw(projected, n, counts, settings, out, context);
-  s.n_rows = n;
-}
-
-ProjectBackwardCudaArgs Rasterizer::backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad,
-                                                   const LaunchContext& context) {
-  Impl& s = *impl_;
-  s.check_gaussians(gaussians);
-  begin_stage(s.stages, Stage::kBlendBackward);
-  s.blend_backward(s.backward_kernel, grad, context);
-  end_stage(s.stages);
-  ProjectBackwardCudaArgs args{
-      gaussians, s.view, s.sh_degree, s.radii.data(), s.binned.rank_of_gaussian, s.binned.splats, s.splat_grads.data()};
-  args.antialiasing = s.antialiasing;
-  s.has_camera_gradient = s.camera_gradient;
-  if (s.camera_gradient) {
-    begin_stage(s.stages, Stage::kProjectBackward);
-    cuda::camera_gradient({args, s.n_splats, s.camera_parts.data(), s.camera_gradients.data()}, context);
-    end_stage(s.stages);
-  }
-  return args;
-}
-
-void Rasterizer::backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out,
-                          const LaunchContext& context) {
-  ProjectBackwardCudaArgs args = backward_blend(gaussians, grad, context);
-  args.grad = out;
-  begin_stage(impl_->stages, Stage::kProjectBackward);
-  project_backward(args, context);
-  end_stage(impl_->stages);
-}
-
-void Rasterizer::backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
-                                    const SplatRecordArrays& out, const LaunchContext& context) {
-  const ProjectBackwardCudaArgs args = backward_blend(gaussians, grad, context);
-  begin_stage(impl_->stages, Stage::kProjectBackward);
-  keep_splat_records({gaussians.n_gaussians, args.radii, args.rank_of_gaussian, args.splats, args.splat_grads, out},
-                     context);
-  end_stage(impl_->stages);
-}
-
-void Rasterizer::backward_splats(const ImageGradArrays& grad, SplatGradSum* out, const LaunchContext& context) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_rows >= 0, "backward_splats() before any forward_splats()");
-  begin_stage(s.stages, Stage::kBlendBackward);
-  s.blend_backward(s.backward_kernel, grad, context);
-  begin_stage(s.stages, Stage::kProjectBackward);
-  rows_of_ranks(s.ranks_of_rows(), s.splat_grads.data(), out, context);
-  end_stage(s.stages);
-}
-
-void Rasterizer::reblend(ForwardKernel kernel, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->has_view(), "reblend() before any forward()");
-  impl_->blend_forward(kernel, context);
-}
-
-void Rasterizer::reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
-  B3DGS_CHECK(impl_->has_view(), "reblend_backward() before any forward()");
-  impl_->blend_backward(kernel, grad, context);
-}
-
-void Rasterizer::count_load(std::int32_t* processed, std::int32_t* contributing, const LaunchContext& context) const {
-  const Impl& s = *impl_;
-  B3DGS_CHECK(s.has_view(), "count_load() before any forward()");
-  cuda::count_load({s.binned.splats, s.binned.bins, s.grid, processed, contributing}, context);
-}
-
-const double* Rasterizer::camera_gradient() const {
-  B3DGS_CHECK(impl_->has_camera_gradient,
-              "camera_gradient() without a forward() with camera_gradient and its backward()");
-  return impl_->camera_gradients.data();
-}
-
-const std::int32_t* Rasterizer::rank_of_row() const {
-  B3DGS_CHECK(impl_->n_rows >= 0, "rank_of_row() before any forward_splats()");
-  return impl_->binned.rank_of_gaussian;
-}
-
-ScoreSums* Rasterizer::Impl::score(const float* error, const LaunchContext& context) {
-  static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-  auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads.resize(n_splats, context));
-  const std::size_t bytes = static_cast<std::size_t>(n_splats) * sizeof(ScoreSums);
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
-  cuda::score({binned.splats, binned.extents, binned.bins, grid, error, sums}, context);
-  return sums;
-}
-
-void Rasterizer::score(const float* error, const ScoreArrays& out, const LaunchContext& context) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_gaussians >= 0, "score() before any forward()");
-  cuda::add_scores({s.binned.splats, s.n_splats, nullptr, s.score(error, context), out}, context);
-}
-
-void Rasterizer::score_splats(const float* error, ScoreSums* out, const LaunchContext& context) {
-  Impl& s = *impl_;
-  B3DGS_CHECK(s.n_rows >= 0, "score_splats() before any forward_splats()");
-  rows_of_ranks(s.ranks_of_rows(), s.score(error, context), out, context);
-}
-
-const float* Rasterizer::splat_grads() const {
-  return reinterpret_cast<const float*>(impl_->splat_grads.data());
-}
-
-const std::int32_t* Rasterizer::radii() const {
-  return impl_->radii.data();
-}
-const std::int32_t* Rasterizer::last_ids() const {
-  return impl_->last_ids.data();
-}
-const Splat* Rasterizer::splats() const {
-  return impl_->binned.splats;
-}
-BinnedSplats Rasterizer::bins() const {
-  return impl_->binned.bins;
-}
-TileGrid Rasterizer::grid() const {
-  return impl_->grid;
-}
-std::int64_t Rasterizer::n_splats() const {
-  return impl_->n_splats;
-}
-
-std::int64_t Rasterizer::memory_bytes() const {
-  std::int64_t bytes = 0;
-  impl_->visit_buffers([&](const auto& buffer) { bytes += buffer.bytes(); });
-  return bytes;
-}
-void Rasterizer::release_memory() {
-  impl_->forget_view();
-  impl_->visit_buffers([](auto& buffer) { buffer.release(); });
+std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()> context) {
+  return std::make_unique<Rasterizer>(std::move(context));
 }
 
 }  // namespace b3dgs::cuda

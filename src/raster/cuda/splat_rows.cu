@@ -1,14 +1,21 @@
-// Views split at the splats (splat_rows.h). Rows are splats in the order of their Gaussians; a splat's place in the
-// order of depth is its rank.
-//   copy_seen_kernel: after projection; a thread per row copies it from the Gaussian's.
-//   load_rows_kernel: in place of projection; a thread per row copies it and counts its tiles.
-//   rows_of_ranks_kernel: after the backward blend or scoring; a thread per 8-byte word copies it from the splat's
-//   rank. Shared memory: in load_rows_kernel, the block's numbers of splats and pairs. Barriers: two, around these
-//   sums.
+// What passes over splats do besides projecting and blending them: a thread per splat or Gaussian, unless another is
+// named. Rows are splats in the order of their Gaussians (splat_rows.h).
+//   Views split at the splats:
+//     copy_seen_kernel, after projection: copies each row from its Gaussian's.
+//     load_rows_kernel, in place of projection: copies each row and counts its tiles. Shared memory: the block's
+//       numbers of splats and pairs. Barriers: two, around these sums.
+//     rows_of_splats_kernel, after the backward blend or scoring: copies each row from its splat's; a thread per 8
+//       bytes.
+//   Inverse depth (math/project_splat.h): invert_depths_kernel, invert_depth_gradients_kernel.
+//   Deterministic gradients: sum_splat_grads_kernel sums those of each splat's pairs in a fixed order. A warp per
+//     splat: lanes take the pairs in turn, and the lanes are summed with shuffles.
+//   For a later backward projection: keep_splat_records_kernel; keep_splats_kernel for splats drawn elsewhere.
 
 #include <cstdint>
 
-#include "raster/cuda/count_view.cuh"
+#include "core/cuda_rows.cuh"
+#include "raster/cuda/project.cuh"
+#include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
@@ -20,12 +27,8 @@ unsigned blocks_for(std::int64_t n) {
   return static_cast<unsigned>((n + kThreads - 1) / kThreads);
 }
 
-__device__ __forceinline__ std::int64_t thread_index() {
-  return static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-}
-
 __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs args) {
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   if (m >= args.n_splats || (args.counts != nullptr && m >= args.counts->n_splats)) return;
   const std::int32_t i = args.seen[m];
   args.out.splats[m] = args.projected.splats[i];
@@ -38,7 +41,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
   if (threadIdx.x == 0) block_splats = block_pairs = 0;
   __syncthreads();
 
-  const std::int64_t m = thread_index();
+  const std::int64_t m = own_row<kThreads>();
   std::int32_t n_tiles = 0;
   if (m < args.rows.n_splats) {
     Splat splat = args.rows.splats[m];
@@ -57,48 +60,130 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
 
 /// Rows of `words` words each; 0 for a row that is not drawn.
 __global__ void __launch_bounds__(kThreads)
-    rows_of_ranks_kernel(const RanksOfRows ranks, int words, const unsigned long long* by_rank,
-                         unsigned long long* by_row) {
-  const std::int64_t k = thread_index();
+    rows_of_splats_kernel(const SplatsOfRows splats, int words, const unsigned long long* by_splat,
+                          unsigned long long* by_row) {
+  const std::int64_t k = own_row<kThreads>();
   const std::int64_t row = k / words;
-  if (row >= ranks.n_rows) return;
-  const bool is_drawn = ranks.radii[row] > 0;
-  by_row[k] = is_drawn ? by_rank[std::int64_t{ranks.rank_of_row[row]} * words + k % words] : 0;
+  if (row >= splats.n_rows) return;
+  const bool is_drawn = splats.radii[row] > 0;
+  by_row[k] = is_drawn ? by_splat[std::int64_t{splats.splat_of_row[row]} * words + k % words] : 0;
 }
 
 template <class Row>
-void copy_to_rows(const RanksOfRows& ranks, const Row* by_rank, Row* by_row, const LaunchContext& context) {
+void copy_to_rows(const SplatsOfRows& splats, const Row* by_splat, Row* by_row, const LaunchContext& context) {
   constexpr int kWords = sizeof(Row) / sizeof(unsigned long long);
   static_assert(sizeof(Row) % sizeof(unsigned long long) == 0 && alignof(Row) >= alignof(unsigned long long));
-  if (ranks.n_rows == 0) return;
-  rows_of_ranks_kernel<<<blocks_for(ranks.n_rows * kWords), kThreads, 0, context.stream>>>(
-      ranks, kWords, reinterpret_cast<const unsigned long long*>(by_rank),
+  if (splats.n_rows == 0) return;
+  rows_of_splats_kernel<<<blocks_for(splats.n_rows * kWords), kThreads, 0, context.stream>>>(
+      splats, kWords, reinterpret_cast<const unsigned long long*>(by_splat),
       reinterpret_cast<unsigned long long*>(by_row));
   B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+__global__ void __launch_bounds__(kThreads) invert_depths_kernel(Splat* splats, std::int64_t n_splats) {
+  const std::int64_t m = own_row<kThreads>();
+  if (m < n_splats) invert_depth(splats[m]);
+}
+
+__global__ void __launch_bounds__(kThreads)
+    invert_depth_gradients_kernel(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads) {
+  const std::int64_t m = own_row<kThreads>();
+  if (m < n_splats) splat_grads[m].sum.depth = depth_gradient(splats[m], splat_grads[m].sum.depth);
+}
+
+__device__ __forceinline__ void add(float4& sum, float4 value) {
+  sum = make_float4(sum.x + value.x, sum.y + value.y, sum.z + value.z, sum.w + value.w);
+}
+
+__global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSplatGradsArgs args) {
+  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float4);
+  const std::int64_t splat = own_row<kThreads>() / kWarpSize;
+  if (splat >= args.n_splats) return;
+  float4 sum[kWords]{};
+  for (std::int64_t slot = args.slot_offsets[splat] + lane_id(); slot < args.slot_offsets[splat + 1];
+       slot += kWarpSize) {
+    const auto* const words = reinterpret_cast<const float4*>(args.pair_grads + slot);
+    for (int k = 0; k < kWords; ++k) add(sum[k], words[k]);
+  }
+  auto* const out = reinterpret_cast<float4*>(args.splat_grads + splat);
+#pragma unroll
+  for (int k = 0; k < kWords; ++k) {
+    const float4 whole = make_float4(warp_sum(sum[k].x), warp_sum(sum[k].y), warp_sum(sum[k].z), warp_sum(sum[k].w));
+    if (lane_id() == 0) out[k] = whole;
+  }
+}
+
+__global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const SplatRecordArgs args) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i >= args.n_gaussians) return;
+  std::int32_t record = -1;
+  Vec2f centre{0, 0};
+  if (args.radii[i] > 0) {
+    record = args.splat_of_gaussian[i];
+    const SplatGrad sum = args.splat_grads[record].sum;
+    args.out.records[record] = {sum, static_cast<std::int32_t>(i), args.splats[record].clamped};
+    centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
+  }
+  args.out.record_of_gaussian[i] = record;
+  reinterpret_cast<float2*>(args.out.means2d)[i] = make_float2(centre.x, centre.y);
+}
+
+__global__ void __launch_bounds__(kThreads) keep_splats_kernel(const KeepSplatsArgs args) {
+  const std::int64_t m = own_row<kThreads>();
+  if (m < args.rows.n_splats) keep_splat(args, m);
 }
 
 }  // namespace
 
 void copy_seen(const CopySeenArgs& args, const LaunchContext& context) {
-  if (args.n_splats == 0) return;
-  copy_seen_kernel<<<blocks_for(args.n_splats), kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_rows<kThreads>(copy_seen_kernel, args, args.n_splats, context.stream);
 }
 
 void load_rows(const LoadRowsArgs& args, const LaunchContext& context) {
   reset_counts(args.out.counts, args.rows.n_splats, context);
-  if (args.rows.n_splats == 0) return;
-  load_rows_kernel<<<blocks_for(args.rows.n_splats), kThreads, 0, context.stream>>>(args);
+  launch_rows<kThreads>(load_rows_kernel, args, args.rows.n_splats, context.stream);
+}
+
+void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
+                    const LaunchContext& context) {
+  copy_to_rows(splats, by_splat, by_row, context);
+}
+void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
+                    const LaunchContext& context) {
+  copy_to_rows(splats, by_splat, by_row, context);
+}
+
+void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context) {
+  if (n_splats == 0) return;
+  invert_depths_kernel<<<blocks_for(n_splats), kThreads, 0, context.stream>>>(splats, n_splats);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-void rows_of_ranks(const RanksOfRows& ranks, const SplatGradSum* by_rank, SplatGradSum* by_row,
-                   const LaunchContext& context) {
-  copy_to_rows(ranks, by_rank, by_row, context);
+void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
+                            const LaunchContext& context) {
+  if (n_splats == 0) return;
+  invert_depth_gradients_kernel<<<blocks_for(n_splats), kThreads, 0, context.stream>>>(splats, n_splats, splat_grads);
+  B3DGS_CUDA_CHECK_LAUNCH();
 }
-void rows_of_ranks(const RanksOfRows& ranks, const ScoreSums* by_rank, ScoreSums* by_row,
-                   const LaunchContext& context) {
-  copy_to_rows(ranks, by_rank, by_row, context);
+
+void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context) {
+  launch_rows<kThreads>(sum_splat_grads_kernel, args, args.n_splats * kWarpSize, context.stream);
+}
+
+void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context) {
+  launch_rows<kThreads>(keep_splat_records_kernel, args, args.n_gaussians, context.stream);
+}
+
+void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context) {
+  if (args.n_gaussians == 0) return;
+  const auto fill = [&](void* rows, int value, std::size_t row_bytes) {
+    const std::size_t bytes = static_cast<std::size_t>(args.n_gaussians) * row_bytes;
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(rows, value, bytes, context.stream));
+  };
+  fill(args.out.record_of_gaussian, 0xff, sizeof(std::int32_t));  // -1
+  fill(args.out.means2d, 0, 2 * sizeof(float));
+  fill(args.radii, 0, sizeof(std::int32_t));
+  launch_rows<kThreads>(keep_splats_kernel, args, args.rows.n_splats, context.stream);
 }
 
 }  // namespace b3dgs::cuda

@@ -54,18 +54,19 @@ B3DGS_HD Real blur_ratio(const Projection<Real>& p) {
   return ratio > Real(kMinBlurRatio) ? ratio : Real(kMinBlurRatio);
 }
 
-/// Gradient through the factor by which the 2D filter multiplies the opacity. `q`: dL/d(ln alpha), summed over pixels.
+/// Gradient through the factor by which the 2D filter multiplies the opacity. `grad_log_alpha`: dL/d(ln alpha), summed
+/// over pixels.
 ///
 /// With a, b = spread_x, spread_y, c = a x b, sharp_det = c . c and cov = [a.a, a.b; a.b, b.b] + blur:
 ///   d(ln(sharp_det) / 2) = (b x c . da + c x a . db) / sharp_det
 ///   d(ln(det) / 2) = (K.xx a + K.xy b) . da + (K.xy a + K.yy b) . db   with K the conic
 template <class Real>
-B3DGS_HD SpreadGrad<Real> blur_ratio_backward(const Projection<Real>& p, Real q) {
+B3DGS_HD SpreadGrad<Real> blur_ratio_backward(const Projection<Real>& p, Real grad_log_alpha) {
   if (!(p.sharp_det > Real(kMinBlurRatio) * p.det)) return {};
   const Vec3<Real> a = p.spread_x, b = p.spread_y, c = cross(a, b);
-  const Real k = q / p.sharp_det;
-  return {k * cross(b, c) - (q * p.conic.xx) * a - (q * p.conic.xy) * b,
-          k * cross(c, a) - (q * p.conic.xy) * a - (q * p.conic.yy) * b};
+  const Real k = grad_log_alpha / p.sharp_det;
+  return {k * cross(b, c) - (grad_log_alpha * p.conic.xx) * a - (grad_log_alpha * p.conic.xy) * b,
+          k * cross(c, a) - (grad_log_alpha * p.conic.xy) * a - (grad_log_alpha * p.conic.yy) * b};
 }
 
 }  // namespace b3dgs

@@ -100,26 +100,26 @@ B3DGS_BLEND_FN SplatShape<Real> splat_shape(const AnySplat& splat) {
           Real(splat.conic_xx), Real(splat.conic_xy), Real(splat.conic_yy)};
 }
 
-/// A splat evaluated at a pixel, before the exponential.
+/// A splat's footprint at a pixel, before the exponential.
 template <class Real>
-struct Reach {
-  Real pull_x, pull_y;     // conic d, d = pixel centre - splat centre: half the gradient of the exponent w.r.t. d, 1/px
-  Real power;              // log2 of the uncapped alpha
-  Mask<Real> contributes;  // alpha >= 1/255
+struct Footprint {
+  Real conic_delta_x, conic_delta_y;  // conic times delta = pixel centre - mean, 1/px
+  Real power;                         // log2 of the uncapped alpha: log2_opacity - delta^T conic delta
+  Mask<Real> contributes;             // alpha >= 1/255
 };
 
 /// Evaluates a splat at a pixel centre (px). Whether it contributes is decided without computing the exponential.
 template <class Real>
-B3DGS_BLEND_FN Reach<Real> evaluate_reach(const SplatShape<Real>& splat, Real pixel_x, Real pixel_y) {
-  Reach<Real> reach;
+B3DGS_BLEND_FN Footprint<Real> evaluate_footprint(const SplatShape<Real>& splat, Real pixel_x, Real pixel_y) {
+  Footprint<Real> footprint;
   const Real dx = pixel_x - splat.mean_x, dy = pixel_y - splat.mean_y;
-  reach.pull_x = multiply_add(splat.conic_xx, dx, splat.conic_xy * dy);
-  reach.pull_y = multiply_add(splat.conic_xy, dx, splat.conic_yy * dy);
-  const Real quadratic = multiply_add(dx, reach.pull_x, dy * reach.pull_y);
-  reach.power = splat.log2_opacity - quadratic;
+  footprint.conic_delta_x = multiply_add(splat.conic_xx, dx, splat.conic_xy * dy);
+  footprint.conic_delta_y = multiply_add(splat.conic_xy, dx, splat.conic_yy * dy);
+  const Real quadratic = multiply_add(dx, footprint.conic_delta_x, dy * footprint.conic_delta_y);
+  footprint.power = splat.log2_opacity - quadratic;
   // The quadratic form can be negative only through rounding; the original rasterizer skips such splats too.
-  reach.contributes = (reach.power >= Real(kLog2AlphaMin)) & (quadratic >= Real(0.0f));
-  return reach;
+  footprint.contributes = (footprint.power >= Real(kLog2AlphaMin)) & (quadratic >= Real(0.0f));
+  return footprint;
 }
 
 template <class Real>
@@ -136,11 +136,38 @@ B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   return {select(capped, Real(kAlphaMax), uncapped), capped};
 }
 
-/// A pixel while splats are blended onto it, front to back. The transmittance of a finished pixel is negated: it then
-/// fails the test of every later splat, and no separate flag is needed.
+// The transmittance of a pixel also says whether the pixel is finished: its sign is then negative.
+//
+//   value    1 -------> 0.4 -------> 0.003 -----> -0.003 -----> -0.003     final transmittance: 0.003
+//   splat         |            |            |             |
+//              blended      blended    would leave    behind a finished
+//                                      under 1e-4:    pixel: under 1e-4
+//                                      finishes it    for any alpha
+//
+// So the test that finishes a pixel also rejects all later splats, and kernels need no flag beside it.
+
+/// The transmittance of a pixel that takes no splats, because it is outside the image or known to be hidden.
+inline constexpr float kClosedPixel = -1.0f;
+
+template <class Real>
+B3DGS_BLEND_FN Mask<Real> is_open(Real transmittance) {
+  return transmittance > Real(0.0f);
+}
+template <class Real>
+B3DGS_BLEND_FN Mask<Real> is_finished(Real transmittance) {
+  return transmittance < Real(0.0f);
+}
+
+/// The stop rule: a splat that would leave this transmittance is not blended and finishes the pixel.
+template <class Real>
+B3DGS_BLEND_FN Mask<Real> is_saturated(Real transmittance) {
+  return transmittance < Real(kTransmittanceMin);
+}
+
+/// A pixel while splats are blended onto it, front to back.
 template <class Real>
 struct PixelState {
-  Real transmittance;  // (0, 1], negated when finished
+  Real transmittance;  // (0, 1], negative when finished, see above
   Real red, green, blue;
   Real depth;  // sum of weight times depth
 };
@@ -151,9 +178,9 @@ template <class Real>
 B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contributes, Real alpha, Real red, Real green,
                                      Real blue, Real depth) {
   const Real next = pixel.transmittance * (Real(1.0f) - alpha);
-  const Mask<Real> stays_above = next >= Real(kTransmittanceMin);
-  const Mask<Real> accepted = contributes & stays_above;
-  const Mask<Real> finishing = contributes & !stays_above;
+  const Mask<Real> stays_open = next >= Real(kTransmittanceMin);  // !is_saturated(next)
+  const Mask<Real> accepted = contributes & stays_open;
+  const Mask<Real> finishing = contributes & !stays_open;
   const Real weight = select(accepted, pixel.transmittance * alpha, Real(0.0f));
   pixel.red = multiply_add(weight, red, pixel.red);
   pixel.green = multiply_add(weight, green, pixel.green);
@@ -178,8 +205,8 @@ B3DGS_BLEND_FN Real blend_weight_over(Real& transmittance, Mask<Real> contribute
 /// Gradient at one pixel that concerns one splat.
 template <class Real>
 struct BlendGrad {
-  Real weight;  // alpha times transmittance: derivative of each pixel channel with respect to the splat's colour
-  Real q;       // dL/d(ln alpha), 0 where alpha is capped
+  Real weight;     // alpha times transmittance: derivative of each pixel channel with respect to the splat's colour
+  Real log_alpha;  // dL/d(ln alpha), 0 where alpha is capped
 };
 
 // The backward pass visits a pixel's blended splats again, from the last to the first. Let T be the transmittance in
@@ -207,7 +234,7 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
   BlendGrad<Real> grad;
   grad.weight = select(blended, before * alpha.alpha, Real(0.0f));
   const Real grad_alpha = before * value - pixel.behind * inverse;
-  grad.q = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
+  grad.log_alpha = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
   pixel.behind = multiply_add(grad.weight, value, pixel.behind);
   pixel.transmittance = select(blended, before, pixel.transmittance);
   return grad;
@@ -215,15 +242,15 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
 
 /// Adds what one pixel contributes to a splat's sums. `Sums` is SplatGrad (args.h), or has the same members as Real.
 template <class Sums, class Real>
-B3DGS_BLEND_FN void accumulate(Sums& sums, const Reach<Real>& reach, const BlendGrad<Real>& grad, Real grad_red,
+B3DGS_BLEND_FN void accumulate(Sums& sums, const Footprint<Real>& footprint, const BlendGrad<Real>& grad, Real grad_red,
                                Real grad_green, Real grad_blue, Real grad_depth) {
-  const Real along_x = grad.q * reach.pull_x, along_y = grad.q * reach.pull_y;
-  sums.q = sums.q + grad.q;
-  sums.q_x = sums.q_x + along_x;
-  sums.q_y = sums.q_y + along_y;
-  sums.q_xx = multiply_add(along_x, reach.pull_x, sums.q_xx);
-  sums.q_xy = multiply_add(along_x, reach.pull_y, sums.q_xy);
-  sums.q_yy = multiply_add(along_y, reach.pull_y, sums.q_yy);
+  const Real mean_x = grad.log_alpha * footprint.conic_delta_x, mean_y = grad.log_alpha * footprint.conic_delta_y;
+  sums.log_alpha = sums.log_alpha + grad.log_alpha;
+  sums.mean_x = sums.mean_x + mean_x;
+  sums.mean_y = sums.mean_y + mean_y;
+  sums.cov_xx = multiply_add(mean_x, footprint.conic_delta_x, sums.cov_xx);
+  sums.cov_xy = multiply_add(mean_x, footprint.conic_delta_y, sums.cov_xy);
+  sums.cov_yy = multiply_add(mean_y, footprint.conic_delta_y, sums.cov_yy);
   sums.red = multiply_add(grad.weight, grad_red, sums.red);
   sums.green = multiply_add(grad.weight, grad_green, sums.green);
   sums.blue = multiply_add(grad.weight, grad_blue, sums.blue);

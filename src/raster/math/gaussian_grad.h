@@ -1,5 +1,6 @@
 // From a splat's sums over pixels (SplatGrad) to the gradient with respect to its Gaussian's stored parameters: the end
-// of the backward pass, one Gaussian at a time. And what is kept of a splat if this end follows later.
+// of the backward pass, one Gaussian at a time. What is kept of a splat if this end follows later. And a splat's part
+// of the gradient with respect to the camera's pose, for pose refinement.
 #pragma once
 
 #include <cstdint>
@@ -41,20 +42,20 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
   }
   const Shape<float> shape = make_shape(smoothed.log_scales, load4(g.quats, i));
   const Projection<float> p = project_gaussian(view, point, shape.factor);
-  SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.q_xx, sum.q_xy, sum.q_yy});
+  SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.cov_xx, sum.cov_xy, sum.cov_yy});
   if constexpr (kAntialiasing) {
-    const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.q);
+    const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.log_alpha);
     grad_spread = {grad_spread.x + through_blur.x, grad_spread.y + through_blur.y};
   }
   const ProjectionGrad<float> grad =
-      project_backward(view, point, shape.factor, p, Vec2f{sum.q_x, sum.q_y}, grad_spread, sum.depth);
+      project_backward(view, point, shape.factor, p, Vec2f{sum.mean_x, sum.mean_y}, grad_spread, sum.depth);
   ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   if constexpr (kAntialiasing) {
     // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity's factor) is 1 - share.
     const Vec3f share = smoothed.share;
-    grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.q * (1 - share.x),
-                             share.y * grad_shape.log_scales.y + sum.q * (1 - share.y),
-                             share.z * grad_shape.log_scales.z + sum.q * (1 - share.z)};
+    grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.log_alpha * (1 - share.x),
+                             share.y * grad_shape.log_scales.y + sum.log_alpha * (1 - share.y),
+                             share.z * grad_shape.log_scales.z + sum.log_alpha * (1 - share.z)};
   }
   const Vec3f grad_color{clamped & 1u ? 0.0f : sum.red, clamped & 2u ? 0.0f : sum.green,
                          clamped & 4u ? 0.0f : sum.blue};
@@ -63,7 +64,7 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
   return {transpose_times(view.rotation, grad.point) + grad_sh.offset,
           grad_shape.log_scales,
           grad_shape.quat,
-          logit_grad(sum.q, g.logit_opacities[i]),
+          logit_grad(sum.log_alpha, g.logit_opacities[i]),
           grad.mean2d,
           grad_color,
           grad_sh.dir};
@@ -74,7 +75,7 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
                          std::uint32_t clamped) {
   out.records[m] = {sum, i, clamped};
   out.record_of_gaussian[i] = static_cast<std::int32_t>(m);
-  const Vec2f centre = centre_gradient(Vec2f{sum.q_x, sum.q_y});
+  const Vec2f centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
   out.means2d[2 * std::int64_t{i}] = centre.x;
   out.means2d[2 * std::int64_t{i} + 1] = centre.y;
 }
@@ -84,6 +85,34 @@ B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
   const std::int32_t i = args.rows.splats[m].gaussian;
   keep_splat(args.out, m, i, args.sums[m].sum, args.rows.splats[m].clamped);
   args.radii[i] = args.rows.radii[m];
+}
+
+/// Gradient of the loss with respect to a small motion of the camera, in its own frame: a rotation vector w (rad) about
+/// the camera's centre and a translation v (world units), which move each point to
+///   x_camera + w x x_camera + v
+struct CameraGrad {
+  Vec3f rotation;     // 1/rad
+  Vec3f translation;  // 1/world unit
+};
+
+/// The part of Gaussian i, which the view sees; arguments as for gaussian_grad().
+///
+/// A translation of the camera acts like one of the Gaussian, viewing direction included, so its gradient is that of
+/// the mean. A rotation about the camera's centre acts like one of the Gaussian about that point, except that viewing
+/// directions stay: with x the offset of the mean from the camera's centre, F the gradient with respect to the mean
+/// through the projection alone and g the one with respect to the quaternion q, and everything in world space,
+///   dL/dw = x x F + (q.w g.xyz - g.w q.xyz + q.xyz x g.xyz) / 2,   since dq = (0, w) q / 2
+template <bool kAntialiasing>
+B3DGS_HD CameraGrad camera_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
+                                const Vec3f& camera_center, int sh_degree, const SplatGrad& sum, unsigned clamped) {
+  const GaussianGrad grad = gaussian_grad<kAntialiasing>(g, i, view, camera_center, sh_degree, sum, clamped);
+  const Vec3f offset = load3(g.means, i) - camera_center;
+  const Vec3f through_color =
+      sh_offset_grad(sh_degree, offset, g.shN + rest_floats(g.sh_degree_max) * i, grad.color).offset;
+  const Vec4f quat = load4(g.quats, i);  // w x y z
+  const Vec3f axis{quat.y, quat.z, quat.w}, grad_axis{grad.quat.y, grad.quat.z, grad.quat.w};
+  const Vec3f through_shape = 0.5f * (quat.x * grad_axis - grad.quat.x * axis + cross(axis, grad_axis));
+  return {view.rotation * (cross(offset, grad.mean - through_color) + through_shape), view.rotation * grad.mean};
 }
 
 }  // namespace b3dgs

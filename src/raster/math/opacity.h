@@ -24,12 +24,12 @@ B3DGS_HD float log2_sigmoid(float logit) {
   return -kLog2e * (logit >= 0 ? tail : tail - logit);
 }
 
-/// dL/d(logit) from q = dL/d(ln opacity): d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = 1 / (1 + e^x).
-B3DGS_HD float logit_grad(float q, float logit) {
+/// dL/d(logit) from dL/d(ln opacity): d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = 1 / (1 + e^x).
+B3DGS_HD float logit_grad(float grad_log_opacity, float logit) {
 #if defined(__CUDA_ARCH__)
-  return q / (1 + __expf(logit));
+  return grad_log_opacity / (1 + __expf(logit));
 #else
-  return q / (1 + std::exp(logit));
+  return grad_log_opacity / (1 + std::exp(logit));
 #endif
 }
 

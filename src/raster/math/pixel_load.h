@@ -18,9 +18,9 @@ struct PixelLoad {
 /// Counts one entry at a pixel centre (px). Returns false once the pixel is finished.
 B3DGS_HD bool count_entry(PixelLoad& load, const SplatShape<float>& shape, float center_x, float center_y) {
   ++load.processed;
-  const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
-  if (!reach.contributes) return true;
-  if (!blend_over(load.pixel, true, evaluate_alpha(reach.power).alpha, 0.0f, 0.0f, 0.0f, 0.0f)) return false;
+  const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+  if (!footprint.contributes) return true;
+  if (!blend_over(load.pixel, true, evaluate_alpha(footprint.power).alpha, 0.0f, 0.0f, 0.0f, 0.0f)) return false;
   ++load.contributing;
   return true;
 }

@@ -100,11 +100,11 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
 }
 
-/// Gradient with respect to the projected centre, 1/px, from the sums of q times pull.
+/// Gradient with respect to the projected centre, 1/px, from SplatGrad::mean.
 template <class Real>
-B3DGS_HD Vec2<Real> centre_gradient(Vec2<Real> q_p) {
+B3DGS_HD Vec2<Real> centre_gradient(Vec2<Real> grad_mean) {
   const Real scale = 1 / Real(kConicScale);
-  return {scale * q_p.x, scale * q_p.y};
+  return {scale * grad_mean.x, scale * grad_mean.y};
 }
 
 /// Gradient with respect to what each comment names.
@@ -121,25 +121,27 @@ struct SpreadGrad {
   Vec3<Real> x, y;
 };
 
-/// Gradient from a splat's sums over pixels (SplatGrad): second moments of q with the pull p.
+/// Gradient from SplatGrad::cov, the sum over pixels of g p p^T.
 ///
-/// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and q = dL/d(ln alpha) = -dL/d(sigma):
-///   dL/dmean = sum(q K d),   dL/dcov = sum(q K d (K d)^T) / 2   (as a full matrix).
+/// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and g = dL/d(ln alpha) = -dL/d(sigma):
+///   dL/dmean = sum(g K d),   dL/dcov = sum(g K d (K d)^T) / 2   (as a full matrix).
 template <class Real>
-B3DGS_HD SpreadGrad<Real> spread_grad(const Projection<Real>& p, Sym2<Real> q_pp) {
+B3DGS_HD SpreadGrad<Real> spread_grad(const Projection<Real>& p, Sym2<Real> grad_cov) {
   const Real scale = 1 / Real(kConicScale);
   // cov.xx = a . a, cov.xy = a . b, cov.yy = b . b with a, b = spread_x, spread_y = M^T axis.
-  const Sym2<Real> twice{scale * scale * q_pp.xx, scale * scale * q_pp.xy, scale * scale * q_pp.yy};  // 2 dL/dcov
+  const Sym2<Real> twice{scale * scale * grad_cov.xx, scale * scale * grad_cov.xy,
+                         scale * scale * grad_cov.yy};  // 2 dL/dcov
   return {twice.xx * p.spread_x + twice.xy * p.spread_y, twice.xy * p.spread_x + twice.yy * p.spread_y};
 }
 
-/// `q_p`: first moments of q with the pull, as for spread_grad().
+/// `grad_mean`: SplatGrad::mean, the sum over pixels of g p.
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
-                                               const Mat3<Real>& factor, const Projection<Real>& p, Vec2<Real> q_p,
-                                               const SpreadGrad<Real>& grad_spread, Real grad_depth) {
+                                               const Mat3<Real>& factor, const Projection<Real>& p,
+                                               Vec2<Real> grad_mean, const SpreadGrad<Real>& grad_spread,
+                                               Real grad_depth) {
   ProjectionGrad<Real> grad;
-  grad.mean2d = centre_gradient(q_p);
+  grad.mean2d = centre_gradient(grad_mean);
   const Vec3<Real> grad_a = grad_spread.x, grad_b = grad_spread.y;
   const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
   for (int row = 0; row < 3; ++row) {

@@ -12,6 +12,10 @@
 
 namespace b3dgs {
 
+namespace cuda {
+struct ProjectBackwardCudaArgs;  // raster/cuda/passes.h
+}
+
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
   torch::Tensor color;  // [H, W, 3] RGB, not clamped
@@ -28,14 +32,14 @@ struct RenderedViewGrad {
 struct ViewStatistics {
   torch::Tensor means2d_grad;  // [N, 2] gradient of the loss with respect to the projected centre, 1/px
   torch::Tensor radii;         // [N] int32, 3 standard deviations in px, rounded up; 0 if not seen
-  // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/camera_grad.h): rotation
-  // (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
+  // [6] double, gradient of the loss with respect to a small motion of the camera (raster/math/gaussian_grad.h):
+  // rotation (1/rad), translation (1/world unit). Valid until the next forward(). Undefined unless the settings had
   // camera_gradient.
   torch::Tensor camera_grad;
 };
 
 /// What a later backward projection needs of a view (SplatRecordArrays). Tensors may be larger.
-struct KeptSplats {
+struct SplatRecordTensors {
   torch::Tensor records;             // [M, 12] 32 bits each: SplatRecord
   torch::Tensor record_of_gaussian;  // [N] int32
 };
@@ -84,10 +88,16 @@ class Rasterizer {
   /// or of another shape are allocated.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
 
+  /// The blending half of backward(), on a GPU. `rest` receives the arguments of the other half, the backward
+  /// projection, for a kernel that uses each Gaussian's gradient without storing it. Its only gradient array is
+  /// means2d, the one in the returned statistics, which that kernel must write. @throws LogicError before any forward()
+  ViewStatistics backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
+                                cuda::ProjectBackwardCudaArgs& rest);
+
   /// backward() up to the splats, whose sums are written to `out`, so that the backward projection can follow after
   /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
   ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
-                                    const KeptSplats& out);
+                                    const SplatRecordTensors& out);
 
   /// The first pass of forward() alone: the splats of the Gaussians that the view sees, in the order of the Gaussians,
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
@@ -148,7 +158,6 @@ class Rasterizer {
   void score(const torch::Tensor& error, const GaussianScores& scores);
 
  private:
-  friend class FusedStep;  // fused_step.h
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

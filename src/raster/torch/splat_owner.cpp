@@ -12,13 +12,13 @@
 namespace b3dgs {
 
 ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
-                                const KeptSplats& out) {
+                                const SplatRecordTensors& out) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
   const SplatRows rows = rows_of(splats, check);
-  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float);
-  check.dims("sums", sums, {"M", kWords});
+  constexpr int kColumns = sizeof(SplatGradSum) / sizeof(float);
+  check.dims("sums", sums, {"M", kColumns});
   check.bind("N", n_gaussians);
 
   const torch::TensorOptions options = splats.splats.options();
@@ -41,8 +41,8 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
   const SplatRows rows = rows_of(splats, check);
-  constexpr int kWords = sizeof(ScoreSums) / sizeof(std::int32_t);
-  check.dims("scores", scores, {"M", kWords}, torch::kInt32);
+  constexpr int kColumns = sizeof(ScoreSums) / sizeof(std::int32_t);
+  check.dims("scores", scores, {"M", kColumns}, torch::kInt32);
   const AddScoresArgs args{rows.splats, rows.n_splats, nullptr, rows_at<ScoreSums>("scores", scores),
                            arrays_of(out, check)};
   if (device.is_cpu()) cpu::add_scores(args);
@@ -57,8 +57,8 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
   const SplatRows rows = rows_of(splats, check);
-  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float);
-  check.dims("sums", sums, {"M", kWords});
+  constexpr int kColumns = sizeof(SplatGradSum) / sizeof(float);
+  check.dims("sums", sums, {"M", kColumns});
   const torch::TensorOptions options = splats.splats.options();
   const torch::Tensor parts = torch::empty({rows.n_splats, kCameraGradients}, options);
   const CameraPartsArgs args{{arrays_of(gaussians, device), view, settings.sh_degree, settings.antialiasing},

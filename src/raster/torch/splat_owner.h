@@ -13,7 +13,7 @@ class SplatOwner {
   /// Rasterizer::project() of `n_gaussians` Gaussians, `sums` [M, 12] from Rasterizer::backward_splats(), rows in the
   /// same order. Nothing waits for a GPU. @throws LogicError naming a tensor that does not fit
   ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
-                      const KeptSplats& out);
+                      const SplatRecordTensors& out);
 
  private:
   torch::Tensor means2d_storage_, radii_storage_;

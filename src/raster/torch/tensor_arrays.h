@@ -48,8 +48,8 @@ Row* rows_at(const std::string& what, const torch::Tensor& tensor) {
 
 /// Defines "M" of `check`.
 inline SplatRows rows_of(const ViewSplats& view, TensorCheck& check) {
-  constexpr int kWords = sizeof(Splat) / sizeof(float);
-  check.dims("splats", view.splats, {"M", kWords});
+  constexpr int kColumns = sizeof(Splat) / sizeof(float);
+  check.dims("splats", view.splats, {"M", kColumns});
   check.dims("extents", view.extents, {"M", 2});
   check.dims("radii", view.radii, {"M"}, torch::kInt32);
   return {view.splats.size(0), rows_at<Splat>("splats", view.splats), rows_at<Vec2f>("extents", view.extents),
@@ -57,13 +57,13 @@ inline SplatRows rows_of(const ViewSplats& view, TensorCheck& check) {
 }
 
 /// Room for the records of at least `n_splats` splats of N Gaussians; `check` must know "N".
-inline SplatRecordArrays arrays_of(const KeptSplats& kept, std::int64_t n_splats, TensorCheck& check,
+inline SplatRecordArrays arrays_of(const SplatRecordTensors& out, std::int64_t n_splats, TensorCheck& check,
                                    const torch::Tensor& means2d_grad) {
-  constexpr int kWords = sizeof(SplatRecord) / sizeof(float);
-  check.dims("records", kept.records, {"room", kWords});
-  B3DGS_CHECK(kept.records.size(0) >= n_splats, "room for ", kept.records.size(0), " records of ", n_splats, " splats");
-  check.dims("record_of_gaussian", kept.record_of_gaussian, {"N"}, torch::kInt32);
-  return {rows_at<SplatRecord>("records", kept.records), kept.record_of_gaussian.data_ptr<std::int32_t>(),
+  constexpr int kColumns = sizeof(SplatRecord) / sizeof(float);
+  check.dims("records", out.records, {"capacity", kColumns});
+  B3DGS_CHECK(out.records.size(0) >= n_splats, "room for ", out.records.size(0), " records of ", n_splats, " splats");
+  check.dims("record_of_gaussian", out.record_of_gaussian, {"N"}, torch::kInt32);
+  return {rows_at<SplatRecord>("records", out.records), out.record_of_gaussian.data_ptr<std::int32_t>(),
           means2d_grad.data_ptr<float>()};
 }
 

@@ -6,8 +6,8 @@
 #include "train/optimizer/deferred_sh.h"
 
 #include "core/check.h"
-#include "raster/cuda/color.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/project.cuh"
 #include "raster/cuda/warp.cuh"
 #include "train/optimizer/adam_step.cuh"
 

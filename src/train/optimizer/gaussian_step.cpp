@@ -10,7 +10,6 @@
 #include "train/optimizer/batch/view_batch.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/fused_step.h"
 #include "raster/torch/torch_launch.h"
 #include "train/optimizer/batch/batch_step_cuda.h"
 #include "train/optimizer/gaussian_step_cuda.h"
@@ -86,8 +85,8 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
   if (!gaussians.means.is_cpu()) {
     begin_stage(settings.stages, Stage::kProject);
     impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    return FusedStep(impl_->rasterizer)
-        .forward(gaussians, view, settings, settings.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
+    if (settings.sh_degree > 0) settings.color_pass = &impl_->deferred_sh;
+    return impl_->rasterizer.forward(gaussians, view, settings);
   }
 #endif
   (void)state;
@@ -102,7 +101,7 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
-    const ViewStatistics statistics = FusedStep(impl_->rasterizer).backward_blend(gaussians, view_grad, args.backward);
+    const ViewStatistics statistics = impl_->rasterizer.backward_blend(gaussians, view_grad, args.backward);
     begin_stage(stages, Stage::kOptimizer);
     args.adam = begin_adam_step(rates, gaussians, state);
     args.updates = impl_->deferred_sh.updates();
@@ -153,8 +152,11 @@ std::vector<ViewSplats> GaussianStepper::project_views(GaussianTensors& gaussian
     const RenderSettings& first = settings.front();
     begin_stage(first.stages, Stage::kProject);
     impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
-    return FusedStep(impl_->rasterizer)
-        .project_views(gaussians, views, settings, first.sh_degree > 0 ? &impl_->deferred_sh : nullptr);
+    std::vector<RenderSettings> with_colors = settings;
+    if (first.sh_degree > 0) {
+      for (RenderSettings& each : with_colors) each.color_pass = &impl_->deferred_sh;
+    }
+    return impl_->rasterizer.project_views(gaussians, views, with_colors);
   }
 #endif
   (void)state;

@@ -4,8 +4,8 @@
 // A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gaussians
 // that the view does not see are updated too, since their moments decay.
 
-#include "raster/cuda/backward/project_backward.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/project.cuh"
 #include "train/optimizer/adam_step.cuh"
 #include "train/optimizer/gaussian_step_cuda.h"
 

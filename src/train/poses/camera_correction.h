@@ -72,7 +72,7 @@ inline Pose corrected(const Pose& pose, const CameraCorrection& correction) {
 }
 
 /// Gradient with respect to the correction. `motion` is the gradient with respect to a small motion of the corrected
-/// camera, x_camera -> x_camera + w x x_camera + v (raster/math/camera_grad.h), with w and v as its two members.
+/// camera, x_camera -> x_camera + w x x_camera + v (raster/math/gaussian_grad.h), with w and v as its two members.
 ///
 /// A change of the rotation by dr is w = J dr with J the left Jacobian of SO(3), and moves only what the rotation acts
 /// on, not the translation u: v = u x w. The gradient is J^T (dL/dw + dL/dv x u).

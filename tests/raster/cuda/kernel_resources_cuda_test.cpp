@@ -1,8 +1,7 @@
 // Resources that the tables of CUDA kernels report, for both tile shapes, on the GPU of this machine.
 #include <gtest/gtest.h>
 
-#include "raster/cuda/backward/backward_table.h"
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "support/gpu_test.h"
 
 namespace b3dgs::cuda {

@@ -1,6 +1,6 @@
 // The CUDA rasterizer compared with the dense reference: every forward and backward kernel, culling and tile shape, on
 // every test scene; and with the CPU rasterizer where the reference is too slow.
-#include "raster/cuda/rasterize_cuda.h"
+#include "raster/cuda/passes.h"
 
 #include <gtest/gtest.h>
 

@@ -16,7 +16,7 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
     SCOPED_TRACE(kernel.name);
     settings.kernel = kernel.kernel;
     const CudaView direct(scene, settings);
-    again.rasterizer().reblend(kernel.kernel, again.context());
+    again.rasterizer().reblend(kernel.kernel);
     torch::Tensor color = torch::empty({h, w, 3}), alpha = torch::empty({h, w});
     B3DGS_CUDA_CHECK(cudaMemcpy(color.data_ptr<float>(), again.image().color, color.nbytes(), cudaMemcpyDeviceToHost));
     B3DGS_CUDA_CHECK(cudaMemcpy(alpha.data_ptr<float>(), again.image().alpha, alpha.nbytes(), cudaMemcpyDeviceToHost));
@@ -34,7 +34,7 @@ TEST(ReblendCuda, BackwardKernelsSumTheSame) {
   const DeviceArray<float> grad = to_device(uneven.color), grad_depth = to_device(uneven.depth);
   std::vector<torch::Tensor> sums;
   for (const BackwardKernelName& kernel : kBackwardKernels) {
-    view.rasterizer().reblend_backward(kernel.kernel, {grad.data(), grad_depth.data(), nullptr}, view.context());
+    view.rasterizer().reblend_backward(kernel.kernel, {grad.data(), grad_depth.data(), nullptr});
     torch::Tensor host = torch::empty({view.rasterizer().n_splats(), 12});
     B3DGS_CUDA_CHECK(
         cudaMemcpy(host.data_ptr<float>(), view.rasterizer().splat_grads(), host.nbytes(), cudaMemcpyDeviceToHost));
@@ -57,7 +57,7 @@ TEST(CountLoadCuda, CountsAsTheCpuDoes) {
 
     CudaView view(scene, settings_of(scene));
     const DeviceArray<std::int32_t> counts[2]{DeviceArray<std::int32_t>(n_pixels), DeviceArray<std::int32_t>(n_pixels)};
-    view.rasterizer().count_load(counts[0].data(), counts[1].data(), view.context());
+    view.rasterizer().count_load(counts[0].data(), counts[1].data());
     std::vector<std::int32_t> found[2]{std::vector<std::int32_t>(processed.size(), -1), contributing};
     for (int i = 0; i < 2; ++i) counts[i].download(found[i].data());
     // Rounding may change a decision at a threshold, which changes a count by one or finishes a pixel elsewhere.

@@ -2,7 +2,7 @@
 // order.
 #include <gtest/gtest.h>
 
-#include "raster/math/invalid_gaussian.h"
+#include "raster/checks.h"
 #include "support/raster/cuda_harness.h"
 #include "support/raster/hostile_scenes.h"
 #include "support/raster/split_check.h"
@@ -104,7 +104,7 @@ class CudaSplit {
     std::optional<DeviceSplats> splats;
     const SplatAllocator allocate = [&](std::int64_t n) { return splats.emplace(n).arrays(); };
     try {
-      rasterizer_.project(device.arrays(), view, settings, allocate, context_);
+      rasterizer_->project(device.arrays(), view, settings, allocate);
     } catch (const InvalidGaussianError&) {
       return std::nullopt;
     }
@@ -120,9 +120,9 @@ class CudaSplit {
     std::vector<DeviceSplats> splats;
     for (std::size_t v = 0; v < views.size(); ++v) splats.emplace_back(capacity);
     for (std::size_t v = 0; v < views.size(); ++v) {
-      rasterizer_.queue_projection(v, device.arrays(), views[v], settings, splats[v].arrays(), capacity, context_);
+      rasterizer_->queue_projection(v, device.arrays(), views[v], settings, splats[v].arrays(), capacity);
     }
-    const std::vector<std::int64_t> n_splats = rasterizer_.wait_for_projections();
+    const std::vector<std::int64_t> n_splats = rasterizer_->wait_for_projections();
     std::vector<std::pair<ViewSplats, std::int64_t>> all;
     for (std::size_t v = 0; v < views.size(); ++v) all.emplace_back(splats[v].to_host(), n_splats.at(v));
     return all;
@@ -133,19 +133,19 @@ class CudaSplit {
     const DeviceGaussians device(scene.gaussians);
     Images images(scene.view);
     try {
-      rasterizer_.forward(device.arrays(), scene.view, settings, images.arrays(), context_);
+      rasterizer_->forward(device.arrays(), scene.view, settings, images.arrays());
     } catch (const InvalidGaussianError&) {
       return std::nullopt;
     }
     WholeView view;
     view.images = images.to_host();
     const std::int64_t n = scene.gaussians.size();
-    const DeviceOwned owned(rasterizer_.n_splats(), n);
+    const DeviceOwned owned(rasterizer_->n_splats(), n);
     const Grad device_grad(grad);
-    rasterizer_.backward_to_splats(device.arrays(), device_grad.arrays(), owned.record_arrays(), context_);
-    rasterizer_.score(to_device(error).data(), owned.score_arrays(), context_);
-    B3DGS_CUDA_CHECK(
-        cudaMemcpy(owned.radii.data(), rasterizer_.radii(), static_cast<std::size_t>(n) * 4, cudaMemcpyDeviceToDevice));
+    rasterizer_->backward_to_splats(device.arrays(), device_grad.arrays(), owned.record_arrays());
+    rasterizer_->score(to_device(error).data(), owned.score_arrays());
+    B3DGS_CUDA_CHECK(cudaMemcpy(owned.radii.data(), rasterizer_->radii(), static_cast<std::size_t>(n) * 4,
+                                cudaMemcpyDeviceToDevice));
     view.owned = owned.to_host();
     return view;
   }
@@ -153,7 +153,7 @@ class CudaSplit {
   RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {
     images_.emplace(view);
     const DeviceSplats device(splats);
-    rasterizer_.forward_splats(device.rows(), view, settings, images_->arrays(), context_);
+    rasterizer_->forward_splats(device.rows(), view, settings, images_->arrays());
     n_rows_ = splats.size();
     return images_->to_host();
   }
@@ -161,14 +161,14 @@ class CudaSplit {
   torch::Tensor backward_splats(const RenderedViewGrad& grad) {
     const DeviceArray<std::int32_t> sums(12 * n_rows_);
     const Grad device_grad(grad);
-    rasterizer_.backward_splats(device_grad.arrays(), reinterpret_cast<SplatGradSum*>(sums.data()), context_);
+    rasterizer_->backward_splats(device_grad.arrays(), reinterpret_cast<SplatGradSum*>(sums.data()));
     return words_to_host(sums, {n_rows_, 12}, torch::kFloat32);
   }
 
   torch::Tensor score_splats(const torch::Tensor& error) {
     const DeviceArray<std::int32_t> sums(6 * n_rows_);
     const DeviceArray<float> image = to_device(error);
-    rasterizer_.score_splats(image.data(), reinterpret_cast<ScoreSums*>(sums.data()), context_);
+    rasterizer_->score_splats(image.data(), reinterpret_cast<ScoreSums*>(sums.data()));
     return words_to_host(sums, {n_rows_, 6});
   }
 
@@ -209,7 +209,7 @@ class CudaSplit {
   cuda::LaunchContext context_ = cuda::make_launch_context(nullptr, memory_);
   std::optional<Images> images_;  // the backward blend reads them
   std::int64_t n_rows_ = 0;
-  cuda::Rasterizer rasterizer_;
+  std::unique_ptr<RasterizerBackend> rasterizer_ = cuda::make_rasterizer([context = context_] { return context; });
 };
 
 class SplitViewCudaTest : public testing::TestWithParam<TestSceneRow> {

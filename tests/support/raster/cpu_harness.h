@@ -4,11 +4,12 @@
 #include <hwy/targets.h>
 
 #include <cmath>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "core/parallel.h"
-#include "raster/cpu/rasterize_cpu.h"
+#include "raster/cpu/passes.h"
 #include "support/raster/dense_reference.h"
 #include "support/raster/test_scenes.h"
 
@@ -77,8 +78,8 @@ class CpuView {
     color = torch::full({h, w, 3}, NAN, torch::kFloat32);
     depth = torch::full({h, w}, NAN, torch::kFloat32);
     alpha = torch::full({h, w}, NAN, torch::kFloat32);
-    rasterizer_.forward(arrays_of(scene_), scene_.view, settings,
-                        {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
+    rasterizer_->forward(arrays_of(scene_), scene_.view, settings,
+                         {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
   }
 
   /// Gradients in the structure of the dense reference, in float.
@@ -89,29 +90,30 @@ class CpuView {
     for (torch::Tensor* group : out.parameters.all()) *group = torch::full_like(*group, NAN);
     out.means2d = torch::full({scene_.gaussians.size(), 2}, NAN, torch::kFloat32);
     GaussianTensors& p = out.parameters;
-    rasterizer_.backward(arrays_of(scene_), {pointer(grad.color), pointer(grad.depth), pointer(grad.alpha)},
-                         {p.means.data_ptr<float>(), p.log_scales.data_ptr<float>(), p.quats.data_ptr<float>(),
-                          p.logit_opacities.data_ptr<float>(), p.sh0.data_ptr<float>(), p.shN.data_ptr<float>(),
-                          out.means2d.data_ptr<float>()});
+    rasterizer_->backward(arrays_of(scene_), {pointer(grad.color), pointer(grad.depth), pointer(grad.alpha)},
+                          {p.means.data_ptr<float>(), p.log_scales.data_ptr<float>(), p.quats.data_ptr<float>(),
+                           p.logit_opacities.data_ptr<float>(), p.sh0.data_ptr<float>(), p.shN.data_ptr<float>(),
+                           out.means2d.data_ptr<float>()});
     return out;
   }
 
   /// Of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
-    return torch::from_blob(const_cast<double*>(rasterizer_.camera_gradient()), {kCameraGradients}, torch::kFloat64)
+    return torch::from_blob(const_cast<double*>(rasterizer_->camera_gradient()), {kCameraGradients}, torch::kFloat64)
         .clone();
   }
 
   /// Adds to `scores`, four tensors [N].
   void score(const torch::Tensor& error, const GaussianScores& scores) {
-    rasterizer_.score(error.data_ptr<float>(), {scores.error_sum.data_ptr<float>(), scores.weight_sum.data_ptr<float>(),
-                                                scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
+    rasterizer_->score(error.data_ptr<float>(),
+                       {scores.error_sum.data_ptr<float>(), scores.weight_sum.data_ptr<float>(),
+                        scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
   }
 
   /// [N] int64
   torch::Tensor radii() const {
     torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);
-    for (std::int64_t i = 0; i < copy.numel(); ++i) copy[i] = std::int64_t{rasterizer_.radii()[i]};
+    for (std::int64_t i = 0; i < copy.numel(); ++i) copy[i] = std::int64_t{rasterizer_->radii()[i]};
     return copy;
   }
 
@@ -120,15 +122,15 @@ class CpuView {
   torch::Tensor last_gaussians() const {
     std::vector<std::int64_t> gaussian_of_splat;
     for (std::int64_t i = 0; i < scene_.gaussians.size(); ++i) {
-      if (rasterizer_.radii()[i] > 0) gaussian_of_splat.push_back(i);
+      if (rasterizer_->radii()[i] > 0) gaussian_of_splat.push_back(i);
     }
-    const TileGrid grid = rasterizer_.grid();
-    const BinnedSplats bins = rasterizer_.bins();
+    const TileGrid grid = rasterizer_->grid();
+    const BinnedSplats bins = rasterizer_->bins();
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
     auto places = last.accessor<std::int64_t, 2>();
     for (std::int32_t y = 0; y < grid.image_height; ++y) {
       for (std::int32_t x = 0; x < grid.image_width; ++x) {
-        const std::int32_t id = rasterizer_.last_ids()[y * grid.image_width + x];
+        const std::int32_t id = rasterizer_->last_ids()[y * grid.image_width + x];
         if (id < 0) continue;
         const std::int32_t tile = y / grid.tile.height * grid.columns + x / grid.tile.width;
         places[y][x] = gaussian_of_splat.at(static_cast<std::size_t>(bins.splat_ids[bins.tile_offsets[tile] + id]));
@@ -137,13 +139,13 @@ class CpuView {
     return last;
   }
 
-  const cpu::Rasterizer& rasterizer() const { return rasterizer_; }
+  const RasterizerBackend& rasterizer() const { return *rasterizer_; }
 
   torch::Tensor color, depth, alpha;  // float
 
  private:
   const TestScene& scene_;
-  cpu::Rasterizer rasterizer_;
+  std::unique_ptr<RasterizerBackend> rasterizer_ = cpu::make_rasterizer();
 };
 
 /// Gradients by the view of size about 1 that differ between pixels and channels; 0 where `off` holds.

@@ -1,7 +1,7 @@
 // For tests: the CUDA rasterizer on tensors in host memory; the counterpart of cpu_harness.h.
 #pragma once
 
-#include "raster/cuda/rasterize_cuda.h"
+#include "raster/cuda/passes.h"
 #include "support/gpu_test.h"
 #include "support/raster/cpu_harness.h"
 
@@ -23,13 +23,14 @@ class CudaView {
   CudaView(const TestScene& scene, const RenderSettings& settings)
       : scene_(scene),
         context_(cuda::make_launch_context(nullptr, memory_)),
+        rasterizer_(cuda::make_rasterizer([context = context_] { return context; })),
         pixels_(std::int64_t{scene.view.width} * scene.view.height),
         color_(3 * pixels_),
         depth_(pixels_),
         alpha_(pixels_) {
     for (const torch::Tensor* group : scene.gaussians.all()) parameters_.push_back(to_device(*group));
     if (scene.gaussians.filters.defined()) parameters_.push_back(to_device(scene.gaussians.filters));
-    rasterizer_.forward(arrays(), scene.view, settings, {color_.data(), depth_.data(), alpha_.data()}, context_);
+    rasterizer_->forward(arrays(), scene.view, settings, {color_.data(), depth_.data(), alpha_.data()});
     const std::int64_t h = scene.view.height, w = scene.view.width;
     color = to_host(color_, {h, w, 3});
     depth = to_host(depth_, {h, w});
@@ -50,10 +51,9 @@ class CudaView {
     for (const torch::Tensor* group : out.parameters.all()) groups.emplace_back(group->numel());
     const std::int64_t n = scene_.gaussians.size();
     const DeviceArray<float> means2d(2 * n);
-    rasterizer_.backward(arrays(), image,
-                         {groups[0].data(), groups[1].data(), groups[2].data(), groups[3].data(), groups[4].data(),
-                          groups[5].data(), means2d.data()},
-                         context_);
+    rasterizer_->backward(arrays(), image,
+                          {groups[0].data(), groups[1].data(), groups[2].data(), groups[3].data(), groups[4].data(),
+                           groups[5].data(), means2d.data()});
     for (std::size_t i = 0; i < groups.size(); ++i) {
       *out.parameters.all()[i] = to_host(groups[i], scene_.gaussians.all()[i]->sizes());
     }
@@ -63,7 +63,7 @@ class CudaView {
 
   /// Of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
-    const std::vector<double> values = download(rasterizer_.camera_gradient(), kCameraGradients);
+    const std::vector<double> values = download(rasterizer_->camera_gradient(), kCameraGradients);
     return torch::tensor(values, torch::kFloat64);
   }
 
@@ -72,14 +72,14 @@ class CudaView {
     const DeviceArray<float> image = to_device(error),
                              sums[4]{to_device(scores.error_sum), to_device(scores.weight_sum),
                                      to_device(scores.max_weight), to_device(scores.n_views)};
-    rasterizer_.score(image.data(), {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()}, context_);
+    rasterizer_->score(image.data(), {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()});
     const torch::Tensor* const out[4]{&scores.error_sum, &scores.weight_sum, &scores.max_weight, &scores.n_views};
     for (int i = 0; i < 4; ++i) sums[i].download(out[i]->data_ptr<float>());
   }
 
   /// [N] int64
   torch::Tensor radii() const {
-    const std::vector<std::int32_t> host = download(rasterizer_.radii(), scene_.gaussians.size());
+    const std::vector<std::int32_t> host = download(rasterizer_->radii(), scene_.gaussians.size());
     torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);
     for (std::size_t i = 0; i < host.size(); ++i) copy[static_cast<std::int64_t>(i)] = std::int64_t{host[i]};
     return copy;
@@ -87,12 +87,12 @@ class CudaView {
 
   /// [H, W] int64, index of the last Gaussian blended, -1 if none.
   torch::Tensor last_gaussians() const {
-    const TileGrid grid = rasterizer_.grid();
-    const BinnedSplats bins = rasterizer_.bins();
-    const std::vector<std::int32_t> last_ids = download(rasterizer_.last_ids(), pixels_);
+    const TileGrid grid = rasterizer_->grid();
+    const BinnedSplats bins = rasterizer_->bins();
+    const std::vector<std::int32_t> last_ids = download(rasterizer_->last_ids(), pixels_);
     const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
     const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_pairs);
-    const std::vector<Splat> splats = download(rasterizer_.splats(), rasterizer_.n_splats());
+    const std::vector<Splat> splats = download(rasterizer_->splats(), rasterizer_->n_splats());
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
     auto places = last.accessor<std::int64_t, 2>();
     for (std::int32_t y = 0; y < grid.image_height; ++y) {
@@ -108,8 +108,7 @@ class CudaView {
   }
 
   /// For further passes on the rendered view.
-  cuda::Rasterizer& rasterizer() { return rasterizer_; }
-  const cuda::LaunchContext& context() const { return context_; }
+  RasterizerBackend& rasterizer() { return *rasterizer_; }
   ImageArrays image() const { return {color_.data(), depth_.data(), alpha_.data()}; }
 
  private:
@@ -136,10 +135,10 @@ class CudaView {
   const TestScene& scene_;
   cuda::DriverMemory memory_;
   cuda::LaunchContext context_;
+  std::unique_ptr<RasterizerBackend> rasterizer_;
   std::int64_t pixels_;
   DeviceArray<float> color_, depth_, alpha_;
   std::vector<DeviceArray<float>> parameters_;
-  cuda::Rasterizer rasterizer_;
 
  public:
   torch::Tensor color, depth, alpha;  // float, on the host

@@ -28,7 +28,7 @@ inline torch::Tensor bits_of(const torch::Tensor& tensor) {
 /// What a view gives the owner of its Gaussians.
 struct OwnedView {
   ViewStatistics statistics;
-  KeptSplats kept;
+  SplatRecordTensors kept;
   GaussianScores scores;
 };
 

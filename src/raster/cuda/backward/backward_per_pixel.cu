@@ -7,8 +7,8 @@
 //     Sums of different warps arrive in any order, so results differ in rounding from run to run.
 //   Barriers: two at the start, two per batch.
 
-#include "raster/cuda/backward/backward_table.h"
 #include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -17,7 +17,7 @@ namespace {
 
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
-  __shared__ float4 places[kThreads], conics[kThreads], colors[kThreads];
+  __shared__ float4 means[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
   __shared__ std::int32_t tile_last;
   const BlendBackwardArgs& blend = args.blend;
@@ -45,26 +45,27 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     if (entry >= 0) {
       const std::int32_t id = blend.bins.splat_ids[first + entry];
       ids[threadIdx.x] = id;
-      places[threadIdx.x] = load_place(blend.splats, id).v;
+      means[threadIdx.x] = load_mean(blend.splats, id).v;
       conics[threadIdx.x] = load_conic(blend.splats, id).v;
       colors[threadIdx.x] = load_color(blend.splats, id).v;
     }
     __syncthreads();  // the batch is complete
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
-      const SplatShape<float> shape = make_splat_shape({places[j]}, {conics[j]});
-      const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
-      const bool blended = reach.contributes && end - j <= last;
+      const SplatShape<float> shape = make_splat_shape({means[j]}, {conics[j]});
+      const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
+      const bool blended = footprint.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
       SplatGrad grad{};
       if (blended) {
         const float4 color = colors[j];
-        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * places[j].w;
-        const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(reach.power), value);
-        accumulate(grad, reach, part, g.color.x, g.color.y, g.color.z, g.depth);
+        const float value = g.color.x * color.x + g.color.y * color.y + g.color.z * color.z + g.depth * means[j].w;
+        const BlendGrad<float> part = blend_over_reverse(state, true, evaluate_alpha(footprint.power), value);
+        accumulate(grad, footprint, part, g.color.x, g.color.y, g.color.z, g.depth);
       }
-      grad = {warp_sum(grad.q),    warp_sum(grad.q_x), warp_sum(grad.q_y),   warp_sum(grad.q_xx), warp_sum(grad.q_xy),
-              warp_sum(grad.q_yy), warp_sum(grad.red), warp_sum(grad.green), warp_sum(grad.blue), warp_sum(grad.depth)};
+      grad = {warp_sum(grad.log_alpha), warp_sum(grad.mean_x), warp_sum(grad.mean_y), warp_sum(grad.cov_xx),
+              warp_sum(grad.cov_xy),    warp_sum(grad.cov_yy), warp_sum(grad.red),    warp_sum(grad.green),
+              warp_sum(grad.blue),      warp_sum(grad.depth)};
       if (lane_id() == 0) atomic_add(args.splat_grads + ids[j], grad);
     }
   }
@@ -81,10 +82,7 @@ void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchCo
 }
 
 KernelResources backward_per_pixel_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(backward_per_pixel_kernel<pixels.value>, pixels.value); });
-  return resources;
+  return tile_kernel_resources(tile, [](auto pixels) { return backward_per_pixel_kernel<pixels.value>; });
 }
 
 }  // namespace b3dgs::cuda

@@ -11,7 +11,7 @@
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
-#include "raster/math/camera_grad.h"
+#include "raster/math/gaussian_grad.h"
 
 namespace b3dgs::cuda {
 namespace {

@@ -5,8 +5,8 @@
 //   Barriers: one, before that.
 // Training uses a fused kernel instead, which applies the optimizer step without storing gradients.
 
-#include "raster/cuda/backward/project_backward.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/project.cuh"
 
 namespace b3dgs::cuda {
 namespace {

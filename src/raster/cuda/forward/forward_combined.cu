@@ -3,14 +3,21 @@
 // Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? This kernel is not in the paper. A pixel
 // sees few splats of a crowded list; with the marks, a task fetches only those that touch its quad.
 //   Warp: a bucket (32 entries of a tile's list). Lane: an entry; it finds the quads that its splat's ellipse touches,
-//     a bit each. A bit transposition across the warp turns this into a word per quad, with a bit per entry.
+//     a bit each. A bit transposition across the warp turns this into a mask per quad, with a bit per entry.
 //
 // Kernel 2, forward_combined: blends the quads. A crowded tile becomes 32 or 64 tasks, so no block works longer than
 // one quad takes.
 //   Grid: as many blocks of 4 warps as are resident at once; they take quads from an atomic counter.
 //   Block: a quad. Warp: one of its four pixels.
+//
+//        list of the tile            candidates            queue of each pixel         pixel
+//     |.x...x..|x......x|    scan     | x x x x |  evaluate    | x x x  |    blend      (sum)
+//      1024 pairs at a time  ---->   that touch     ---->      | x x    |    ---->       one
+//      x: the pair's splat           the quad,                 | x x x x|   32 at a    a warp
+//         touches the quad         128 at a time               |        |    time
+//
 //   Repeated until the list ends or all four pixels are finished:
-//     1. Scan: the block reads the quad's words for 1024 entries and appends the marked entries to `candidates`.
+//     1. Scan: the block reads the quad's masks for 1024 entries and appends the marked entries to `candidates`.
 //     2. Evaluate: 128 candidates at a time, one per thread, each at all four pixel centres. A candidate is appended
 //        to the queues of the pixels that it contributes to, in list order. A queue is a ring in shared memory.
 //     3. Blend: each warp blends full groups of 32 splats from its pixel's queue, a lane per splat, with a prefix
@@ -20,7 +27,7 @@
 //     QuadMemory may be overwritten.
 //   Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -32,11 +39,11 @@ constexpr int kThreads = kPixels * kWarpSize;  // 128
 // Capacity of a pixel's queue: at most 31 splats are left before an evaluation, which adds at most one per thread.
 constexpr int kRing = kWarpSize + kThreads;
 static_assert(kRing % kWarpSize == 0, "a group of 32 never wraps around the end of the ring");
-constexpr int kScanBits = 8;                    // entries that a thread scans at once: a quarter of a word
+constexpr int kScanBits = 8;                    // entries that a thread scans at once: a quarter of a mask
 constexpr int kScanned = kScanBits * kThreads;  // 1024 entries that a block scans at once
-constexpr int kThreadsPerWord = 32 / kScanBits;
+constexpr int kThreadsPerMask = 32 / kScanBits;
 static_assert(kScanned % kWarpSize == 0, "a scan covers whole buckets");
-// Counts of up to 128 contributions are packed into a byte per pixel and added as one word.
+// Counts of up to 128 contributions are packed into a byte per pixel and added as one number.
 static_assert(kPixels == 4 && kThreads <= 0xff, "four bytes of a word, one per pixel");
 constexpr int kMarkWarps = 8;  // per block of mark_quads_kernel
 
@@ -66,8 +73,8 @@ __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, co
   return touched;
 }
 
-/// Writes, for each bucket and each quad of its tile, a word that tells which of the bucket's 32 splats touch the quad.
-/// A tile's words are stored quad by quad, so that a task reads contiguous words.
+/// Writes, for each bucket and each quad of its tile, a mask that tells which of the bucket's 32 splats touch the quad.
+/// A tile's masks are stored quad by quad, so that a task reads contiguous masks.
 template <int kTilePixels>
 __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const BlendForwardCudaArgs args) {
   using Quads = TileQuads<kTilePixels>;
@@ -81,22 +88,22 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   TileRows rows{};
   if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
-    const float4 place = load_place(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
-    const Splat splat{place.x, place.y, place.z, place.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
+    const float4 mean = load_mean(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
+    const Splat splat{mean.x, mean.y, mean.z, mean.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
     // Below opacity 1/255 a splat contributes nowhere, and its ellipse is not defined (Culling::kSquare lists it).
-    if (place.z >= kLog2AlphaMin) {
+    if (mean.z >= kLog2AlphaMin) {
       rows = tile_rows(make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape), Culling::kEllipse,
                        splat, blend.extents[id], 0);
     }
   }
   const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape);
   const std::int32_t x = tile % blend.grid.columns * Quads::kColumns, y = tile / blend.grid.columns * Quads::kRows;
-  std::uint32_t* const words = args.quad_words + first * Quads::kCount + (bucket - first);
+  std::uint32_t* const masks = args.quad_masks + first * Quads::kCount + (bucket - first);
   const std::int64_t n_buckets = (end - begin + kWarpSize - 1) / kWarpSize;
 #pragma unroll
   for (int quad = 0; quad < Quads::kCount; quad += kWarpSize) {
     const std::uint32_t touched = touched_quads<kTilePixels>(quads, rows, x, y + quad / Quads::kColumns);
-    words[(quad + lane_id()) * n_buckets] = warp_transpose(touched);
+    masks[(quad + lane_id()) * n_buckets] = warp_transpose(touched);
   }
 }
 
@@ -116,17 +123,17 @@ struct QuadMemory {
 __device__ __forceinline__ int add_candidates(QuadMemory& shared, int n_candidates, unsigned marks,
                                               std::int32_t position) {
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  const int own = __popc(marks), up_to_own = warp_prefix_sum(own);
-  if (lane_id() == kWarpSize - 1) shared.n_by_warp[warp] = static_cast<std::uint32_t>(up_to_own);
+  const int n_marked = __popc(marks), n_up_to_lane = warp_prefix_sum(n_marked);
+  if (lane_id() == kWarpSize - 1) shared.n_by_warp[warp] = static_cast<std::uint32_t>(n_up_to_lane);
   __syncthreads();  // counts of all warps
-  int place = n_candidates + up_to_own - own;
+  int index = n_candidates + n_up_to_lane - n_marked;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
     const int n_in_warp = static_cast<int>(shared.n_by_warp[w]);
-    if (w < warp) place += n_in_warp;
+    if (w < warp) index += n_in_warp;
     n_candidates += n_in_warp;
   }
-  for (; marks != 0; marks &= marks - 1) shared.candidates[place++] = position + __ffs(marks) - 1;
+  for (; marks != 0; marks &= marks - 1) shared.candidates[index++] = position + __ffs(marks) - 1;
   return n_candidates;
 }
 
@@ -144,48 +151,60 @@ struct Quad {
 
 /// Where the next splat is appended to each queue, below kRing; the same in all threads.
 struct QueueEnds {
-  int place[kPixels] = {0, 0, 0, 0};
+  int of_pixel[kPixels] = {0, 0, 0, 0};
 };
 
-/// `place` modulo kRing, for a place below 2 kRing.
-__device__ __forceinline__ int wrapped(int place) {
-  return place < kRing ? place : place - kRing;
+/// The queue of a warp's pixel, as far as only this warp knows it.
+struct WarpQueue {
+  int head = 0;      // index of the first splat: a multiple of 32, as is kRing, so a group of 32 never wraps around
+  int n_splats = 0;  // that are queued
+};
+
+/// What evaluating candidates has appended to this warp's queue.
+struct Queued {
+  static constexpr int kAllDone = -1;
+  int n_splats;  // kAllDone if all four pixels are finished: nothing was appended, and no queue is read any more
+  __device__ bool all_done() const { return n_splats < 0; }
+};
+
+/// `index` modulo kRing, for an index below 2 kRing.
+__device__ __forceinline__ int wrapped(int index) {
+  return index < kRing ? index : index - kRing;
 }
 
-/// Evaluate: each thread evaluates its candidate (none if negative) at the four pixels and appends it to the queues of
-/// those it contributes to. Returns the number of splats added to this warp's queue, or -1 if all four pixels are
-/// finished and nothing was appended. Two barriers inside: after the first, all warps have finished reading their
-/// queues; after the second, the queues are filled.
-__device__ __forceinline__ int queue_contributions(const Quad& quad, int candidate, bool is_done, QueueEnds& ends,
-                                                   QuadMemory& shared) {
+/// Evaluate: each thread that has a candidate evaluates it at the four pixels and appends it to the queues of those it
+/// contributes to. Two barriers inside: after the first, all warps have finished reading their queues; after the
+/// second, the queues are filled.
+__device__ __forceinline__ Queued queue_contributions(const Quad& quad, int candidate, bool has_candidate, bool is_done,
+                                                      QueueEnds& ends, QuadMemory& shared) {
   const int lane = lane_id(), warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  const bool has_candidate = candidate >= 0;
   std::int32_t position = 0;
-  SplatPlace place{};
+  SplatMean mean{};
   SplatConic conic{};
   SplatColor color{};
   if (has_candidate) {
     position = shared.candidates[candidate];
     const std::int32_t id = __ldg(quad.ids + position);
-    place = load_place(quad.splats, id);
+    mean = load_mean(quad.splats, id);
     conic = load_conic(quad.splats, id);
     color = load_color(quad.splats, id);
   }
-  const SplatShape<float> shape = make_splat_shape(place, conic);
+  const SplatShape<float> shape = make_splat_shape(mean, conic);
   float power[kPixels];
   unsigned contributing[kPixels];  // lanes whose splat contributes to each pixel
-  std::uint32_t own_counts = 0;    // how many, a byte per pixel
+  std::uint32_t warp_counts = 0;   // how many, a byte per pixel
 #pragma unroll
   for (int p = 0; p < kPixels; ++p) {
-    const Reach<float> reach = evaluate_reach(shape, quad.center_x + static_cast<float>(p % kQuadSide),
-                                              quad.center_y + static_cast<float>(p / kQuadSide));
-    power[p] = reach.power;
-    contributing[p] = __ballot_sync(kFullWarp, reach.contributes && has_candidate);
-    own_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
+    const Footprint<float> footprint = evaluate_footprint(shape, quad.center_x + static_cast<float>(p % kQuadSide),
+                                                          quad.center_y + static_cast<float>(p / kQuadSide));
+    power[p] = footprint.power;
+    contributing[p] = __ballot_sync(kFullWarp, footprint.contributes && has_candidate);
+    warp_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
   }
-  if (lane == 0) shared.n_by_warp[warp] = own_counts;
-  if (__syncthreads_and(is_done)) return -1;  // counts are written, and all warps have finished reading their queues
-  // Counts of the warps ahead of this one, and of all; four bytes are added as one word.
+  if (lane == 0) shared.n_by_warp[warp] = warp_counts;
+  // Counts are written, and all warps have finished reading their queues.
+  if (__syncthreads_and(is_done)) return {Queued::kAllDone};
+  // Counts of the warps ahead of this one, and of all; four bytes are added as one number.
   std::uint32_t ahead = 0, all = 0;
 #pragma unroll
   for (int w = 0; w < kPixels; ++w) {
@@ -197,30 +216,29 @@ __device__ __forceinline__ int queue_contributions(const Quad& quad, int candida
   for (int p = 0; p < kPixels; ++p) {
     // List order is thread order: append behind the warps ahead and the lower lanes.
     if ((contributing[p] >> lane & 1) != 0) {
-      const int rank = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
-      const int slot = wrapped(ends.place[p] + rank);
-      shared.color_depth[p][slot] = make_float4(color.v.x, color.v.y, color.v.z, place.v.w);
-      shared.power[p][slot] = power[p];
-      shared.position[p][slot] = position;
+      const int n_before = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
+      const int index = wrapped(ends.of_pixel[p] + n_before);
+      shared.color_depth[p][index] = make_float4(color.v.x, color.v.y, color.v.z, mean.v.w);
+      shared.power[p][index] = power[p];
+      shared.position[p][index] = position;
     }
-    ends.place[p] = wrapped(ends.place[p] + byte_of(all, p));
+    ends.of_pixel[p] = wrapped(ends.of_pixel[p] + byte_of(all, p));
   }
   __syncthreads();  // the queues are filled
-  return byte_of(all, warp);
+  return {byte_of(all, warp)};
 }
 
-/// Blend: the warp blends `count` <= 32 splats of its queue, from `head` on. Heads are multiples of 32, as is the
-/// ring's capacity, so a group never wraps around.
-template <KeptParts kKept>
-__device__ __forceinline__ void blend_queued(const QuadMemory& shared, int head, int count,
-                                             GaussianWisePixel<kKept>& pixel) {
-  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, slot = head + lane_id();
-  pixel.blend({lane_id() < count, shared.power[warp][slot], shared.position[warp][slot]},
-              [&] { return shared.color_depth[warp][slot]; });
+/// Blend: the warp blends the first `count` <= 32 splats of its queue.
+template <StoredParts kStored>
+__device__ __forceinline__ void blend_queued(const QuadMemory& shared, const WarpQueue& queue, int count,
+                                             GaussianWisePixel<kStored>& pixel) {
+  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, index = queue.head + lane_id();
+  pixel.blend({lane_id() < count, shared.power[warp][index], shared.position[warp][index]},
+              [&] { return shared.color_depth[warp][index]; });
 }
 
 /// One task: blends quad `task` with the whole block.
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& shared) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
@@ -235,25 +253,25 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const std::int32_t x = quad_x + warp % kQuadSide, y = quad_y + warp / kQuadSide;
   const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileWidth + x,
                      tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
-  GaussianWisePixel<kKept> pixel(args, tile, at);
+  GaussianWisePixel<kStored> pixel(args, tile, at);
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
   const std::int32_t n_buckets = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const words = args.quad_words + args.buckets.offsets[tile] * Quads::kCount +
+  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * Quads::kCount +
                                      static_cast<std::int64_t>(quad_in_tile) * n_buckets;
   QueueEnds ends;
-  int head = 0, n_queued = 0;  // this warp's queue: first splat, and how many
+  WarpQueue queue;
   int n_candidates = 0;
   bool is_done = !at.inside, all_done = false;
-  // The word with this thread's byte, loaded one scan ahead.
-  const std::int32_t own_bucket = thread / kThreadsPerWord;
-  std::uint32_t next_word = own_bucket < n_buckets ? __ldg(words + own_bucket) : 0;
+  // The mask with this thread's byte, loaded one scan ahead.
+  const std::int32_t bucket = thread / kThreadsPerMask;
+  std::uint32_t next_mask = bucket < n_buckets ? __ldg(masks + bucket) : 0;
   for (std::int32_t start = 0; start < n_buckets && !all_done; start += kScanned / kWarpSize) {
     // Scan the next 1024 entries.
-    const unsigned marks = next_word >> (thread % kThreadsPerWord * kScanBits) & 0xffu;
-    const std::int32_t next_bucket = start + kScanned / kWarpSize + own_bucket;
-    next_word = next_bucket < n_buckets ? __ldg(words + next_bucket) : 0;
+    const unsigned marks = next_mask >> (thread % kThreadsPerMask * kScanBits) & 0xffu;
+    const std::int32_t next_bucket = start + kScanned / kWarpSize + bucket;
+    next_mask = next_bucket < n_buckets ? __ldg(masks + next_bucket) : 0;
     n_candidates = add_candidates(shared, n_candidates, marks, start * kWarpSize + thread * kScanBits);
     __syncthreads();  // candidates are complete
 
@@ -261,28 +279,28 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
     const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;
     int taken = 0;
     for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
-      const int own_candidate = taken + thread < n_candidates ? taken + thread : -1;
-      const int n_new = queue_contributions(quad, own_candidate, is_done, ends, shared);
-      all_done = n_new < 0;  // the -1 added below is harmless: is_done is then true in all threads
-      for (n_queued += n_new; n_queued >= kWarpSize && !is_done; n_queued -= kWarpSize) {
-        blend_queued(shared, head, kWarpSize, pixel);
-        head = wrapped(head + kWarpSize);
+      const Queued added =
+          queue_contributions(quad, taken + thread, taken + thread < n_candidates, is_done, ends, shared);
+      all_done = added.all_done();
+      for (queue.n_splats += added.n_splats; queue.n_splats >= kWarpSize && !is_done; queue.n_splats -= kWarpSize) {
+        blend_queued(shared, queue, kWarpSize, pixel);
+        queue.head = wrapped(queue.head + kWarpSize);
         is_done = pixel.is_finished();
       }
     }
     // Move the remaining candidates to the front. Unless all_done, fewer than kThreads are left, so source and
-    // destination do not overlap. All reads of the overwritten places happened before the last barrier.
+    // destination do not overlap. All reads of what is overwritten happened before the last barrier.
     const int n_left = n_candidates > taken ? n_candidates - taken : 0;
     if (taken > 0 && thread < n_left) shared.candidates[thread] = shared.candidates[taken + thread];
     n_candidates = n_left;
   }
   // Blend what is still queued. No barrier from here on.
   if (!at.inside) return;
-  if (n_queued > 0 && !is_done) blend_queued(shared, head, n_queued, pixel);
+  if (queue.n_splats > 0 && !is_done) blend_queued(shared, queue, queue.n_splats, pixel);
   pixel.store();
 }
 
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ QuadMemory shared;
@@ -293,14 +311,14 @@ __global__ void __launch_bounds__(kThreads)
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
-    blend_quad<kTilePixels, kKept>(args, task, shared);
+    blend_quad<kTilePixels, kStored>(args, task, shared);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
     __syncthreads();  // the ticket is written, and QuadMemory may be overwritten
     task = tickets[turn];
   }
 }
 
-template <int kTilePixels, KeptParts kKept>
+template <int kTilePixels, StoredParts kStored>
 void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
@@ -310,7 +328,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }
-  const auto kernel = forward_combined_kernel<kTilePixels, kKept>;
+  const auto kernel = forward_combined_kernel<kTilePixels, kStored>;
   kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
       args, static_cast<std::int32_t>(n_tasks));
   B3DGS_CUDA_CHECK_LAUNCH();
@@ -320,16 +338,13 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
 
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    with_kept_parts(args.parts, [&](auto kept) { launch<pixels.value, kept.value>(args, context); });
+    with_stored_parts(args.parts, [&](auto stored) { launch<pixels.value, stored.value>(args, context); });
   });
 }
 
 KernelResources forward_combined_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(forward_combined_kernel<pixels.value, KeptParts::kNone>, kThreads);
-  });
-  return resources;
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_combined_kernel<pixels.value, StoredParts::kNone>; }, kThreads);
 }
 
 }  // namespace b3dgs::cuda

@@ -7,7 +7,7 @@
 //     the block of the most crowded tile still runs longest.
 //   Saved for the backward pass: final transmittance, last splat, and bucket parts.
 
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/gaussian_wise.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -15,21 +15,21 @@ namespace b3dgs::cuda {
 namespace {
 
 /// Blends one pixel with the whole warp.
-template <KeptParts kKept>
+template <StoredParts kStored>
 __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at) {
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t first = blend.bins.tile_offsets[tile];
   const auto n = static_cast<std::int32_t>(blend.bins.tile_offsets[tile + 1] - first);
-  GaussianWisePixel<kKept> pixel(args, tile, at);
+  GaussianWisePixel<kStored> pixel(args, tile, at);
   // All lanes run every round; beyond the end of the list they do not contribute.
   for (std::int32_t group = 0; group < n && !pixel.is_finished(); group += kWarpSize) {
     const std::int32_t entry = group + lane_id();
     const std::int32_t id = blend.bins.splat_ids[first + (entry < n ? entry : n - 1)];
-    const SplatShape<float> shape = make_splat_shape(load_place(blend.splats, id), load_conic(blend.splats, id));
-    const Reach<float> reach = evaluate_reach(shape, at.center_x(), at.center_y());
-    const bool contributes = reach.contributes && entry < n;
+    const SplatShape<float> shape = make_splat_shape(load_mean(blend.splats, id), load_conic(blend.splats, id));
+    const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
+    const bool contributes = footprint.contributes && entry < n;
     if (!__any_sync(kFullWarp, contributes)) continue;
-    pixel.blend({contributes, reach.power, entry}, [&] {
+    pixel.blend({contributes, footprint.power, entry}, [&] {
       const float4 color = load_color(blend.splats, id).v;
       return make_float4(color.x, color.y, color.z, __ldg(&blend.splats[id].depth));
     });
@@ -37,13 +37,13 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
   pixel.store();
 }
 
-template <int kThreads, KeptParts kKept>
+template <int kThreads, StoredParts kStored>
 __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const BlendForwardCudaArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t begin = static_cast<std::int32_t>(threadIdx.x) / kWarpSize * kWarpSize;
   for (std::int32_t i = begin; i < begin + kWarpSize; ++i) {
     const TilePixel at = tile_pixel(args.blend.grid, tile, i);
-    if (at.inside) blend_pixel<kKept>(args, tile, at);
+    if (at.inside) blend_pixel<kStored>(args, tile, at);
   }
 }
 
@@ -52,19 +52,16 @@ __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const B
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const int n_tiles = args.blend.grid.n_tiles();
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    with_kept_parts(args.parts, [&](auto kept) {
-      forward_gaussian_wise_kernel<pixels.value, kept.value><<<n_tiles, pixels.value, 0, context.stream>>>(args);
+    with_stored_parts(args.parts, [&](auto stored) {
+      forward_gaussian_wise_kernel<pixels.value, stored.value><<<n_tiles, pixels.value, 0, context.stream>>>(args);
     });
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(forward_gaussian_wise_kernel<pixels.value, KeptParts::kNone>, pixels.value);
-  });
-  return resources;
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_gaussian_wise_kernel<pixels.value, StoredParts::kNone>; });
 }
 
 }  // namespace b3dgs::cuda

@@ -6,6 +6,11 @@
 // colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
 // segment in which a pixel finishes is blended again for that pixel, from the true transmittance.
 //
+//   list           |   segment 0   |   segment 1   |   segment 2   | 3 |
+//   blended from   T = 1           T = 1           T = 1           T = 1     forward_segmented, in parallel
+//   joined         T = 1 --------> 0.5 ----------> 0.01 ---------> finished  join_segments, front to back
+//   blended again                                  |from T = 0.01 |          end_pixels
+//
 // Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
 // Kernel 2, forward_segmented: a block per segment or short list, a thread per pixel. The first segments of all lists
 //   run first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
@@ -19,13 +24,13 @@
 // Shared memory: two batches of staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
 // Barriers: one per batch of splats, and one before a segment is marked as done.
 // Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
-//   transmittance in front of each segment (Segments::before).
+//   transmittance in front of each segment (Segments::fronts).
 
 #include <cub/block/block_scan.cuh>
 #include <cuda/atomic>
 
-#include "raster/args_check.h"
-#include "raster/cuda/forward/forward_table.h"
+#include "raster/checks.h"
+#include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/staged_blend.cuh"
 #include "raster/cuda/launch.cuh"
 
@@ -72,11 +77,11 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   }
   __syncthreads();
   // Scan from the largest number of segments down: ranks, and where each segment number begins in the list of tasks.
-  const std::int32_t own_tiles = next_rank[kLast - thread];
+  const std::int32_t n_tiles_with = next_rank[kLast - thread];
   std::int32_t n_ranked = 0;
-  BlockScan(scan_memory).InclusiveSum(own_tiles, n_ranked);
+  BlockScan(scan_memory).InclusiveSum(n_tiles_with, n_ranked);
   n_with[kLast - thread] = n_ranked;
-  next_rank[kLast - thread] = n_ranked - own_tiles;
+  next_rank[kLast - thread] = n_ranked - n_tiles_with;
   __syncthreads();
   std::int32_t n_listed = 0;
   BlockScan(scan_memory)
@@ -113,12 +118,12 @@ __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, S
 }
 
 /// The segment of a task.
-struct OwnSegment {
+struct ListSegment {
   std::int32_t tile;
   std::int32_t first;  // index of the list's first segment, -1 if the list is not cut
   std::int32_t index;  // index of this segment
   ListRange range;     // its entries
-  __device__ OwnSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
+  __device__ ListSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
       : tile(task.tile), first(args.segments.first_of_tile[task.tile]), index(first + task.segment) {
     const std::int32_t length = list_length(args.blend.bins, tile), begin = task.segment * kSegmentEntries;
     range = {begin, first >= 0 && begin + kSegmentEntries < length ? begin + kSegmentEntries : length};
@@ -129,15 +134,15 @@ struct OwnSegment {
 /// is computed in the order in which join_segments_kernel multiplies, so that it is a bound despite rounding. Must be
 /// called by all threads of the block, including those of pixels outside the image.
 template <int kThreads>
-__device__ __forceinline__ float transmittance_bound(const Segments& segments, const OwnSegment& own,
+__device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment,
                                                      std::int32_t pixel_index) {
   constexpr int kAtOnce = 4;  // loads in flight
   float bound = 1;
-  for (std::int32_t start = own.first; start < own.index; start += kWarpSize) {
-    const std::int32_t segment = start + lane_id();
+  for (std::int32_t start = segment.first; start < segment.index; start += kWarpSize) {
+    const std::int32_t index = start + lane_id();
     bool is_done = false;
-    if (segment < own.index) {
-      ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[segment]);
+    if (index < segment.index) {
+      ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[index]);
       is_done = done.load(::cuda::memory_order_acquire) != 0;
     }
     unsigned ready = __ballot_sync(kFullWarp, is_done);
@@ -164,22 +169,23 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   const Segments& segments = args.segments;
   SegmentTask task;
   if (!take_segment(args, task)) return;
-  const OwnSegment own(args, task);
-  const TilePixel at = staged_pixel(blend.grid, own.tile);
-  const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
+  const ListSegment segment(args, task);
+  const TilePixel at = staged_pixel(blend.grid, segment.tile);
+  const std::int32_t pixel_of_segment = segment.index * kThreads + at.index;
   // Skip what cannot be visible.
   bool is_alive = at.inside, is_any_alive = true;
-  if (own.index > own.first) {
-    segments.before[pixel_of_segment] = 1;
-    const float bound = transmittance_bound<kThreads>(segments, own, at.index);  // uses votes: all lanes must call it
-    is_alive = is_alive && bound >= kTransmittanceMin;
+  if (segment.index > segment.first) {
+    segments.fronts[pixel_of_segment] = {1};
+    const float bound =
+        transmittance_bound<kThreads>(segments, segment, at.index);  // uses votes: all lanes must call it
+    is_alive = is_alive && !is_saturated(bound);
     is_any_alive = __syncthreads_or(is_alive) != 0;
   }
 
   // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
-  PixelState<float> pixel{is_alive ? 1.0f : -1.0f, 0, 0, 0, 0};
-  const std::int32_t last = is_any_alive ? blend_staged(args, batches, own.tile, own.range, at, pixel) : -1;
-  if (own.first < 0) {
+  PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
+  const std::int32_t last = is_any_alive ? blend_staged(args, batches, segment.tile, segment.range, at, pixel) : -1;
+  if (segment.first < 0) {
     if (at.inside) store_pixel(blend, at, pixel, last);
     return;
   }
@@ -189,14 +195,13 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   // Publish the segment for blocks that are behind it in the same list.
   __syncthreads();  // all threads have written
   if (threadIdx.x == 0) {
-    ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[own.index]);
+    ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[segment.index]);
     done.store(1, ::cuda::memory_order_release);
   }
 }
 
 /// Combines each pixel's segments front to back. If the pixel finishes in a segment that has to be blended again,
-/// leaves the state in front of it to end_pixels_kernel: colour and depth in the segment's `color_depth`, `last`, and
-/// the negated transmittance in `before`.
+/// leaves the state in front of it to end_pixels_kernel, in place of the segment's.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForwardCudaArgs args) {
   constexpr int kAtOnce = 8;  // loads in flight
@@ -206,7 +211,7 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
   if (first < 0) return;
   const TilePixel at = tile_pixel(args.blend.grid, tile, static_cast<std::int32_t>(threadIdx.x));
   if (!at.inside) {
-    segments.before[first * kThreads + at.index] = 1;
+    segments.fronts[first * kThreads + at.index] = {1};
     return;
   }
 
@@ -214,13 +219,13 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
   PixelState<float> pixel{1, 0, 0, 0, 0};
   std::int32_t last = -1;
   for (std::int32_t start = 0; start < count; start += kAtOnce) {
-    const std::int32_t own = (first + start) * kThreads + at.index;
+    const std::int32_t index = (first + start) * kThreads + at.index;
     float transmittance[kAtOnce];
     float4 color_depth[kAtOnce];
     std::int32_t last_of_segment[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
-      const std::int32_t from = own + (start + k < count ? k : 0) * kThreads;
+      const std::int32_t from = index + (start + k < count ? k : 0) * kThreads;
       transmittance[k] = segments.transmittance[from];
       color_depth[k] = segments.color_depth[from];
       last_of_segment[k] = segments.last[from];
@@ -228,22 +233,22 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       if (start + k >= count) break;
-      const std::int32_t to = own + k * kThreads;
+      const std::int32_t to = index + k * kThreads;
       const float before = pixel.transmittance, behind = before * transmittance[k];
       // With transmittance 1 in front, the segment was blended exactly as it should be. Otherwise, if the product falls
       // below the minimum, or the segment alone finishes the pixel (negative), it has to be blended again.
       const bool is_exact = before == 1;
-      if (behind < kTransmittanceMin && !is_exact) {
-        segments.before[to] = -before;
+      if (is_saturated(behind) && !is_exact) {
+        segments.fronts[to] = SegmentFront::blend_again_from(before);
         segments.color_depth[to] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
         segments.last[to] = last;
         return;
       }
-      segments.before[to] = before;
+      segments.fronts[to] = {before};
       pixel = {behind, pixel.red + before * color_depth[k].x, pixel.green + before * color_depth[k].y,
                pixel.blue + before * color_depth[k].z, pixel.depth + before * color_depth[k].w};
       if (last_of_segment[k] >= 0) last = last_of_segment[k];
-      if (behind < 0) {
+      if (is_finished(behind)) {
         store_pixel(args.blend, at, pixel, last);
         return;
       }
@@ -253,7 +258,7 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
 }
 
 /// Blends segments again for the pixels that finish in them. Their bucket parts are then absolute instead of relative
-/// to the segment, so `before` becomes 1.
+/// to the segment.
 template <int kThreads>
 __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
   __shared__ BatchPair<kThreads> batches;
@@ -261,22 +266,22 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
   SegmentTask task;
   // Only listed segments: the first of a list has transmittance 1 in front of it and is never blended again.
   if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x), task)) return;
-  const OwnSegment own(args, task);
-  const TilePixel at = staged_pixel(args.blend.grid, own.tile);
-  const std::int32_t pixel_of_segment = own.index * kThreads + at.index;
-  const float before = segments.before[pixel_of_segment];
-  const bool ends = before < 0;  // the pixel finishes in this segment
+  const ListSegment segment(args, task);
+  const TilePixel at = staged_pixel(args.blend.grid, segment.tile);
+  const std::int32_t pixel_of_segment = segment.index * kThreads + at.index;
+  const SegmentFront front = segments.fronts[pixel_of_segment];
+  const bool ends = front.is_to_blend_again();  // the pixel finishes in this segment
   if (__syncthreads_or(ends) == 0) return;
 
-  PixelState<float> pixel{-1, 0, 0, 0, 0};
+  PixelState<float> pixel{kClosedPixel, 0, 0, 0, 0};
   if (ends) {
     const float4 color_depth = segments.color_depth[pixel_of_segment];
-    pixel = {-before, color_depth.x, color_depth.y, color_depth.z, color_depth.w};
+    pixel = {front.transmittance_to_blend_from(), color_depth.x, color_depth.y, color_depth.z, color_depth.w};
   }
-  const std::int32_t last = blend_staged(args, batches, own.tile, own.range, at, pixel);
+  const std::int32_t last = blend_staged(args, batches, segment.tile, segment.range, at, pixel);
   if (!ends) return;
   store_pixel(args.blend, at, pixel, last >= 0 ? last : segments.last[pixel_of_segment]);
-  segments.before[pixel_of_segment] = 1;
+  segments.fronts[pixel_of_segment] = {1};
 }
 
 }  // namespace
@@ -301,10 +306,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
 }
 
 KernelResources forward_segmented_resources(const TileShape& tile) {
-  KernelResources resources;
-  with_tile_pixels(
-      tile, [&](auto pixels) { resources = kernel_resources(forward_segmented_kernel<pixels.value>, pixels.value); });
-  return resources;
+  return tile_kernel_resources(tile, [](auto pixels) { return forward_segmented_kernel<pixels.value>; });
 }
 
 }  // namespace b3dgs::cuda

@@ -17,31 +17,31 @@ struct LaneSplat {
 
 /// Which BucketParts a kernel writes. Depth costs an additional warp sum, and training needs no gradient with respect
 /// to depth.
-enum class KeptParts { kNone, kColor, kColorAndDepth };
+enum class StoredParts { kNone, kColor, kColorAndDepth };
 
-template <KeptParts kKept>
-using KeptPartsConstant = std::integral_constant<KeptParts, kKept>;
+template <StoredParts kStored>
+using StoredPartsConstant = std::integral_constant<StoredParts, kStored>;
 
-/// Calls launch(KeptPartsConstant<...>()) according to which buffers there are.
+/// Calls launch(StoredPartsConstant<...>()) according to which buffers there are.
 template <class Launch>
-void with_kept_parts(const BucketParts& parts, Launch&& launch) {
+void with_stored_parts(const BucketParts& parts, Launch&& launch) {
   if (parts.color == nullptr) {
-    launch(KeptPartsConstant<KeptParts::kNone>());
+    launch(StoredPartsConstant<StoredParts::kNone>());
   } else if (parts.depth == nullptr) {
-    launch(KeptPartsConstant<KeptParts::kColor>());
+    launch(StoredPartsConstant<StoredParts::kColor>());
   } else {
-    launch(KeptPartsConstant<KeptParts::kColorAndDepth>());
+    launch(StoredPartsConstant<StoredParts::kColorAndDepth>());
   }
 }
 
 /// A pixel that a warp blends group by group. Transmittance, last and finished are the same in all lanes; colour and
 /// depth are partial sums per lane until store().
-template <KeptParts kKept>
+template <StoredParts kStored>
 class GaussianWisePixel {
  public:
   __device__ GaussianWisePixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at)
       : args_(args), at_(at) {
-    if constexpr (kKept != KeptParts::kNone) first_part_ = bucket_part_index(args, tile, 0, at.index);
+    if constexpr (kStored != StoredParts::kNone) first_part_ = bucket_part_index(args, tile, 0, at.index);
   }
 
   __device__ bool is_finished() const { return finished_; }
@@ -57,20 +57,20 @@ class GaussianWisePixel {
     float before = __shfl_up_sync(kFullWarp, after, 1);
     if (lane == 0) before = transmittance_;
     // The first lane that would bring the transmittance below the minimum finishes the pixel.
-    const unsigned saturating = __ballot_sync(kFullWarp, splat.contributes && after < kTransmittanceMin);
+    const unsigned saturating = __ballot_sync(kFullWarp, splat.contributes && is_saturated(after));
     const int stop = saturating != 0 ? __ffs(saturating) - 1 : kWarpSize;
     const bool accepted = splat.contributes && lane < stop;
-    PixelState<float> own{after, 0, 0, 0, 0};
+    PixelState<float> added{after, 0, 0, 0, 0};
     if (accepted) {
       const float4 color = color_depth();
       const float weight = before * alpha;
-      own = {after, weight * color.x, weight * color.y, weight * color.z, weight * color.w};
-      part_ = {1, part_.red + own.red, part_.green + own.green, part_.blue + own.blue, part_.depth + own.depth};
+      added = {after, weight * color.x, weight * color.y, weight * color.z, weight * color.w};
+      part_ = {1, part_.red + added.red, part_.green + added.green, part_.blue + added.blue, part_.depth + added.depth};
     }
     const unsigned blended = __ballot_sync(kFullWarp, accepted);
     if (blended != 0) {
       const int end = kWarpSize - __clz(blended);
-      if constexpr (kKept != KeptParts::kNone) keep_parts(own, bucket_of(splat.position), end);
+      if constexpr (kStored != StoredParts::kNone) store_parts(added, bucket_of(splat.position), end);
       last_ = __shfl_sync(kFullWarp, splat.position, end - 1);
     }
     finished_ = saturating != 0;
@@ -82,7 +82,7 @@ class GaussianWisePixel {
     const float4 sum = warp_sum(make_float4(part_.red, part_.green, part_.blue, part_.depth));
     const PixelState<float> pixel{transmittance_, sum.x, sum.y, sum.z, sum.w};
     if (lane_id() != 0) return;
-    if constexpr (kKept != KeptParts::kNone) {
+    if constexpr (kStored != StoredParts::kNone) {
       if (last_ >= 0) store_part(bucket_of(last_), open_);
     }
     store_pixel(args_.blend, at_, pixel, last_);
@@ -95,7 +95,7 @@ class GaussianWisePixel {
     const TileShape shape = args_.blend.grid.tile;
     const std::int64_t at = first_part_ + std::int64_t{bucket} * (shape.width * shape.height);
     args_.parts.color[at] = make_float4(magnitude(part.transmittance), part.red, part.green, part.blue);
-    if constexpr (kKept == KeptParts::kColorAndDepth) args_.parts.depth[at] = part.depth;
+    if constexpr (kStored == StoredParts::kColorAndDepth) args_.parts.depth[at] = part.depth;
   }
 
   __device__ static __forceinline__ PixelState<float> sum_of(const PixelState<float>& front,
@@ -109,7 +109,7 @@ class GaussianWisePixel {
     PixelState<float> other{1, __shfl_up_sync(kFullWarp, sum.red, distance),
                             __shfl_up_sync(kFullWarp, sum.green, distance),
                             __shfl_up_sync(kFullWarp, sum.blue, distance), 0};
-    if constexpr (kKept == KeptParts::kColorAndDepth) other.depth = __shfl_up_sync(kFullWarp, sum.depth, distance);
+    if constexpr (kStored == StoredParts::kColorAndDepth) other.depth = __shfl_up_sync(kFullWarp, sum.depth, distance);
     return other;
   }
 
@@ -119,7 +119,7 @@ class GaussianWisePixel {
   ///
   /// A group may span several buckets. This is a segmented prefix sum: the first lane of each bucket is a head, every
   /// lane adds the lanes down to its head, and the last lane of each complete bucket writes the sum.
-  __device__ __forceinline__ void keep_parts(PixelState<float> sum, std::int32_t bucket, int end) {
+  __device__ __forceinline__ void store_parts(PixelState<float> sum, std::int32_t bucket, int end) {
     const int lane = lane_id();
     std::int32_t before = __shfl_up_sync(kFullWarp, bucket, 1);
     if (lane == 0) {
@@ -148,7 +148,7 @@ class GaussianWisePixel {
     open_.red = __shfl_sync(kFullWarp, sum.red, end - 1);
     open_.green = __shfl_sync(kFullWarp, sum.green, end - 1);
     open_.blue = __shfl_sync(kFullWarp, sum.blue, end - 1);
-    if constexpr (kKept == KeptParts::kColorAndDepth) open_.depth = __shfl_sync(kFullWarp, sum.depth, end - 1);
+    if constexpr (kStored == StoredParts::kColorAndDepth) open_.depth = __shfl_sync(kFullWarp, sum.depth, end - 1);
   }
 
   const BlendForwardCudaArgs& args_;

@@ -19,7 +19,7 @@ namespace b3dgs::cuda {
 /// A batch of splats in shared memory, one per thread of the block.
 template <int kThreads>
 struct Batch {
-  float4 place[kThreads];
+  float4 mean[kThreads];
   float4 conic[kThreads];
   float4 color[kThreads];
   float2 extent[kThreads];
@@ -27,7 +27,7 @@ struct Batch {
   /// Starts copying a splat to this thread's entry.
   __device__ __forceinline__ void copy(const BlendForwardArgs& blend, std::int32_t id) {
     const auto* const words = reinterpret_cast<const float4*>(blend.splats + id);
-    __pipeline_memcpy_async(place + threadIdx.x, words, sizeof(float4));
+    __pipeline_memcpy_async(mean + threadIdx.x, words, sizeof(float4));
     __pipeline_memcpy_async(conic + threadIdx.x, words + 1, sizeof(float4));
     __pipeline_memcpy_async(color + threadIdx.x, words + 2, sizeof(float4));
     __pipeline_memcpy_async(extent + threadIdx.x, blend.extents + id, sizeof(float2));
@@ -56,24 +56,24 @@ __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int fi
   constexpr int kAtOnce = 4;  // independent evaluations that hide the latency of shared memory and the exponential
   int last = -1;
   while (chosen != 0) {
-    int places[kAtOnce];
+    int indices[kAtOnce];
     bool contributes[kAtOnce];
     float alpha[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const bool is_chosen = chosen != 0;
-      places[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
+      indices[k] = is_chosen ? first + __ffs(chosen) - 1 : first;
       chosen &= chosen - 1;
-      const SplatShape<float> shape = make_splat_shape({batch.place[places[k]]}, {batch.conic[places[k]]});
-      const Reach<float> reach = evaluate_reach(shape, center_x, center_y);
-      contributes[k] = reach.contributes && is_chosen;
-      alpha[k] = evaluate_alpha(reach.power).alpha;
+      const SplatShape<float> shape = make_splat_shape({batch.mean[indices[k]]}, {batch.conic[indices[k]]});
+      const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+      contributes[k] = footprint.contributes && is_chosen;
+      alpha[k] = evaluate_alpha(footprint.power).alpha;
     }
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
-      const float4 color = batch.color[places[k]];
-      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.place[places[k]].w)) {
-        last = places[k];
+      const float4 color = batch.color[indices[k]];
+      if (blend_over(part, contributes[k], alpha[k], color.x, color.y, color.z, batch.mean[indices[k]].w)) {
+        last = indices[k];
       }
     }
   }
@@ -102,7 +102,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
   for (std::int32_t start = 0; start < n; start += kThreads) {
     __pipeline_wait_prior(0);
     // The one barrier per batch: this batch is complete, and all threads have finished with the previous one.
-    if (__syncthreads_count(pixel.transmittance < 0) == kThreads) break;
+    if (__syncthreads_count(is_finished(pixel.transmittance)) == kThreads) break;
     const Batch<kThreads>& batch = batches[start / kThreads % 2];
     if (start + kThreads + thread < n) batches[(start / kThreads + 1) % 2].copy(blend, next_id);
     __pipeline_commit();
@@ -110,12 +110,12 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
 
     const int count = n - start < kThreads ? n - start : kThreads;
     for (int bucket = 0; bucket < count; bucket += kWarpSize) {
-      const bool is_alive = pixel.transmittance > 0;
+      const bool is_alive = is_open(pixel.transmittance);
       if (!__any_sync(kFullWarp, is_alive)) break;
       // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
-      const int own = bucket + lane_id();
-      const bool reaches =
-          own < count && reaches_sub_tile(batch.place[own].x, batch.place[own].y, batch.extent[own], left, top);
+      const int tested = bucket + lane_id();
+      const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
+                                                              batch.extent[tested], left, top);
       const unsigned chosen = __ballot_sync(kFullWarp, reaches);
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       const int last = blend_chosen(batch, bucket, chosen, center_x, center_y, part);

@@ -4,7 +4,7 @@
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/blend.h"
-#include "raster/math/store_pixel.h"
+#include "raster/math/pixel_outputs.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
@@ -12,7 +12,7 @@ namespace b3dgs::cuda {
 static_assert(kSubTilePixels == kWarpSize, "a lane per pixel of a sub-tile");
 
 /// The three 16-byte words of a Splat, each loaded with one instruction.
-struct SplatPlace {  // mean_x, mean_y, log2_opacity, depth
+struct SplatMean {  // mean_x, mean_y, log2_opacity, depth
   float4 v;
 };
 struct SplatConic {  // conic_xx, conic_xy, conic_yy, gaussian
@@ -22,7 +22,7 @@ struct SplatColor {  // red, green, blue, clamped
   float4 v;
 };
 
-__device__ __forceinline__ SplatPlace load_place(const Splat* splats, std::int32_t id) {
+__device__ __forceinline__ SplatMean load_mean(const Splat* splats, std::int32_t id) {
   return {__ldg(reinterpret_cast<const float4*>(splats + id))};
 }
 __device__ __forceinline__ SplatConic load_conic(const Splat* splats, std::int32_t id) {
@@ -31,8 +31,8 @@ __device__ __forceinline__ SplatConic load_conic(const Splat* splats, std::int32
 __device__ __forceinline__ SplatColor load_color(const Splat* splats, std::int32_t id) {
   return {__ldg(reinterpret_cast<const float4*>(splats + id) + 2)};
 }
-__device__ __forceinline__ SplatShape<float> make_splat_shape(const SplatPlace& place, const SplatConic& conic) {
-  return {place.v.x, place.v.y, place.v.z, conic.v.x, conic.v.y, conic.v.z};
+__device__ __forceinline__ SplatShape<float> make_splat_shape(const SplatMean& mean, const SplatConic& conic) {
+  return {mean.v.x, mean.v.y, mean.v.z, conic.v.x, conic.v.y, conic.v.z};
 }
 
 /// A pixel, in the image and in its tile.

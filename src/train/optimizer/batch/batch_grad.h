@@ -7,7 +7,7 @@
 
 #include "config/batch_steps.h"
 #include "raster/math/gaussian_grad.h"
-#include "raster/splat_records.h"
+#include "raster/splat_rows.h"
 #include "train/optimizer/regularization.h"
 
 namespace b3dgs {

@@ -19,7 +19,7 @@ class ViewBatch {
   void make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch::Device device);
 
   /// Where the splats of the next view are to be written: see make_room().
-  const KeptSplats& room() const { return slots_[static_cast<std::size_t>(n_views_)].splats; }
+  const SplatRecordTensors& room() const { return slots_[static_cast<std::size_t>(n_views_)].splats; }
 
   /// The splats of this view have been written to room().
   void add(const PinholeView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
@@ -35,7 +35,7 @@ class ViewBatch {
 
  private:
   struct Slot {
-    KeptSplats splats;
+    SplatRecordTensors splats;
     torch::Tensor record_room, index_room;
     PinholeView view{};
     RegularizationGrad regularization{};

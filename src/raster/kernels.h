@@ -1,14 +1,17 @@
-// The table of forward blending kernels. Plain C++: the command line, the kernel selector and their tests need no CUDA.
+// The tables of blending kernels, forward and backward. Plain C++: the command line, the kernel selector and their
+// tests need no CUDA.
 //
-// Adding a kernel: one row here, one file cpu/forward/forward_ID.cpp that defines blend_forward_ID(), and one file
-// cuda/forward/forward_ID.cu that defines launch_forward_ID() and forward_ID_resources().
+// Adding a forward kernel: one row here, blend_forward_ID() in a source of cpu/forward, and launch_forward_ID() and
+// forward_ID_resources() in a source of cuda/forward. A backward kernel, of which the CPU has one, whose pool of tiles
+// balances it: one row, and launch_backward_ID() and backward_ID_resources() in a source of cuda/backward.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <string_view>
 
-#include "raster/kernel_table.h"
+#include "core/check.h"
 
 // ROW(enumerator, ID, name on the command line, is_balanced, one line for the help text)
 #define B3DGS_FORWARD_KERNELS(ROW)                                                                                     \
@@ -22,7 +25,29 @@
   ROW(kSegmented, segmented, "segmented", true,                                                                        \
       "as shared-memory, with long lists cut into segments that are blended in parallel")
 
+// ROW(enumerator, ID, name on the command line, one line for the help text)
+#define B3DGS_BACKWARD_KERNELS(ROW)                                                                       \
+  ROW(kPerPixel, per_pixel, "per-pixel", "a thread per pixel, tiles assigned statically (the reference)") \
+  ROW(kPerSplat, per_splat, "per-splat", "a lane per splat, pixels stream through buckets of 32 splats (balanced)")
+
 namespace b3dgs {
+
+/// The kernel with this name, if there is one. `rows` is an array of structs with members `kernel` and `name`.
+template <class Rows>
+constexpr auto find_kernel(const Rows& rows, std::string_view name) -> std::optional<decltype(rows[0].kernel)> {
+  for (const auto& row : rows) {
+    if (row.name == name) return row.kernel;
+  }
+  return std::nullopt;
+}
+
+/// The kernel with this name. @throws LogicError if there is none: names from users are checked before.
+template <class Rows>
+auto kernel_named(const Rows& rows, std::string_view name) {
+  const auto kernel = find_kernel(rows, name);
+  B3DGS_CHECK(kernel.has_value(), "unknown kernel: ", name);
+  return *kernel;
+}
 
 /// All kernels compute the same image. README.md of this folder compares their schedules on CPU and CUDA.
 enum class ForwardKernel {
@@ -63,6 +88,38 @@ inline ForwardKernel forward_kernel(std::string_view name) {
 constexpr bool is_balanced_kernel(std::string_view name) {
   const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
   return kernel && kForwardKernels[static_cast<std::size_t>(*kernel)].is_balanced;
+}
+
+enum class BackwardKernel {
+#define B3DGS_ROW(kernel, id, name, summary) kernel,
+  B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
+
+struct BackwardKernelName {
+  BackwardKernel kernel;
+  std::string_view name;     // as on the command line
+  std::string_view summary;  // one line for the help text
+};
+
+/// Indexed by BackwardKernel.
+inline constexpr std::array kBackwardKernels{
+#define B3DGS_ROW(kernel, id, name, summary) BackwardKernelName{BackwardKernel::kernel, name, summary},
+    B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
+
+constexpr std::string_view backward_kernel_name(BackwardKernel kernel) {
+  return kBackwardKernels[static_cast<std::size_t>(kernel)].name;
+}
+
+constexpr std::optional<BackwardKernel> find_backward_kernel(std::string_view name) {
+  return find_kernel(kBackwardKernels, name);
+}
+
+/// @throws LogicError if no kernel has this name
+inline BackwardKernel backward_kernel(std::string_view name) {
+  return kernel_named(kBackwardKernels, name);
 }
 
 }  // namespace b3dgs

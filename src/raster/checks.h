@@ -1,0 +1,78 @@
+// Checks and errors that the CPU and the CUDA rasterizer share.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include "core/check.h"
+#include "core/text.h"
+#include "raster/args.h"
+
+namespace b3dgs {
+
+/// Largest number of elements that 32-bit indices can address, leaving one value for an end.
+inline constexpr std::int64_t kIndexMax = std::numeric_limits<std::int32_t>::max() - 1;
+
+inline void check_image_size(const PinholeView& view) {
+  B3DGS_CHECK(view.width > 0 && view.height > 0, "image size is ", view.width, " x ", view.height,
+              ", expected positive");
+}
+
+inline void check_render_args(const GaussianArrays& gaussians, const PinholeView& view,
+                              const RenderSettings& settings) {
+  check_image_size(view);
+  B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree is ",
+              settings.sh_degree, ", expected 0 to ", gaussians.sh_degree_max);
+  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "too many Gaussians for 32-bit indices: ", gaussians.n_gaussians);
+  B3DGS_CHECK(settings.near_plane > 0, "near plane is ", settings.near_plane, ", expected above 0");
+}
+
+/// For splats whose Gaussians are elsewhere.
+inline void check_splat_args(std::int64_t n_splats, const PinholeView& view, const RenderSettings& settings) {
+  check_image_size(view);
+  B3DGS_CHECK(n_splats >= 0 && n_splats <= kIndexMax, "number of splats is ", n_splats, ", expected 0 to ", kIndexMax);
+  B3DGS_CHECK(!settings.camera_gradient, "the gradient with respect to the camera needs the Gaussians, not splats");
+}
+
+/// A Gaussian whose parameters, projection or colour are not finite or beyond the limits in constants.h. Training
+/// removes that Gaussian and continues.
+class InvalidGaussianError : public NumericError {
+ public:
+  InvalidGaussianError(std::int64_t row, const std::string& message) : NumericError(message), row_(row) {}
+
+  /// Row of the Gaussian in the parameter arrays.
+  std::int64_t row() const { return row_; }
+
+ private:
+  std::int64_t row_;
+};
+
+// Limit on the number of (tile, splat) pairs of one view. Their indices are 32-bit; at over 100 bytes per pair
+// (view_memory.h), more pairs would need over 200 GB of GPU memory.
+
+/// The Gaussian, or row of splats, that touches the most tiles of a view.
+struct WidestGaussian {
+  std::int64_t index = 0;
+  std::int64_t n_tiles = 0;
+};
+
+inline bool has_too_many_pairs(std::int64_t n_pairs) {
+  return n_pairs > kIndexMax;
+}
+
+/// The limit of a view, and what its splats have the index of.
+struct PairLimit {
+  std::int64_t n_pairs = kIndexMax;
+  const char* indexed = "Gaussian";
+};
+
+/// Error message for a view with too many pairs. `what` is what `widest` has the index of.
+inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles,
+                                  const char* what = "Gaussian") {
+  return "the view needs " + format_count(n_pairs) + " (tile, Gaussian) pairs, more than " + format_count(kIndexMax) +
+         "; " + what + " " + std::to_string(widest.index) + " alone touches " + format_count(widest.n_tiles) + " of " +
+         format_count(n_tiles) + " tiles; use smaller images (-r 2) or fewer Gaussians (--max_gaussians)";
+}
+
+}  // namespace b3dgs

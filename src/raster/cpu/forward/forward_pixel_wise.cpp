@@ -1,0 +1,248 @@
+// Forward kernels whose lanes are pixels of a row: naive, dynamic, shared-memory, segmented.
+//   naive: each thread gets an equal, contiguous share of the tiles before it starts. A thread whose share contains
+//     the crowded tiles finishes last.
+//   dynamic: threads take tiles from an atomic counter (the paper's inter-block dynamic workload distribution). This
+//     balances tiles of different cost, but a single tile that costs more than a thread's fair share still determines
+//     the time.
+//   shared-memory: as dynamic, with splats staged in the first-level cache, which takes the part of shared memory.
+//   segmented: as shared-memory, with the tiles of long lists cut, so that threads finish at about the same time even
+//     if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of
+//     rows: a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen
+//     by timing, so only equal images make equal commands give equal models. Each band stages the list again, which
+//     costs little compared to blending.
+// Ends: once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile
+// (staged), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
+// pixel.
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_pixel_wise.cpp"
+#include <hwy/foreach_target.h>
+// Everything below is compiled once per instruction set.
+#include "raster/cpu/forward/lanes-inl.h"
+// After lanes-inl.h, whose SIMD type it computes on.
+#include "raster/math/blend.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "core/parallel.h"
+#include "raster/cpu/passes.h"
+#include "raster/math/pixel_outputs.h"
+#include "raster/math/tiling.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace b3dgs {
+namespace HWY_NAMESPACE {
+namespace {
+
+/// Pixels of one tile as planes. Rows are padded to whole vectors; pixels outside the image count as finished.
+struct TilePixels {
+  static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
+  HWY_ALIGN float transmittance[kCapacity];  // as in PixelState: negated when finished
+  HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
+  HWY_ALIGN std::int32_t last[kCapacity];
+
+  Rect rect;        // pixels of the tile that are in the image
+  int rows;         // number of them
+  RowSpan band;     // rows to blend and to write: all, unless begin() is followed by another choice
+  int row_vectors;  // SIMD vectors per row
+  int stride;       // pixels per row, with padding
+
+  HWY_INLINE void begin(const TileGrid& grid, std::int32_t tile) {
+    rect = tile_pixels(grid, tile);
+    rows = rect.y_end - rect.y_begin;
+    band = {0, rows};
+    row_vectors = (grid.tile.width + lane_count() - 1) / lane_count();
+    stride = row_vectors * lane_count();
+    const int columns = rect.x_end - rect.x_begin;
+    for (int row = 0; row < rows; ++row) {
+      float* const t = transmittance + row * stride;
+      std::fill(t, t + columns, 1.0f);
+      std::fill(t + columns, t + stride, kClosedPixel);
+    }
+    const int n = rows * stride;
+    for (float* plane : {red, green, blue, depth}) std::fill(plane, plane + n, 0.0f);
+    std::fill(last, last + n, -1);
+  }
+
+  /// Smallest range of rows that contains all unfinished pixels of the band; empty if it is done.
+  HWY_INLINE void live_rows(int* first, int* end) const {
+    *first = rows;
+    *end = 0;
+    for (int row = band.begin; row < band.end; ++row) {
+      bool live = false;
+      for (int v = 0; v < row_vectors; ++v) {
+        const Lanes t = Lanes::load(transmittance + row * stride + v * lane_count());
+        live = live || !none(is_open(t));
+      }
+      if (!live) continue;
+      *first = std::min(*first, row);
+      *end = row + 1;
+    }
+  }
+
+  /// Writes the band's pixels to the image.
+  HWY_INLINE void finish(const BlendForwardArgs& args) const {
+    for (int row = band.begin; row < band.end; ++row) {
+      for (int column = 0; column < rect.x_end - rect.x_begin; ++column) {
+        const int p = row * stride + column;
+        store_blended(args, rect.x_begin + column, rect.y_begin + row,
+                      {red[p], green[p], blue[p], depth[p], magnitude(transmittance[p]), last[p]});
+      }
+    }
+  }
+};
+
+/// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end).
+HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_begin, int row_end,
+                                std::int32_t position) {
+  const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
+  const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
+  const int lanes = lane_count();
+  for (int row = row_begin; row < row_end; ++row) {
+    const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
+    for (int v = 0; v < tile.row_vectors; ++v) {
+      const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
+      const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
+      if (none(footprint.contributes)) continue;
+      const int p = row * tile.stride + v * lanes;
+      const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
+      PixelState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p),
+                              Lanes::load(tile.green + p), Lanes::load(tile.blue + p), Lanes::load(tile.depth + p)};
+      const LaneMask accepted = blend_over(pixel, footprint.contributes, alpha.alpha, red, green, blue, depth);
+      pixel.transmittance.store(tile.transmittance + p);
+      pixel.red.store(tile.red + p);
+      pixel.green.store(tile.green + p);
+      pixel.blue.store(tile.blue + p);
+      pixel.depth.store(tile.depth + p);
+      const IntTag di;
+      hn::Store(hn::IfThenElse(hn::RebindMask(di, accepted.m), hn::Set(di, position), hn::Load(di, tile.last + p)), di,
+                tile.last + p);
+    }
+  }
+}
+
+}  // namespace
+
+/// naive, dynamic: splats are read through the list, and every row of the tile evaluates each of them. Checks once per
+/// batch whether any pixel is unfinished.
+void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
+  TilePixels tile;
+  constexpr std::int64_t kBatch = 32;
+  tile.begin(args.grid, static_cast<std::int32_t>(index));
+  const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
+  for (std::int64_t batch = first; batch < last; batch += kBatch) {
+    int live_begin, live_end;
+    tile.live_rows(&live_begin, &live_end);
+    if (live_begin >= live_end) break;
+    for (std::int64_t i = batch; i < std::min(batch + kBatch, last); ++i) {
+      blend_onto_rows(tile, args.splats[args.bins.splat_ids[i]], 0, tile.rows, static_cast<std::int32_t>(i - first));
+    }
+  }
+  tile.finish(args);
+}
+
+/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache, each with the rows of
+/// the tile that it reaches; other rows skip it. `band`: the rows to blend and to write.
+void run_staged(const BlendForwardArgs& args, std::int64_t index, const RowSpan& band) {
+  TilePixels tile;
+  tile.begin(args.grid, static_cast<std::int32_t>(index));
+  tile.band = band;
+  constexpr int kBatch = 32;  // about 2 KiB; unfinished rows are determined once per batch
+  struct Staged {
+    Splat splat;
+    RowSpan rows;
+    std::int32_t position;
+  };
+  Staged staged[kBatch];
+  const float top = static_cast<float>(tile.rect.y_begin);
+  const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
+  const std::int64_t end = args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index];
+  for (std::int64_t batch = 0; batch < end; batch += kBatch) {
+    int live_begin, live_end;
+    tile.live_rows(&live_begin, &live_end);
+    if (live_begin >= live_end) break;
+
+    int n_staged = 0;
+    for (std::int64_t i = batch; i < std::min<std::int64_t>(batch + kBatch, end); ++i) {
+      const std::int32_t id = list[i];
+      Staged& next = staged[n_staged];
+      next.splat = args.splats[id];
+      next.rows = rows_reached(next.splat.mean_y, args.extents[id].y, top, live_begin, live_end);
+      next.position = static_cast<std::int32_t>(i);
+      n_staged += next.rows.begin < next.rows.end;
+    }
+    for (int s = 0; s < n_staged; ++s) {
+      blend_onto_rows(tile, staged[s].splat, staged[s].rows.begin, staged[s].rows.end, staged[s].position);
+    }
+  }
+  tile.finish(args);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace b3dgs
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace b3dgs {
+HWY_EXPORT(run_pixel_wise);
+HWY_EXPORT(run_staged);
+
+namespace cpu {
+
+void blend_forward_naive(const BlendForwardArgs& args) {
+  parallel_chunks(args.grid.n_tiles(), 1, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t tile = begin; tile < end; ++tile) HWY_DYNAMIC_DISPATCH(run_pixel_wise)(args, tile);
+  });
+}
+
+void blend_forward_dynamic(const BlendForwardArgs& args) {
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_pixel_wise)(args, tile); });
+}
+
+namespace {
+
+/// Pixel rows of a tile.
+struct Band {
+  std::int64_t tile;
+  RowSpan rows;
+};
+
+RowSpan rows_of(const BlendForwardArgs& args, std::int64_t tile) {
+  const Rect rect = tile_pixels(args.grid, static_cast<std::int32_t>(tile));
+  return {0, rect.y_end - rect.y_begin};
+}
+
+}  // namespace
+
+void blend_forward_shared_memory(const BlendForwardArgs& args) {
+  parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
+    HWY_DYNAMIC_DISPATCH(run_staged)(args, tile, rows_of(args, tile));
+  });
+}
+
+/// Tasks: bands of tiles with long lists first, then whole tiles.
+void blend_forward_segmented(const BlendForwardArgs& args) {
+  // Pairs per task: about a millisecond of work on a crowded tile, long compared to the overhead of a task.
+  constexpr std::int64_t kPairs = 4096;
+  std::vector<Band> bands, whole_tiles;
+  for (std::int64_t tile = 0; tile < args.grid.n_tiles(); ++tile) {
+    const std::int64_t n = args.bins.tile_offsets[tile + 1] - args.bins.tile_offsets[tile];
+    const std::int32_t rows = rows_of(args, tile).end;
+    const auto count = static_cast<std::int32_t>(std::min<std::int64_t>(rows, (n + kPairs - 1) / kPairs));
+    if (count <= 1) {
+      whole_tiles.push_back({tile, {0, rows}});
+      continue;
+    }
+    for (std::int32_t k = 0; k < count; ++k) bands.push_back({tile, {rows * k / count, rows * (k + 1) / count}});
+  }
+  bands.insert(bands.end(), whole_tiles.begin(), whole_tiles.end());
+  parallel_pool(static_cast<std::int64_t>(bands.size()), [&](std::int64_t task, int) {
+    const Band& band = bands[static_cast<std::size_t>(task)];
+    HWY_DYNAMIC_DISPATCH(run_staged)(args, band.tile, band.rows);
+  });
+}
+
+}  // namespace cpu
+}  // namespace b3dgs
+#endif

@@ -1,0 +1,107 @@
+// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and the memory that forward kernels need
+// in addition to their arguments and results.
+#pragma once
+
+#include <array>
+
+#include "raster/cuda/gpu_support.h"
+#include "raster/cuda/passes.h"
+#include "raster/kernels.h"
+#include "raster/math/tiling.h"
+
+namespace b3dgs::cuda {
+
+/// Resources are those of the kernel that runs longest, if a schedule launches several.
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary)                                   \
+  void launch_forward_##id(const BlendForwardCudaArgs& args, const LaunchContext& context); \
+  KernelResources forward_##id##_resources(const TileShape& tile);
+B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+
+struct ForwardRow {
+  ForwardKernel kernel;
+  void (*launch)(const BlendForwardCudaArgs& args, const LaunchContext& context);
+  KernelResources (*resources)(const TileShape& tile);
+};
+
+/// Indexed by ForwardKernel.
+inline constexpr std::array kForwardTable{
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  ForwardRow{ForwardKernel::kernel, launch_forward_##id, forward_##id##_resources},
+    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
+
+/// Resources are those for gradients with respect to colour alone, as in training.
+#define B3DGS_ROW(kernel, id, name, summary)                                                  \
+  void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context); \
+  KernelResources backward_##id##_resources(const TileShape& tile);
+B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+
+struct BackwardRow {
+  BackwardKernel kernel;
+  void (*launch)(const BlendBackwardCudaArgs& args, const LaunchContext& context);
+  KernelResources (*resources)(const TileShape& tile);
+};
+
+/// Indexed by BackwardKernel.
+inline constexpr std::array kBackwardTable{
+#define B3DGS_ROW(kernel, id, name, summary) \
+  BackwardRow{BackwardKernel::kernel, launch_backward_##id, backward_##id##_resources},
+    B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+};
+
+class ForwardScratch {
+ public:
+  /// Sets the scratch pointers of `args` for this kernel; the other arguments must be set. What the backward pass needs
+  /// (parts_after()) is not in `scratch`, which later passes overwrite.
+  void allocate(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
+    const std::int64_t tile_pixels = std::int64_t{args.blend.grid.tile.width} * args.blend.grid.tile.height;
+    args.next_task = next_task_.resize(1, context);
+    if (kernel == ForwardKernel::kCombined) {
+      scratch.allocate(context, [&](ScratchArrays& arrays) {
+        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / kQuadPixels);
+      });
+    }
+    if (kernel == ForwardKernel::kSegmented) {
+      // Each task has a full segment in front of it, since only a list's last segment may be shorter.
+      const std::int64_t n_tasks_max = args.blend.bins.n_pairs / kSegmentEntries;
+      const std::int64_t n = 2 * args.blend.bins.n_pairs / kSegmentEntries, n_pixels = n * tile_pixels;
+      Segments& segments = args.segments;
+      segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
+      segments.n_tasks = args.next_task;
+      segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
+      segments.fronts = fronts_.resize(n_pixels, context);
+      scratch.allocate(context, [&](ScratchArrays& arrays) {
+        segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
+        segments.is_done = arrays.take<std::int32_t>(n);
+        segments.transmittance = arrays.take<float>(n_pixels);
+        segments.color_depth = arrays.take<float4>(n_pixels);
+        segments.last = arrays.take<std::int32_t>(n_pixels);
+      });
+    }
+  }
+
+  template <class Visit>
+  void visit_buffers(Visit&& visit) {
+    visit(next_task_), visit(first_of_tile_), visit(fronts_);
+  }
+
+ private:
+  DeviceBuffer<std::int32_t> next_task_, first_of_tile_;
+  DeviceBuffer<SegmentFront> fronts_;
+};
+
+/// The bucket parts that a forward pass with these arguments has stored for the backward pass.
+inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs& args) {
+  BucketParts parts = args.parts;
+  if (kernel == ForwardKernel::kSegmented) {
+    parts.first_segment_of_tile = args.segments.first_of_tile;
+    parts.segment_fronts = args.segments.fronts;
+  }
+  return parts;
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,146 @@
+// Forward blend, a thread per pixel and a block per tile.
+//   naive: the paper's baseline, and the reference if kernels disagree. Tiles are assigned statically: a block runs as
+//     long as its slowest pixel, and the most crowded tile determines the time of the launch.
+//   dynamic: the paper's inter-block dynamic workload distribution. As many blocks as are resident at once take tiles
+//     from an atomic counter until none is left. The hardware's block scheduler does nearly the same for naive, so the
+//     gain is small: a single tile that costs more than a block's fair share still determines the time.
+//   shared-memory: tiles assigned statically; splats staged completely and culled by sub-tile (staged_blend.cuh).
+//
+// naive and dynamic, as in the paper:
+//   Stage: each thread loads one splat of the batch to shared memory: its id, mean, opacity and conic.
+//   Blend: each thread (row by row; a warp has two rows of 16) evaluates the batch's splats in order, and reads colour
+//     and depth from global memory only where the splat contributes.
+//   Barriers: two per batch; dynamic has two more per tile, to hand out the task. A block stops once all of its pixels
+//     are finished.
+//
+// Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
+
+#include "raster/cuda/blend_kernels.h"
+#include "raster/cuda/forward/staged_blend.cuh"
+#include "raster/cuda/launch.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+/// A batch of splats in shared memory, one per thread of the block.
+template <int kThreads>
+struct StagedBatch {
+  float4 mean[kThreads];
+  float4 conic[kThreads];
+  std::int32_t id[kThreads];
+};
+
+/// Blends a tile with the whole block. All threads reach both barriers of a batch, whether or not their pixel is
+/// finished.
+template <int kThreads>
+__device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs& args, StagedBatch<kThreads>& batch,
+                                                     std::int32_t tile) {
+  const BlendForwardArgs& blend = args.blend;
+  const TilePixel at = tile_pixel(blend.grid, tile, static_cast<std::int32_t>(threadIdx.x));
+  const float center_x = at.center_x(), center_y = at.center_y();
+  const std::int64_t first = blend.bins.tile_offsets[tile], last = blend.bins.tile_offsets[tile + 1];
+
+  PixelState<float> pixel{1, 0, 0, 0, 0};
+  std::int32_t last_blended = -1;
+  bool done = !at.inside;
+  for (std::int64_t start = first; start < last; start += kThreads) {
+    if (__syncthreads_count(done) == kThreads) break;  // also: all threads have finished with the previous batch
+    if (start + threadIdx.x < last) {
+      const std::int32_t id = blend.bins.splat_ids[start + threadIdx.x];
+      batch.id[threadIdx.x] = id;
+      batch.mean[threadIdx.x] = load_mean(blend.splats, id).v;
+      batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
+    }
+    __syncthreads();  // the batch is complete
+
+    const int n = static_cast<int>(last - start < kThreads ? last - start : kThreads);
+    // Bucket by bucket, since the backward pass needs what each bucket of 32 adds to the pixel.
+    for (int bucket = 0; bucket < n && !done; bucket += kWarpSize) {
+      const int bucket_end = bucket + kWarpSize < n ? bucket + kWarpSize : n;
+      PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
+      for (int j = bucket; j < bucket_end; ++j) {
+        const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
+        const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+        if (!footprint.contributes) continue;
+        const float alpha = evaluate_alpha(footprint.power).alpha;
+        const float4 color = load_color(blend.splats, batch.id[j]).v;
+        const float depth = __ldg(&blend.splats[batch.id[j]].depth);
+        done = !blend_over(part, true, alpha, color.x, color.y, color.z, depth);
+        if (done) break;
+        last_blended = static_cast<std::int32_t>(start - first) + j;
+      }
+      pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
+               pixel.depth + part.depth};
+      if (args.parts.color != nullptr) {
+        store_bucket_part(args, tile, start - first + bucket, at.index, part);
+      }
+    }
+  }
+  if (at.inside) store_pixel(blend, at, pixel, last_blended);
+}
+
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) forward_naive_kernel(const BlendForwardCudaArgs args) {
+  __shared__ StagedBatch<kThreads> batch;
+  blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x));
+}
+
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendForwardCudaArgs args) {
+  __shared__ StagedBatch<kThreads> batch;
+  __shared__ std::int32_t ticket;
+  const std::int32_t n_tiles = args.blend.grid.n_tiles();
+  for (std::int32_t tile = take_task(args.next_task, ticket); tile < n_tiles;
+       tile = take_task(args.next_task, ticket)) {
+    blend_tile_pixelwise(args, batch, tile);
+  }
+}
+
+template <int kThreads>
+__global__ void __launch_bounds__(kThreads) forward_shared_memory_kernel(const BlendForwardCudaArgs args) {
+  __shared__ BatchPair<kThreads> batches;
+  const BlendForwardArgs& blend = args.blend;
+  const auto tile = static_cast<std::int32_t>(blockIdx.x);
+  const TilePixel at = staged_pixel(blend.grid, tile);
+  PixelState<float> pixel{at.inside ? 1.0f : kClosedPixel, 0, 0, 0, 0};
+  const std::int32_t last = blend_staged(args, batches, tile, {0, list_length(blend.bins, tile)}, at, pixel);
+  if (at.inside) store_pixel(blend, at, pixel, last);
+}
+
+}  // namespace
+
+void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext& context) {
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    forward_naive_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_naive_resources(const TileShape& tile) {
+  return tile_kernel_resources(tile, [](auto pixels) { return forward_naive_kernel<pixels.value>; });
+}
+
+void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    const auto kernel = forward_dynamic_kernel<pixels.value>;
+    kernel<<<resident_blocks(kernel, pixels.value, context), pixels.value, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_dynamic_resources(const TileShape& tile) {
+  return tile_kernel_resources(tile, [](auto pixels) { return forward_dynamic_kernel<pixels.value>; });
+}
+
+void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    forward_shared_memory_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources forward_shared_memory_resources(const TileShape& tile) {
+  return tile_kernel_resources(tile, [](auto pixels) { return forward_shared_memory_kernel<pixels.value>; });
+}
+
+}  // namespace b3dgs::cuda

@@ -1,0 +1,181 @@
+// The rasterizer of one device, without torch. Two implementations: cpu::make_rasterizer() and cuda::make_rasterizer().
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/check.h"
+#include "raster/args.h"
+#include "raster/splat_rows.h"
+#include "raster/stages.h"
+
+namespace b3dgs {
+
+namespace cuda {
+struct ProjectBackwardCudaArgs;  // cuda/passes.h
+}
+
+/// What a backend knows of the view of its last forward pass.
+struct ViewState {
+  PinholeView view{};
+  int sh_degree = 0;
+  bool antialiasing = false;
+  bool camera_gradient = false, has_camera_gradient = false;
+  bool inverse_depth = false;
+  TileGrid grid{};
+  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
+  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
+  std::int64_t n_splats = 0;
+  Vec3f background{};
+  ImageArrays rendered{};
+  StageRecorder* stages = nullptr;
+
+  void forget_view() { n_gaussians = n_rows = -1; }
+  /// Before projection. Until all passes have succeeded, there is no view.
+  void begin_view(const PinholeView& next_view, const TileGrid& next_grid, const RenderSettings& settings) {
+    forget_view();
+    view = next_view;
+    grid = next_grid;
+    sh_degree = settings.sh_degree;
+    antialiasing = settings.antialiasing;
+    stages = settings.stages;
+    has_camera_gradient = false;
+  }
+  /// Before binning.
+  void begin_drawing(const RenderSettings& settings, const ImageArrays& out) {
+    background = settings.background;
+    rendered = out;
+    camera_gradient = settings.camera_gradient;
+    inverse_depth = settings.inverse_depth;
+  }
+
+  // @throws LogicError if there was no such forward pass
+  void check_view(const char* call) const {
+    B3DGS_CHECK(n_gaussians >= 0 || n_rows >= 0, call, " before any forward()");
+  }
+  void check_gaussians(const char* call) const { B3DGS_CHECK(n_gaussians >= 0, call, " before any forward()"); }
+  void check_rows(const char* call) const { B3DGS_CHECK(n_rows >= 0, call, " before any forward_splats()"); }
+  void check_same(const GaussianArrays& gaussians) const {
+    B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+                " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
+  }
+};
+
+/// All arrays are in memory of the device. On a GPU the passes are asynchronous: only forward(), project(),
+/// wait_for_projections() and forward_splats() wait, once each, for numbers of splats and pairs. On the CPU they use
+/// thread_count() threads (core/parallel.h); results do not depend on their number.
+/// @throws what its passes throw: LogicError for arguments that do not fit, InvalidGaussianError naming the first
+/// invalid Gaussian, NumericError for too many pairs, CudaError
+class RasterizerBackend {
+ public:
+  virtual ~RasterizerBackend() = default;
+
+  /// Renders one view into `out` and, with settings.keep_for_backward, keeps what backward() needs.
+  virtual void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                       const ImageArrays& out) = 0;
+
+  /// Gradients of the last forward(). `gaussians` and the images that forward() wrote must be unchanged.
+  virtual void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                        const GaussianGradArrays& out) = 0;
+
+  /// The first half of backward(), on a GPU: the backward blend and, if wanted, the gradient with respect to the
+  /// camera. `rest`: the arguments of project_backward(), valid until the next forward(); its only gradient array is
+  /// `means2d`.
+  virtual void backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad, float* means2d,
+                              cuda::ProjectBackwardCudaArgs& rest);
+
+  /// backward() up to the splats: keeps their sums for a later backward projection.
+  virtual void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
+                                  const SplatRecordArrays& out) = 0;
+
+  /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
+  /// Gaussians, to the memory that `allocate` returns. There is no last forward() after it.
+  virtual void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                       const SplatAllocator& allocate) = 0;
+
+  /// project() for view number `index` of several, on a GPU, without waiting: writes at most `capacity` splats to
+  /// `out`. Then the next one, or wait_for_projections().
+  virtual void queue_projection(std::size_t index, const GaussianArrays& gaussians, const PinholeView& view,
+                                const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity);
+  /// Numbers of splats of the views that were queued, in their order, all of them also if they exceed the capacity.
+  /// @throws InvalidGaussianError naming the first invalid Gaussian of the first view that has one
+  virtual std::vector<std::int64_t> wait_for_projections();
+
+  /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
+  /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
+  /// backward_to_splats(), camera_gradient() and score(). @throws LogicError if settings.camera_gradient
+  virtual void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+                              const ImageArrays& out) = 0;
+
+  /// The backward blend of the last forward_splats(): sums of each row, [M] out.
+  virtual void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) = 0;
+
+  /// [M] of the last forward_splats(): index of each row in splats(), for rows with radii() above 0. Null: the same.
+  virtual const std::int32_t* splat_of_row() const { return nullptr; }
+
+  /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs). Overwrites
+  /// memory of backward(), so that it allocates nothing after one.
+  virtual void score(const float* error, const ScoreArrays& out) = 0;
+
+  /// score() of the last forward_splats(): sums of each row, [M] out; padding is 0.
+  virtual void score_splats(const float* error, ScoreSums* out) = 0;
+
+  /// Runs a blending pass of the last forward() again with another kernel: into the same images, or, on a GPU, into
+  /// splat_grads().
+  virtual void reblend(ForwardKernel kernel) = 0;
+  virtual void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad);
+
+  /// Counts the load of the last forward() into two arrays, [H, W] each (CountLoadArgs).
+  virtual void count_load(std::int32_t* processed, std::int32_t* contributing) const = 0;
+
+  /// [kCameraGradients] gradient with respect to the camera's pose (math/gaussian_grad.h), of the last backward(),
+  /// after a forward() with camera_gradient.
+  virtual const double* camera_gradient() const = 0;
+
+  /// Of a GPU: [M, 12] floats, the splats' sums of the last backward blend, of which the first 10 are a SplatGrad. In
+  /// the order of splats().
+  virtual const float* splat_grads() const { return nullptr; }
+
+  // Of the last forward():
+  virtual const std::int32_t* radii() const = 0;     // [N]
+  virtual const std::int32_t* last_ids() const = 0;  // [H, W]
+  virtual const Splat* splats() const = 0;           // [M] indexed by bins().splat_ids; on a GPU in depth order
+  virtual BinnedSplats bins() const = 0;
+  const TileGrid& grid() const { return state_.grid; }
+  std::int64_t n_splats() const { return state_.n_splats; }
+
+  /// GPU memory of all buffers, which are kept from view to view (view_memory.h forecasts it); 0 on the CPU.
+  virtual std::int64_t memory_bytes() { return 0; }
+  /// Frees all buffers of a GPU. The next call must be forward().
+  virtual void release_memory() {}
+
+ protected:
+  void check_camera_gradient() const {
+    B3DGS_CHECK(state_.has_camera_gradient,
+                "camera_gradient() without a forward() with camera_gradient and its backward()");
+  }
+
+  ViewState state_;
+
+ private:
+  [[noreturn]] static void needs_gpu(const char* call) {
+    throw LogicError(detail::concat(call, " on the CPU: needs a forward() on a GPU before"));
+  }
+};
+
+inline void RasterizerBackend::backward_blend(const GaussianArrays&, const ImageGradArrays&, float*,
+                                              cuda::ProjectBackwardCudaArgs&) {
+  needs_gpu("backward_blend()");
+}
+inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArrays&, const PinholeView&,
+                                                const RenderSettings&, const SplatRowArrays&, std::int64_t) {
+  needs_gpu("queue_projection()");
+}
+inline std::vector<std::int64_t> RasterizerBackend::wait_for_projections() {
+  needs_gpu("wait_for_projections()");
+}
+inline void RasterizerBackend::reblend_backward(BackwardKernel, const ImageGradArrays&) {
+  needs_gpu("reblend_backward()");
+}
+
+}  // namespace b3dgs
