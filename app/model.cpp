@@ -15,7 +15,7 @@
 #include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/device.h"
 #include "train/evaluate.h"

@@ -19,7 +19,6 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
-#include "scene/images/exif.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_header.h"
 #include "scene/images/image_io.h"

@@ -9,12 +9,11 @@
 #include <set>
 
 #include "core/check.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
-#include "scene/images/mask_folder.h"
 #include "scene/images/resolution.h"
 #include "scene/scene_images.h"
 #include "scene/scene_model.h"

@@ -9,7 +9,7 @@
 
 #include "core/host_memory.h"
 #include "core/parallel.h"
-#include "scene/images/mask_folder.h"
+#include "scene/images/image_folder.h"
 #include "scene/scene.h"
 
 namespace b3dgs {

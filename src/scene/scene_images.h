@@ -10,7 +10,7 @@
 
 #include "scene/cameras/camera.h"
 #include "scene/cameras/lens.h"
-#include "scene/cameras/undistorter_cache.h"
+#include "scene/cameras/undistort.h"
 #include "scene/images/image.h"
 #include "scene/images/image_memory.h"
 

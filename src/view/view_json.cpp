@@ -6,7 +6,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 
 namespace b3dgs {
 namespace {

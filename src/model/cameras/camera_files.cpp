@@ -10,7 +10,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image_io.h"
 #include "scene/transforms/transforms.h"
 

@@ -5,7 +5,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {

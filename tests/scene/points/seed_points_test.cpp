@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/random.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/scene_points.h"
 #include "scene/view_image.h"
 

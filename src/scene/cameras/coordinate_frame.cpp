@@ -1,9 +1,4 @@
-#include "scene/cameras/scene_frame.h"
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {
