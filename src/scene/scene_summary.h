@@ -6,8 +6,8 @@
 
 #include "scene/images/image_folder.h"
 #include "scene/scene.h"
-#include "scene/scene_images.h"
 #include "scene/scene_model.h"
+#include "scene/view_image.h"
 
 namespace b3dgs {
 

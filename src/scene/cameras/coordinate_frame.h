@@ -52,6 +52,9 @@ inline constexpr double kTypicalDepth = 5;
 /// all, the unit is 1. Cameras and points ([N, 3]) are in world coordinates.
 CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
+/// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
+double camera_radius(const std::vector<Camera>& cameras);
+
 /// The same camera for coordinates in `to` instead of `from`.
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera);
 

@@ -5,10 +5,10 @@
 #include <cctype>
 #include <charconv>
 #include <cstdint>
-#include <cstdlib>
 
 #include "core/check.h"
 #include "scene/images/image_io.h"
+#include "scene/images/resolution.h"
 
 namespace b3dgs {
 namespace {
@@ -200,9 +200,7 @@ fs::path MaskFolder::find(const std::string& image) const {
 
 Image8 read_mask(const fs::path& file, ImageSize size, bool invert) {
   const Image8 image = read_image(file, /*white_background=*/false);
-  // Equal up to the rounding of one side by less than a pixel.
-  const std::int64_t across = std::int64_t{image.width} * size.height, down = std::int64_t{image.height} * size.width;
-  if (std::abs(across - down) >= std::max(size.width, size.height)) {
+  if (!has_same_aspect({image.width, image.height}, size)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", size.width, " x ", size.height,
                 " px, found a mask of ", image.width, " x ", image.height, " px");
   }

@@ -7,7 +7,6 @@
 #include "scene/cameras/camera.h"
 #include "scene/images/image_folder.h"
 #include "scene/transforms/intrinsics.h"
-#include "scene/transforms/json_values.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {
