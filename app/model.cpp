@@ -12,7 +12,6 @@
 #include "core/files/atomic_file.h"
 #include "core/shell_quote.h"
 #include "model/cameras/cameras_json.h"
-#include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"

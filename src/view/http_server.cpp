@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cctype>
 #include <cerrno>
 #include <condition_variable>
 #include <cstring>
@@ -20,6 +19,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "view/listen.h"
 
 namespace b3dgs {
@@ -74,11 +74,9 @@ HttpRequest::Fields fields_of(MHD_Connection* connection, MHD_ValueKind kind, bo
       connection, kind,
       [](void* to, MHD_ValueKind, const char* key, size_t key_size, const char* value, size_t value_size) {
         auto& collected = *static_cast<Collected*>(to);
-        std::string name(key, key_size);
-        if (collected.lower) {
-          std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
-        }
-        collected.fields.emplace(std::move(name), value ? std::string(value, value_size) : std::string());
+        const std::string name(key, key_size);
+        collected.fields.emplace(collected.lower ? lower_case(name) : name,
+                                 value ? std::string(value, value_size) : std::string());
         return MHD_YES;
       },
       &collected);

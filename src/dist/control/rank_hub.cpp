@@ -292,19 +292,6 @@ class RankHub::Server {
       case MessageKind::kDelete:
         reply(connection, message, BodyWriter().number(values_.erase(body.bytes()) > 0 ? 1 : 0).take());
         return;
-      case MessageKind::kCompareSet: {
-        const std::string key = body.bytes(), expected = body.bytes(), desired = body.bytes();
-        const auto found = values_.find(key);
-        // c10d's rule: a key that is missing is set if nothing is expected of it.
-        const bool is_set = found == values_.end() ? expected.empty() : found->second == expected;
-        if (is_set) values_[key] = desired;
-        reply(connection, message, is_set ? desired : found == values_.end() ? expected : found->second);
-        if (is_set) answer_waiting(key);
-        return;
-      }
-      case MessageKind::kCount:
-        reply(connection, message, BodyWriter().number(static_cast<std::int64_t>(values_.size())).take());
-        return;
       case MessageKind::kFail:
         fail(connection.rank, body.bytes());
         reply(connection, message, "");

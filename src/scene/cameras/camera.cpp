@@ -96,6 +96,12 @@ std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& r) {
   return q;
 }
 
+Camera Camera::with_field_of_view(int width, int height, double fov, const Pose& cam_from_world) {
+  constexpr double kPi = 3.14159265358979323846;
+  const double focal = 0.5 * height / std::tan(0.5 * fov * kPi / 180);
+  return {width, height, focal, focal, 0.5 * width, 0.5 * height, cam_from_world};
+}
+
 std::array<double, 3> Camera::center() const {
   const std::array<double, 9>& r = cam_from_world.rotation;
   const std::array<double, 3>& t = cam_from_world.translation;

@@ -32,6 +32,9 @@ struct Camera {
   double cx = 0, cy = 0;      // px, need not be the image centre
   Pose cam_from_world;
 
+  /// A camera that looks at the centre of its image. @param fov vertical field of view, degrees
+  static Camera with_field_of_view(int width, int height, double fov, const Pose& cam_from_world);
+
   /// Camera centre in world coordinates.
   std::array<double, 3> center() const;
 

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cstdint>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "scene/images/image_io.h"
 #include "scene/images/resolution.h"
 
@@ -17,11 +17,6 @@ namespace fs = std::filesystem;
 
 constexpr std::array<const char*, 10> kExtensions{".jpg",  ".jpeg", ".png", ".bmp", ".tif",
                                                   ".tiff", ".webp", ".ppm", ".pgm", ".pnm"};
-
-std::string lower_case(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());

@@ -1,7 +1,6 @@
 #include "scene/images/image_io.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cstdint>
 #include <cstdlib>
 #include <opencv2/core.hpp>
@@ -14,6 +13,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
+#include "core/text.h"
 #include "scene/images/image_header.h"
 
 namespace b3dgs {
@@ -218,9 +218,7 @@ void write_exr(const fs::path& path, ImageSize size, const float* values) {
 void write_image(const fs::path& path, const Image8& image) {
   B3DGS_CHECK(image.channels == 1 || image.channels == 3, "an image of ", image.channels, " channels");
   B3DGS_CHECK(image.width > 0 && image.height > 0, "an empty image");
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = lower_case(path.extension().string());
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
     input_error(path.string(), ": expected a file name that ends in .png, .jpg or .jpeg");
   }
