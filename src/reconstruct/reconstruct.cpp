@@ -10,7 +10,6 @@
 #include "core/files/own_files.h"
 #include "core/shell_quote.h"
 #include "reconstruct/colmap_program.h"
-#include "reconstruct/colmap_progress.h"
 #include "reconstruct/photographs.h"
 #include "reconstruct/program_log.h"
 #include "reconstruct/scene_folder.h"
