@@ -211,7 +211,7 @@ class Reconstruction {
       std::error_code error;
       if (!holds_files(places_.images)) fs::remove(places_.images, error);
       folder_->move_aside(places_.images);
-      folder_->move(places_.frames, places_.images);
+      folder_->own().move(places_.frames, places_.images);
       record_->set_notes({{"names", names}});
       record_->finish();
     }
@@ -389,8 +389,8 @@ class Reconstruction {
     }
     if (!is_new) return;
     folder_->move_aside(places_.sparse);
-    folder_->move(places_.ordered, places_.sparse);
-    folder_->remove(places_.models);
+    folder_->own().move(places_.ordered, places_.sparse);
+    folder_->own().remove(places_.models);
   }
 
   const ReconstructOptions& options_;
