@@ -137,23 +137,22 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
   means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
   means[key].update(to_json(source));
   if (!evaluation.unmeasured.empty()) means[key]["views_without_pixels"] = evaluation.unmeasured;
-  Json ssim = Json::object(), psnr = Json::object();
-  for (const ViewQuality& view : evaluation.views) {
-    ssim[view.name] = view.quality.ssim;
-    psnr[view.name] = view.quality.psnr;
-  }
-  per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
+  const auto of_views = [&](auto&& value) {
+    Json json = Json::object();
+    for (const ViewQuality& view : evaluation.views) json[view.name] = value(view.quality);
+    return json;
+  };
+  per_view[key] = {{"SSIM", of_views([](const ImageQuality& quality) { return quality.ssim; })},
+                   {"PSNR", of_views([](const ImageQuality& quality) { return quality.psnr; })}};
   if (evaluation.fits_left_half) means[key]["train_test_exp"] = true;
   if (evaluation.mean.corrected_psnr) {
     means[key]["CC_PSNR"] = *evaluation.mean.corrected_psnr;
-    Json& corrected = per_view[key]["CC_PSNR"] = Json::object();
-    for (const ViewQuality& view : evaluation.views) corrected[view.name] = view.quality.corrected_psnr.value();
+    per_view[key]["CC_PSNR"] = of_views([](const ImageQuality& quality) { return quality.corrected_psnr.value(); });
   }
   if (evaluation.mean.lpips) {
     means[key]["LPIPS"] = *evaluation.mean.lpips;
     means[key]["lpips_network"] = evaluation.lpips_network;
-    Json& lpips = per_view[key]["LPIPS"] = Json::object();
-    for (const ViewQuality& view : evaluation.views) lpips[view.name] = view.quality.lpips.value();
+    per_view[key]["LPIPS"] = of_views([](const ImageQuality& quality) { return quality.lpips.value(); });
   }
   write_json(results_path, means);
   write_json(per_view_path, per_view);

@@ -4,9 +4,7 @@
 #include <atomic>
 #include <map>
 #include <set>
-#include <string_view>
 #include <tuple>
-#include <unordered_map>
 
 #include "core/check.h"
 #include "core/host_memory.h"
@@ -72,23 +70,10 @@ void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCa
   if (empty && !has_only(*empty, 0)) source.empty = std::move(empty);
 }
 
-// Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
-class SharedMasks {
- public:
-  void share(std::shared_ptr<const Image8>& mask) {
-    if (!mask) return;
-    const std::string_view bytes(reinterpret_cast<const char*>(mask->pixels.data()), mask->pixels.size());
-    auto& same_hash = known_[std::hash<std::string_view>()(bytes)];
-    for (const std::shared_ptr<const Image8>& other : same_hash) {
-      if (other->width != mask->width || other->pixels != mask->pixels) continue;
-      mask = other;
-      return;
-    }
-    same_hash.push_back(mask);
+struct ByPixels {
+  bool operator()(const std::shared_ptr<const Image8>& a, const std::shared_ptr<const Image8>& b) const {
+    return std::tie(a->width, a->pixels) < std::tie(b->width, b->pixels);
   }
-
- private:
-  std::unordered_map<std::size_t, std::vector<std::shared_ptr<const Image8>>> known_;
 };
 
 void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, UndistorterCache& cache) {
@@ -98,10 +83,12 @@ void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, U
   }
   parallel_pool(static_cast<std::int64_t>(masked.size()),
                 [&](std::int64_t i, int) { read_mask_of(*masked[static_cast<std::size_t>(i)], options, cache); });
-  SharedMasks shared;
+  // Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
+  std::set<std::shared_ptr<const Image8>, ByPixels> different;
   for (ViewSource* source : masked) {
-    shared.share(source->valid);
-    shared.share(source->empty);
+    for (std::shared_ptr<const Image8>* mask : {&source->valid, &source->empty}) {
+      if (*mask) *mask = *different.insert(*mask).first;
+    }
   }
 }
 
