@@ -14,8 +14,6 @@
 #include "scene/images/image_io.h"
 #include "scene/images/resolution.h"
 #include "scene/scene_model.h"
-#include "scene/scene_points.h"
-#include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {

@@ -1,4 +1,4 @@
-#include "scene/scene_points.h"
+#include "scene/scene_model.h"
 
 #include <algorithm>
 #include <array>

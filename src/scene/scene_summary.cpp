@@ -1,4 +1,4 @@
-#include "scene/scene_summary.h"
+#include "scene/scene_model.h"
 
 #include <algorithm>
 #include <cmath>
