@@ -12,7 +12,7 @@
 #include "core/options/command_line.h"
 #include "core/shell_quote.h"
 #include "model/checkpoint/checkpoint_header.h"
-#include "model/training_id.h"
+#include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 

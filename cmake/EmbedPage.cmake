@@ -10,9 +10,8 @@ file(READ ${FOLDER}/page.css style)
 file(READ ${FOLDER}/page.html page)
 string(REPLACE "@STYLE@" "${style}" page "${page}")
 string(REPLACE "@SCRIPT@" "${scripts}" page "${page}")
-file(WRITE ${OUTPUT} "#include \"view/page.h\"
-
-namespace b3dgs {
+file(WRITE ${OUTPUT} "namespace b3dgs {
+extern const char* const kViewPage;
 const char* const kViewPage = R\"b3dgs(${page})b3dgs\";
 }  // namespace b3dgs
 ")

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/vec.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "raster/math/sh.h"
@@ -22,9 +23,6 @@ constexpr double kColorNoise = 8;                  // of the points' colours, in
 
 using Vec = Vec3<double>;
 
-Vec cross(Vec a, Vec b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
 Vec normalized(Vec a) {
   return (1 / std::sqrt(dot(a, a))) * a;
 }

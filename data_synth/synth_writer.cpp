@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <string>
 #include <system_error>
@@ -12,6 +11,7 @@
 #include "core/config.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/print.h"
 #include "core/random.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
@@ -25,9 +25,7 @@ namespace fs = std::filesystem;
 constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
 
 std::string image_name(std::size_t index, const SynthConfig& config) {
-  char name[32];
-  std::snprintf(name, sizeof name, "%05zu.", index);
-  return name + config.image_format;
+  return print_to_string("%05zu.", index) + config.image_format;
 }
 
 /// Removes what the program wrote of a scene, all but kOptionsFile.

@@ -11,7 +11,7 @@
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"

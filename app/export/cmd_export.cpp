@@ -17,7 +17,7 @@
 #include "model/edit/select.h"
 #include "model/formats/splat_formats.h"
 #include "model/formats/spz.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "train/device.h"
 
 namespace b3dgs {

@@ -8,7 +8,7 @@
 #include "app/render/orbit.h"
 #include "core/check.h"
 #include "core/print.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {

@@ -4,7 +4,7 @@
 #include <torch/types.h>
 
 #include "raster/torch/rasterizer.h"
-#include "view/frame.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 

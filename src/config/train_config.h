@@ -48,7 +48,7 @@ struct TrainConfig {
   bool random_background = false;
   bool antialiasing = false;
   bool pose_opt = false;
-  double near_plane = 0.2;  // kTypicalDepth (scene/cameras/scene_frame.h) is 5
+  double near_plane = 0.2;  // kTypicalDepth (scene/cameras/coordinate_frame.h) is 5
 
   // Schedule
   std::string preset = kPresetNames[0];

@@ -1,7 +1,8 @@
-// Counts, sizes and durations as text.
+// Counts, sizes and durations as text; lower case.
 #pragma once
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -34,6 +35,12 @@ inline std::string format_duration(double seconds) {
   const int hours = static_cast<int>(total / 3600), minutes = static_cast<int>(total / 60 % 60);
   const int rest = static_cast<int>(total % 60);
   return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
+}
+
+/// Of ASCII letters.
+inline std::string lower_case(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
 }
 
 }  // namespace b3dgs

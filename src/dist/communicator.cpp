@@ -232,22 +232,10 @@ torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std
   return all;
 }
 
-void Communicator::broadcast(torch::Tensor& tensor, int from_rank) {
-  B3DGS_CHECK(from_rank >= 0 && from_rank < size_, "rank ", from_rank, " of ", size_);
-  check_tensor(tensor);
-  if (size_ > 1 && tensor.numel() > 0) group_->broadcast(as_bytes(tensor), from_rank);
-}
-
-void Communicator::all_reduce_sum(torch::Tensor& tensor) {
-  check_tensor(tensor);
-  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "only sums of integers do not depend on the number of ranks");
-  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce(tensor, TensorGroup::Reduction::kSum);
-}
-
 void Communicator::all_reduce_max(torch::Tensor& tensor) {
   check_tensor(tensor);
   B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "expected int64");
-  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce(tensor, TensorGroup::Reduction::kMax);
+  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce_max(tensor);
 }
 
 void Communicator::stop_others(const std::string& cause) noexcept {

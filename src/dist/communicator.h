@@ -95,11 +95,7 @@ class Communicator {
   /// The rows of all ranks in the order of the ranks, counts[r] from rank r.
   torch::Tensor all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts);
 
-  /// Overwrites `tensor` by that of `from_rank`.
-  void broadcast(torch::Tensor& tensor, int from_rank);
-
-  /// Overwrites an int64 tensor by the element-wise sum or maximum over all ranks.
-  void all_reduce_sum(torch::Tensor& tensor);
+  /// Overwrites an int64 tensor by the element-wise maximum over all ranks.
   void all_reduce_max(torch::Tensor& tensor);
 
   /// Tells the others that this rank stops. Afterwards, only the destructor may be called.

@@ -52,22 +52,12 @@ void RelayGroup::all_gather(const torch::Tensor& out, torch::Tensor in) {
   write_back(out, received);
 }
 
-void RelayGroup::broadcast(torch::Tensor tensor, int from_rank) {
-  const bool is_source = link_.rank() == from_rank;
-  const torch::Tensor host = is_source ? tensor.to(torch::kCPU) : host_like(tensor);
-  std::vector<Bytes> room(static_cast<std::size_t>(link_.size()));
-  room[static_cast<std::size_t>(from_rank)] = bytes_of(host);
-  exchange("broadcast of a tensor", {is_source ? bytes_of(host) : Bytes{}}, room);
-  if (!is_source) write_back(tensor, host);
-}
-
-void RelayGroup::all_reduce(torch::Tensor tensor, Reduction reduction) {
+void RelayGroup::all_reduce_max(torch::Tensor tensor) {
   const torch::Tensor own = tensor.to(torch::kCPU).view({1, tensor.numel()});
   const torch::Tensor all = torch::empty({link_.size(), tensor.numel()}, own.options());
   const std::vector<std::int64_t> counts(static_cast<std::size_t>(link_.size()), tensor.numel());
   exchange("reduction of a tensor", {bytes_of(own)}, split(all, counts));
-  const torch::Tensor result = reduction == Reduction::kSum ? all.sum(0) : all.amax(0);
-  tensor.copy_(result.view(tensor.sizes()));
+  tensor.copy_(all.amax(0).view(tensor.sizes()));
 }
 
 void RelayGroup::exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room) {

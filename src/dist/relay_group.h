@@ -20,8 +20,7 @@ class RelayGroup final : public TensorGroup {
   void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
                   const std::vector<std::int64_t>& in_counts) override;
   void all_gather(const torch::Tensor& out, torch::Tensor in) override;
-  void broadcast(torch::Tensor tensor, int from_rank) override;
-  void all_reduce(torch::Tensor tensor, Reduction reduction) override;
+  void all_reduce_max(torch::Tensor tensor) override;
 
  private:
   struct Bytes {

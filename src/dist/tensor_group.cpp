@@ -76,15 +76,11 @@ class LinkStore final : public c10d::Store {
   explicit LinkStore(RankLink& link) : link_(link) {}
 
   void set(const std::string& key, const std::vector<std::uint8_t>& value) override { link_.set(key, to_text(value)); }
-  std::vector<std::uint8_t> compareSet(const std::string& key, const std::vector<std::uint8_t>& expected,
-                                       const std::vector<std::uint8_t>& desired) override {
-    return to_vector(link_.compare_set(key, to_text(expected), to_text(desired)));
-  }
   std::vector<std::uint8_t> get(const std::string& key) override { return to_vector(link_.get(key, timeout_)); }
   std::int64_t add(const std::string& key, std::int64_t number) override { return link_.add(key, number); }
   bool deleteKey(const std::string& key) override { return link_.remove(key); }
   bool check(const std::vector<std::string>& keys) override { return link_.check(keys); }
-  std::int64_t getNumKeys() override { return link_.count(); }
+  std::int64_t getNumKeys() override { throw LogicError("nobody counts keys"); }
   void wait(const std::vector<std::string>& keys) override { wait(keys, timeout_); }
   void wait(const std::vector<std::string>& keys, const milliseconds& limit) override {
     for (const std::string& key : keys) link_.get(key, limit);
@@ -126,17 +122,10 @@ class C10dGroup : public TensorGroup {
     run([&] { return group_->allgather(outs, ins, c10d::AllgatherOptions()); });
   }
 
-  void broadcast(torch::Tensor tensor, int from_rank) override {
-    std::vector<torch::Tensor> tensors{tensor};
-    c10d::BroadcastOptions options;
-    options.rootRank = from_rank;
-    run([&] { return group_->broadcast(tensors, options); });
-  }
-
-  void all_reduce(torch::Tensor tensor, Reduction reduction) override {
+  void all_reduce_max(torch::Tensor tensor) override {
     std::vector<torch::Tensor> tensors{tensor};
     c10d::AllreduceOptions options;
-    options.reduceOp = reduction == Reduction::kSum ? c10d::ReduceOp::SUM : c10d::ReduceOp::MAX;
+    options.reduceOp = c10d::ReduceOp::MAX;
     run([&] { return group_->allreduce(tensors, options); });
   }
 

@@ -29,11 +29,8 @@ class TensorGroup {
   /// `out` has `size` times the elements of `in`.
   virtual void all_gather(const torch::Tensor& out, torch::Tensor in) = 0;
 
-  virtual void broadcast(torch::Tensor tensor, int from_rank) = 0;
-
-  enum class Reduction { kSum, kMax };
-  /// int64 only: sums of integers do not depend on their order.
-  virtual void all_reduce(torch::Tensor tensor, Reduction reduction) = 0;
+  /// Of int64.
+  virtual void all_reduce_max(torch::Tensor tensor) = 0;
 };
 
 /// How tensors travel between ranks.

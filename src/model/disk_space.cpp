@@ -1,7 +1,5 @@
 #include "model/disk_space.h"
 
-#include <sys/statvfs.h>
-
 #include "core/check.h"
 #include "core/text.h"
 #include "model/formats/splat_cloud.h"
@@ -9,9 +7,9 @@
 namespace b3dgs {
 
 std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
-  struct statvfs system {};
-  if (::statvfs(folder.c_str(), &system) != 0) return -1;
-  return static_cast<std::int64_t>(system.f_bavail) * static_cast<std::int64_t>(system.f_frsize);
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(folder, error);
+  return error ? -1 : static_cast<std::int64_t>(space.available);
 }
 
 std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {

@@ -4,7 +4,9 @@
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <sstream>
+#include <system_error>
 
 #include "config/option_layers.h"
 #include "core/check.h"
@@ -12,7 +14,6 @@
 #include "core/files/own_files.h"
 #include "core/json_text.h"
 #include "model/cameras/cameras_json.h"
-#include "model/cameras/poses_json.h"
 #include "model/formats/ply.h"
 #include "model/photographs.h"
 
@@ -48,18 +49,6 @@ std::vector<int> list_iterations(const fs::path& folder, const std::string& suff
 
 void write_json(const fs::path& path, const Json& json, int indent) {
   write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
-}
-
-/// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
-Json read_results(const fs::path& path) {
-  std::ifstream file(path);
-  Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  return json.is_object() ? json : Json::object();
-}
-
-Json to_json(const EvaluationSource& source) {
-  return {{"split", source.split},           {"width", source.width},   {"height", source.height},
-          {"resolution", source.resolution}, {"images", source.images}, {"source_path", source.source_path}};
 }
 
 /// A Python string literal.
@@ -159,59 +148,36 @@ TrainConfig ModelFolder::read_config() const {
   return config;
 }
 
-EvaluationSource evaluation_source(const TrainConfig& config, const std::vector<View>& views,
-                                   const std::string& split) {
-  EvaluationSource source{config.source_path, config.images, config.resolution, 0, 0, split};
-  for (const View& view : views) {
-    source.width = std::max(source.width, view.camera.width);
-    source.height = std::max(source.height, view.camera.height);
-  }
-  return source;
+std::string new_training_id() {
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[random() % 16];
+  return id;
 }
 
-std::string ModelFolder::results_key(int iteration, const std::string& variant, const EvaluationSource& source) const {
-  const std::string own = "ours_" + std::to_string(iteration);
-  if (variant.empty()) return own;
-  const Json results = read_results(root_ / "results.json"), wanted = to_json(source);
-  const auto is_free = [&](const std::string& key) {
-    if (!results.contains(key) || !results[key].is_object()) return true;
-    for (const auto& [name, value] : wanted.items()) {
-      if (results[key].value(name, Json()) != value) return false;
-    }
-    return true;
-  };
-  std::string key = own + "_" + variant;
-  for (int n = 2; !is_free(key); ++n) key = own + "_" + variant + "_" + std::to_string(n);
-  return key;
+bool may_continue_in(const ModelFolder& folder, const fs::path& checkpoint, const std::string& training_id) {
+  if (!folder.holds_model()) return true;
+  const std::string own = folder.training_id();
+  if (!training_id.empty() && !own.empty()) return training_id == own;
+  std::error_code error;
+  return fs::equivalent(checkpoint.parent_path(), folder.checkpoint(0).parent_path(), error);
 }
 
-void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
-                                const EvaluationSource& source) const {
-  const auto [results_path, per_view_path] = results();
-  Json means = read_results(results_path), per_view = read_results(per_view_path);
-  means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
-  means[key].update(to_json(source));
-  if (!evaluation.unmeasured.empty()) means[key]["views_without_pixels"] = evaluation.unmeasured;
-  Json ssim = Json::object(), psnr = Json::object();
-  for (const ViewQuality& view : evaluation.views) {
-    ssim[view.name] = view.quality.ssim;
-    psnr[view.name] = view.quality.psnr;
-  }
-  per_view[key] = {{"SSIM", std::move(ssim)}, {"PSNR", std::move(psnr)}};
-  if (evaluation.fits_left_half) means[key]["train_test_exp"] = true;
-  if (evaluation.mean.corrected_psnr) {
-    means[key]["CC_PSNR"] = *evaluation.mean.corrected_psnr;
-    Json& corrected = per_view[key]["CC_PSNR"] = Json::object();
-    for (const ViewQuality& view : evaluation.views) corrected[view.name] = view.quality.corrected_psnr.value();
-  }
-  if (evaluation.mean.lpips) {
-    means[key]["LPIPS"] = *evaluation.mean.lpips;
-    means[key]["lpips_network"] = evaluation.lpips_network;
-    Json& lpips = per_view[key]["LPIPS"] = Json::object();
-    for (const ViewQuality& view : evaluation.views) lpips[view.name] = view.quality.lpips.value();
-  }
-  write_json(results_path, means, 2);
-  write_json(per_view_path, per_view, 2);
+void check_training_id(const ModelFolder& folder, const fs::path& checkpoint, const std::string& training_id) {
+  if (may_continue_in(folder, checkpoint, training_id)) return;
+  input_error(folder.root().string(), ": holds the model of another training than ", checkpoint.string(),
+              "; choose another folder with -m, or replace the model with --overwrite");
+}
+
+void check_holds_no_model(const ModelFolder& folder) {
+  if (!folder.holds_model()) return;
+  input_error(folder.root().string(), ": holds the model of another training; resume that one, or train into another ",
+              "folder");
+}
+
+std::string training_id_for(const ModelFolder& folder) {
+  const std::string own = folder.training_id();
+  return own.empty() || !folder.holds_model() ? new_training_id() : own;
 }
 
 }  // namespace b3dgs

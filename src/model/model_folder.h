@@ -30,7 +30,7 @@ class ModelFolder {
   std::filesystem::path ply(int iteration) const;         // point_cloud/iteration_N/point_cloud.ply
   std::filesystem::path checkpoint(int iteration) const;  // checkpoints/iteration_N.b3dgs
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
-  std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (poses_json.h)
+  std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (cameras_json.h)
   std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
   std::filesystem::path exposures() const { return root_ / "exposure.json"; }       // of the last PLY
   std::filesystem::path exposures(int iteration) const;                             // beside the PLY
@@ -43,7 +43,7 @@ class ModelFolder {
   /// Whether there is a PLY or a checkpoint, which must not be overwritten by accident.
   bool holds_model() const { return !ply_iterations().empty() || !checkpoint_iterations().empty(); }
 
-  /// The training that the folder belongs to (training_id.h), from training.json; empty in folders of early versions.
+  /// The training that the folder belongs to, from training.json; empty in folders of early versions.
   std::string training_id() const;
   void write_training_id(const std::string& id) const;
 
@@ -80,5 +80,34 @@ class ModelFolder {
  private:
   std::filesystem::path root_;
 };
+
+// Every training has a random ID, stored in the folder's training.json and in each of its checkpoints, so that no
+// training continues in a folder that holds another's model.
+
+/// 16 random hexadecimal digits.
+std::string new_training_id();
+
+/// Whether a training may be resumed in `folder` from a checkpoint with this training ID: the folder holds no model, or
+/// one of the same training. A folder or checkpoint of an early version has no ID (""): then the checkpoint has to be
+/// one of the folder's own.
+bool may_continue_in(const ModelFolder& folder, const std::filesystem::path& checkpoint,
+                     const std::string& training_id);
+
+/// @throws InputError unless may_continue_in().
+void check_training_id(const ModelFolder& folder, const std::filesystem::path& checkpoint,
+                       const std::string& training_id);
+
+/// For a training that begins. @throws InputError if the folder holds a model
+void check_holds_no_model(const ModelFolder& folder);
+
+/// The ID of a training that is resumed in `folder`: the folder's own, or a new one if the folder holds no model or has
+/// no ID.
+std::string training_id_for(const ModelFolder& folder);
+
+/// Resuming from an earlier checkpoint overwrites nothing: moves what the model folder holds of iterations after
+/// `iteration` (checkpoints, PLYs, rendered images, results, lines of the log, and reports on them) to a new folder
+/// set_aside/after_iteration_N_1 (_2, _3, ... if that exists), which is returned; empty if there is nothing of later
+/// iterations. @throws IoError
+std::filesystem::path set_aside_after(const ModelFolder& folder, int iteration);
 
 }  // namespace b3dgs

@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <fstream>
 #include <string_view>
 #include <system_error>
+
+#include "core/text.h"
 
 namespace b3dgs {
 
@@ -19,8 +20,7 @@ constexpr std::size_t kPiece = std::size_t{64} << 10;
 
 /// Whether a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
 bool is_compressed(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const std::string extension = lower_case(path.extension().string());
   constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
   return std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
 }

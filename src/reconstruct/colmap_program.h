@@ -1,4 +1,5 @@
-// The program colmap: which version it is, what its options are called there, and its command lines.
+// The program colmap: which version it is, what its options are called there, its command lines, and what the lines
+// that it prints say.
 #pragma once
 
 #include <cstddef>
@@ -7,6 +8,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "reconstruct/program_log.h"
@@ -58,5 +60,18 @@ class ColmapProgram {
 
 /// Options in the help text of a COLMAP command: the words that begin with two hyphens.
 std::set<std::string> options_in_help(const std::vector<std::string>& lines);
+
+struct ColmapStep {
+  std::size_t done = 0;
+  std::size_t total = 0;  // 0: not in the line
+};
+
+/// Steps that a line reports, as versions 3.8 to 3.13 print them: "Processed file [3/50]", "Matching block [1/4, 2/4]",
+/// "Matching image [3/50]", "Registering image #7 (12)". A block that is named is about to be matched or has been: done
+/// counts it in both cases.
+std::optional<ColmapStep> colmap_step(std::string_view line);
+
+/// The number in "Camera: #3 - OPENCV", with which feature_extractor says which camera a photograph has got.
+std::optional<std::size_t> colmap_camera(std::string_view line);
 
 }  // namespace b3dgs

@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <chrono>
 #include <iterator>
 #include <map>
@@ -19,7 +18,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
-#include "scene/images/exif.h"
+#include "core/text.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_header.h"
 #include "scene/images/image_io.h"
@@ -35,9 +34,7 @@ bool is_hidden(const fs::path& path) {
 }
 
 bool is_raw_or_heic(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = lower_case(path.extension().string());
   constexpr const char* kExtensions[] = {".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"};
   return std::any_of(std::begin(kExtensions), std::end(kExtensions), [&](const char* e) { return extension == e; });
 }

@@ -1,7 +1,5 @@
 #include "reconstruct/program_log.h"
 
-#include <algorithm>
-#include <array>
 #include <cctype>
 #include <cerrno>
 #include <csignal>
@@ -9,16 +7,12 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
 
 constexpr std::size_t kLinesKept = 60;
-
-std::string lower_case(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 bool contains(const std::string& text, const char* part) {
   return lower_case(text).find(part) != std::string::npos;

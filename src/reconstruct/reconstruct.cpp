@@ -10,7 +10,6 @@
 #include "core/files/own_files.h"
 #include "core/shell_quote.h"
 #include "reconstruct/colmap_program.h"
-#include "reconstruct/colmap_progress.h"
 #include "reconstruct/photographs.h"
 #include "reconstruct/program_log.h"
 #include "reconstruct/scene_folder.h"
@@ -212,7 +211,7 @@ class Reconstruction {
       std::error_code error;
       if (!holds_files(places_.images)) fs::remove(places_.images, error);
       folder_->move_aside(places_.images);
-      folder_->move(places_.frames, places_.images);
+      folder_->own().move(places_.frames, places_.images);
       record_->set_notes({{"names", names}});
       record_->finish();
     }
@@ -390,8 +389,8 @@ class Reconstruction {
     }
     if (!is_new) return;
     folder_->move_aside(places_.sparse);
-    folder_->move(places_.ordered, places_.sparse);
-    folder_->remove(places_.models);
+    folder_->own().move(places_.ordered, places_.sparse);
+    folder_->own().remove(places_.models);
   }
 
   const ReconstructOptions& options_;

@@ -148,14 +148,6 @@ void SceneFolder::clear_database() {
   if (is_taken(base)) io_error("cannot remove ", base);
 }
 
-void SceneFolder::remove(const fs::path& path) {
-  own().remove(path);
-}
-
-void SceneFolder::move(const fs::path& from, const fs::path& to) {
-  own().move(from, to);
-}
-
 void SceneFolder::move_aside(const fs::path& path, const std::string& reason) {
   if (!is_taken(path)) return;
   std::vector<fs::path> others;

@@ -48,18 +48,14 @@ class SceneFolder {
   void clear(const std::filesystem::path& path);
   /// The same for COLMAP's database, with the files that SQLite keeps beside it.
   void clear_database();
-  /// Removes files of the program's own. Others stay.
-  void remove(const std::filesystem::path& path);
-
-  /// @throws IoError
-  void move(const std::filesystem::path& from, const std::filesystem::path& to);
   /// Moves what is at `path`, if there is something, to PATH.previous. Warns, with `reason` if there is one, and if
   /// there are files of the user's. @throws IoError
   void move_aside(const std::filesystem::path& path, const std::string& reason = "");
 
- private:
+  /// What the program has written in the folder.
   OwnFiles& own() const;
 
+ private:
   const ScenePlaces& places_;
   const WarnFn& warn_;
   FolderLock lock_;

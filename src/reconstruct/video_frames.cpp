@@ -1,7 +1,6 @@
 #include "reconstruct/video_frames.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <opencv2/imgproc.hpp>
@@ -33,6 +32,13 @@ double number_of(const Json& json, const char* key) {
   return std::isfinite(value) && value > 0 ? value : 0;
 }
 
+/// A number of pixels; 0 if it is missing or impossible.
+int side_of(const Json& json, const char* key) {
+  constexpr int kMostPixels = 1 << 16;
+  if (!json.is_object() || !json.contains(key) || !json[key].is_number_unsigned()) return 0;
+  return json[key].get<std::uint64_t>() <= kMostPixels ? json[key].get<int>() : 0;
+}
+
 /// A path is read as such, also if it begins with '-' or has a colon.
 std::string file_argument(const fs::path& path) {
   return "file:" + fs::absolute(path).string();
@@ -46,18 +52,27 @@ std::vector<std::string> ffmpeg_command(const fs::path& video, const std::string
           "-map",   "0:v:0",    "-an",          "-vf", filter,  "-r", "25"};
 }
 
-std::vector<double> measure_sharpness(const fs::path& video, std::size_t expected, ProgramLog& log,
+std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& info, ProgramLog& log,
                                       const std::function<void(std::size_t done, std::size_t total)>& progress) {
-  std::vector<double> values;
-  PgmStream images([&](const std::uint8_t* grey, int width, int height) {
-    values.push_back(sharpness(grey, width, height));
-    progress(values.size(), std::max(expected, values.size()));
-  });
   // At full size, noise counts more than edges.
-  std::vector<std::string> command =
-      ffmpeg_command(video, std::string(kEachFrame) + ",scale='min(960,iw)':-2:flags=area,format=gray");
-  for (const char* word : {"-f", "image2pipe", "-c:v", "pgm", "-"}) command.emplace_back(word);
-  log.run_for_bytes(command, [&](const char* data, std::size_t bytes) { images.add(data, bytes); });
+  const int width = std::min(960, info.width), height = std::max(1, info.height * width / info.width);
+  const std::string filter = detail::concat(kEachFrame, ",scale=", width, ":", height, ":flags=area,format=gray");
+  std::vector<std::string> command = ffmpeg_command(video, filter);
+  for (const char* word : {"-f", "rawvideo", "-"}) command.emplace_back(word);
+  std::vector<double> values;
+  std::vector<std::uint8_t> frame;
+  const auto frame_bytes = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  log.run_for_bytes(command, [&](const char* data, std::size_t bytes) {
+    for (const char* const end = data + bytes; data < end;) {
+      const std::size_t part = std::min(static_cast<std::size_t>(end - data), frame_bytes - frame.size());
+      frame.insert(frame.end(), data, data + part);
+      data += part;
+      if (frame.size() < frame_bytes) continue;
+      values.push_back(sharpness(frame.data(), width, height));
+      frame.clear();
+      progress(values.size(), std::max(info.n_frames, values.size()));
+    }
+  });
   return values;
 }
 
@@ -78,45 +93,6 @@ std::string frame_pattern(const fs::path& folder) {
 
 }  // namespace
 
-PgmStream::PgmStream(std::function<void(const std::uint8_t* grey, int width, int height)> on_image)
-    : on_image_(std::move(on_image)) {}
-
-void PgmStream::add(const char* data, std::size_t bytes) {
-  buffer_.insert(buffer_.end(), data, data + bytes);
-  while (take_image()) {
-  }
-  if (begin_ > 0) buffer_.erase(buffer_.begin(), buffer_.begin() + static_cast<std::ptrdiff_t>(begin_));
-  begin_ = 0;
-}
-
-bool PgmStream::take_image() {
-  // "P5\n960 540\n255\n"
-  constexpr std::size_t kLongestHeader = 40;
-  constexpr int kMostPixels = 1 << 16;
-  const char* const first = buffer_.data() + begin_;
-  const char* const last = buffer_.data() + buffer_.size();
-  const char* const newest = std::min(last, first + kLongestHeader);
-  const char* at = first;
-  int n_lines = 0, numbers[3]{}, n_numbers = 0;
-  while (at < newest && n_lines < 3) n_lines += *at++ == '\n' ? 1 : 0;
-  if (n_lines < 3 && newest == last) return false;  // the header is not complete
-  bool is_header = n_lines == 3 && first[0] == 'P' && first[1] == '5';
-  for (const char* digit = first + 2; is_header && digit < at && n_numbers < 3;) {
-    const auto [end, error] = std::from_chars(digit, at, numbers[n_numbers]);
-    n_numbers += error == std::errc() ? 1 : 0;
-    digit = error == std::errc() ? end : digit + 1;
-  }
-  const auto [width, height, most] = std::tuple(numbers[0], numbers[1], numbers[2]);
-  is_header = is_header && n_numbers == 3 && width > 0 && height > 0 && width <= kMostPixels && height <= kMostPixels &&
-              most == 255;
-  if (!is_header) input_error("ffmpeg wrote something else than the expected images (PGM of 8 bits)");
-  const std::size_t n_pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  if (static_cast<std::size_t>(last - at) < n_pixels) return false;
-  on_image_(reinterpret_cast<const std::uint8_t*>(at), width, height);
-  begin_ += static_cast<std::size_t>(at - first) + n_pixels;
-  return begin_ < buffer_.size();
-}
-
 void check_ffmpeg_is_installed() {
   for (const char* program : {"ffprobe", "ffmpeg"}) {
     if (find_program(program).empty()) {
@@ -130,20 +106,21 @@ VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
   std::string text;
   const std::string fault = detail::concat(video.string(), ": not a video that ffmpeg can read");
   try {
-    log.run({"ffprobe", "-v", "error", "-select_streams", "v:0", "-show_entries",
-             "stream=avg_frame_rate,nb_frames,duration:format=duration", "-of", "json", file_argument(video)},
-            [&](const std::string& line) { text += line + "\n"; });
+    log.run(
+        {"ffprobe", "-v", "error", "-select_streams", "v:0", "-show_entries",
+         "stream=width,height,avg_frame_rate,nb_frames,duration:format=duration", "-of", "json", file_argument(video)},
+        [&](const std::string& line) { text += line + "\n"; });
   } catch (const InputError& error) {
     input_error(fault, "; ", error.what());
   }
   // Warnings about the file may come before and after.
   const std::size_t begin = text.find('{'), end = text.rfind('}');
   const Json json = begin < end && end != std::string::npos ? parse_json(text.substr(begin, end - begin + 1)) : Json();
-  if (!json.is_object() || !json.contains("streams") || !json["streams"].is_array() || json["streams"].empty()) {
-    input_error(fault, " (it has no video stream)");
-  }
-  const Json& stream = json["streams"][0];
+  const Json stream = json.is_object() ? json.value(Json::json_pointer("/streams/0"), Json()) : Json();
   VideoInfo info;
+  info.width = side_of(stream, "width");
+  info.height = side_of(stream, "height");
+  if (info.width == 0 || info.height == 0) input_error(fault, " (it has no video stream)");
   info.seconds = number_of(stream, "duration");
   if (info.seconds == 0 && json.contains("format")) info.seconds = number_of(json["format"], "duration");
   double n_frames = number_of(stream, "nb_frames");
@@ -181,9 +158,8 @@ std::vector<std::string> extract_frames(
     const fs::path& video, std::size_t wanted, const fs::path& folder, ProgramLog& log,
     const std::function<void(const char* stage, std::size_t done, std::size_t total)>& progress) {
   const VideoInfo info = read_video_info(video, log);
-  const std::vector<double> values =
-      measure_sharpness(video, info.n_frames, log,
-                        [&](std::size_t done, std::size_t total) { progress("measuring frames", done, total); });
+  const std::vector<double> values = measure_sharpness(
+      video, info, log, [&](std::size_t done, std::size_t total) { progress("measuring frames", done, total); });
   if (values.empty()) input_error(video.string(), ": the video has no frames that can be decoded");
   const double seconds = info.seconds > 0 ? info.seconds : static_cast<double>(values.size()) / 30;
   const std::vector<std::size_t> chosen =

@@ -13,8 +13,9 @@
 namespace b3dgs {
 
 struct VideoInfo {
-  double seconds = 0;        // 0: the file does not say
-  std::size_t n_frames = 0;  // as the file says, or estimated; 0: unknown
+  int width = 0, height = 0;  // px
+  double seconds = 0;         // 0: the file does not say
+  std::size_t n_frames = 0;   // as the file says, or estimated; 0: unknown
 };
 
 /// @throws InputError if ffmpeg or ffprobe is not in PATH, with the remedy
@@ -40,20 +41,5 @@ std::vector<std::size_t> sharpest_of_windows(const std::vector<double>& sharpnes
 std::vector<std::string> extract_frames(
     const std::filesystem::path& video, std::size_t wanted, const std::filesystem::path& folder, ProgramLog& log,
     const std::function<void(const char* stage, std::size_t done, std::size_t total)>& progress);
-
-/// Splits a stream of binary PGM images of 8 bits.
-class PgmStream {
- public:
-  explicit PgmStream(std::function<void(const std::uint8_t* grey, int width, int height)> on_image);
-  /// @throws InputError if the stream is something else
-  void add(const char* data, std::size_t bytes);
-
- private:
-  bool take_image();
-
-  std::function<void(const std::uint8_t* grey, int width, int height)> on_image_;
-  std::vector<char> buffer_;
-  std::size_t begin_ = 0;  // of what has not been used in buffer_
-};
 
 }  // namespace b3dgs

@@ -1,25 +1,19 @@
 #include "scene/scene.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <filesystem>
 #include <map>
 #include <optional>
 #include <set>
 
 #include "core/check.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
-#include "scene/images/mask_folder.h"
 #include "scene/images/resolution.h"
-#include "scene/scene_images.h"
 #include "scene/scene_model.h"
-#include "scene/scene_points.h"
-#include "scene/scene_summary.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {
@@ -80,6 +74,12 @@ void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<V
   }
 }
 
+std::vector<Camera> cameras_of(const std::vector<View>& views) {
+  std::vector<Camera> cameras;
+  for (const View& view : views) cameras.push_back(view.camera);
+  return cameras;
+}
+
 View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& images) {
   View view;
   view.name = source.name;
@@ -95,17 +95,8 @@ View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& image
 }  // namespace
 
 double scene_extent(const std::vector<View>& views) {
-  std::vector<std::array<double, 3>> centers;
-  std::array<double, 3> mean{};
-  for (const View& view : views) {
-    centers.push_back(view.camera.center());
-    for (int i = 0; i < 3; ++i) mean[i] += centers.back()[i] / static_cast<double>(views.size());
-  }
-  double largest = 0;
-  for (const std::array<double, 3>& center : centers) {
-    largest = std::max(largest, std::hypot(center[0] - mean[0], center[1] - mean[1], center[2] - mean[2]));
-  }
-  return largest > 0 ? 1.1 * largest : 1.0;
+  const double radius = camera_radius(cameras_of(views));
+  return radius > 0 ? 1.1 * radius : 1.0;
 }
 
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
@@ -161,9 +152,8 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
         ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
-  std::vector<Camera> cameras;
-  for (const View& view : scene.train) cameras.push_back(view.camera);
-  change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras, model.points.positions), scene);
+  change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras_of(scene.train), model.points.positions),
+                        scene);
   scene.points = in_frame(scene.frame, model.points);
   const bool has_points = scene.points.size() > 0, is_resumed = options.frame.has_value();
   if (options.seed_points && options.load_images && !(has_points && is_resumed)) {

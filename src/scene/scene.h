@@ -66,7 +66,7 @@ struct Scene {
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a scene of COLMAP or in transforms.json files, and moves it to a frame of its own (scene_frame.h). Only the
+/// Reads a scene of COLMAP or in transforms.json files, and moves it to a frame of its own (choose_frame()). Only the
 /// headers of the photographs are read; ViewImage decodes them. `summary` mentions choices made for the user (one of
 /// several models, images reduced because images_N is missing) and missing photographs.
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used

@@ -4,9 +4,9 @@
 #include <optional>
 
 #include "core/check.h"
-#include "scene/colmap/model_search.h"
+#include "scene/colmap/colmap.h"
 #include "scene/images/image_io.h"
-#include "scene/points/point_ply.h"
+#include "scene/points/point_cloud.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {

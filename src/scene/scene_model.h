@@ -1,4 +1,5 @@
-// Cameras and points of a scene folder, whichever program wrote them.
+// The parts of load_scene(): cameras and points of a scene folder, whichever program wrote them; points found in the
+// photographs; the description of a scene.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +15,8 @@
 #include "scene/scene.h"
 
 namespace b3dgs {
+
+struct ViewSource;
 
 struct SceneModel {
   ColmapModel model;  // without its points
@@ -42,5 +45,24 @@ void check_scene_folder(const std::filesystem::path& source);
 /// Reads the COLMAP model of the scene, or else its transforms.json files; those of held-out views only if
 /// SceneOptions::eval is set. @throws InputError if there is no scene or it cannot be used
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images);
+
+/// Adds points that seed_points() finds in at most 120 training photographs, in the frame of the scene: about 50,000
+/// (two for each pixel of smaller photographs) if the scene has none; if it has some, and more than a tenth of the
+/// image area shows none of them, at most that fraction of this number there, only at pixels of clear depth. Returns
+/// how many. The scene's frame must be that of choose_frame() for its cameras and points.
+std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress);
+
+/// Intermediate results of load_scene() that are not part of the scene.
+struct SceneOrigin {
+  const SceneOptions& options;
+  const SceneModel& model;
+  const ImageFolder& image_folder;
+  const std::vector<ViewSource>& sources;  // photographs that are on disk, sorted by name
+  std::vector<std::string> missing;        // registered names without a file
+  std::size_t n_unregistered = 0;          // image files that the model does not name
+};
+
+/// About a dozen lines that describe the scene to the user.
+std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-#include "scene/scene_points.h"
+#include "scene/scene_model.h"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/parallel.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image_io.h"
 #include "scene/points/seed_points.h"
 #include "scene/view_image.h"

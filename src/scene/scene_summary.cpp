@@ -1,4 +1,4 @@
-#include "scene/scene_summary.h"
+#include "scene/scene_model.h"
 
 #include <algorithm>
 #include <cmath>
@@ -32,18 +32,12 @@ std::string rounded(double value, const char* format) {
   return text;
 }
 
-class Lines {
- public:
-  void add(const char* label, const std::string& text) {
-    std::string line = label;
-    line.resize(12, ' ');
-    lines_.push_back(line + text);
-  }
-  std::vector<std::string> take() { return std::move(lines_); }
+using Lines = std::vector<std::string>;
 
- private:
-  std::vector<std::string> lines_;
-};
+void add(Lines& lines, std::string label, const std::string& text) {
+  label.resize(12, ' ');
+  lines.push_back(label + text);
+}
 
 std::string describe_images(const SceneOrigin& origin) {
   std::string text = concat(origin.model.model.images.size(), " registered, ", origin.sources.size(), " found in ",
@@ -121,8 +115,8 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
 
 // Choices made for the user, and signs that something is wrong with the scene.
 void add_notes(const Scene& scene, const SceneOrigin& origin, Lines& lines) {
-  for (const std::string& note : origin.model.notes) lines.add("note", note);
-  if (!origin.image_folder.note().empty()) lines.add("note", origin.image_folder.note());
+  for (const std::string& note : origin.model.notes) add(lines, "note", note);
+  if (!origin.image_folder.note().empty()) add(lines, "note", origin.image_folder.note());
   const int resolution = origin.options.resolution;
   bool is_capped = false, is_kept = false;
   std::vector<std::string> other_aspect, other_name;
@@ -141,40 +135,42 @@ void add_notes(const Scene& scene, const SceneOrigin& origin, Lines& lines) {
       other_name.push_back(concat(source.name, " as ", source.file.filename().string()));
     }
   }
-  if (!other_name.empty()) lines.add("note", concat("found under another name: ", join(other_name)));
+  if (!other_name.empty()) add(lines, "note", concat("found under another name: ", join(other_name)));
   if (is_capped)
-    lines.add("note", concat("images reduced to a width of ", kMaxDefaultWidth, " px; -r 1 keeps the size on disk"));
-  if (is_kept) lines.add("note", concat("-r ", resolution, " is larger than the images, which are not enlarged"));
+    add(lines, "note", concat("images reduced to a width of ", kMaxDefaultWidth, " px; -r 1 keeps the size on disk"));
+  if (is_kept) add(lines, "note", concat("-r ", resolution, " is larger than the images, which are not enlarged"));
   if (!other_aspect.empty()) {
-    lines.add("note",
-              concat("aspect ratio differs from the camera's (cropped or rotated images?): ", join(other_aspect)));
+    add(lines, "note",
+        concat("aspect ratio differs from the camera's (cropped or rotated images?): ", join(other_aspect)));
   }
-  if (scene.points.size() == 0) lines.add("note", "the scene has no points; training finds some in the photographs");
+  if (scene.points.size() == 0) add(lines, "note", "the scene has no points; training finds some in the photographs");
 }
 
 }  // namespace
 
 std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin) {
   Lines lines;
-  lines.add("scene", scene.source_path);
-  lines.add("model", origin.model.description);
-  lines.add("images", describe_images(origin));
-  lines.add("cameras", describe_cameras(origin.model.model));
-  lines.add("distortion", describe_distortion(scene, origin));
-  lines.add("masks", describe_masks(origin));
-  lines.add("size", describe_sizes(origin));
-  lines.add("memory", describe_memory(scene, origin));
+  add(lines, "scene", scene.source_path);
+  add(lines, "model", origin.model.description);
+  add(lines, "images", describe_images(origin));
+  add(lines, "cameras", describe_cameras(origin.model.model));
+  add(lines, "distortion", describe_distortion(scene, origin));
+  add(lines, "masks", describe_masks(origin));
+  add(lines, "size", describe_sizes(origin));
+  add(lines, "memory", describe_memory(scene, origin));
   const std::string& points = origin.model.points_description;
-  lines.add("points", points.empty() ? std::to_string(scene.points.size()) : concat(scene.points.size(), ": ", points));
-  lines.add("extent", rounded(scene.extent * scene.frame.unit, "%.4g"));
+  add(lines, "points",
+      points.empty() ? std::to_string(scene.points.size()) : concat(scene.points.size(), ": ", points));
+  add(lines, "extent", rounded(scene.extent * scene.frame.unit, "%.4g"));
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
-  lines.add("training", count_views(scene.train.size()));
+  add(lines, "training", count_views(scene.train.size()));
   const std::string rule = origin.model.has_split ? "the views of " + origin.model.split_description
                                                   : concat("every ", kTestEvery, "th by name");
-  lines.add("held out", origin.options.eval ? concat(count_views(scene.test.size()), ", ", rule)
-                                            : concat("none; --eval holds out ", rule));
+  add(lines, "held out",
+      origin.options.eval ? concat(count_views(scene.test.size()), ", ", rule)
+                          : concat("none; --eval holds out ", rule));
   add_notes(scene, origin, lines);
-  return lines.take();
+  return lines;
 }
 
 }  // namespace b3dgs

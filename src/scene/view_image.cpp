@@ -2,13 +2,117 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstdlib>
+#include <map>
+#include <set>
+#include <tuple>
 
 #include "core/check.h"
+#include "core/host_memory.h"
 #include "core/parallel.h"
+#include "scene/images/image_folder.h"
 #include "scene/images/image_io.h"
+#include "scene/images/resolution.h"
 
 namespace b3dgs {
+namespace {
+
+constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
+
+// Photographs with the same distorted camera and file size share a group and a mask.
+void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
+  using Key = std::tuple<std::uint32_t, int, int>;  // camera, width and height of the file
+  struct Group {
+    int number;
+    std::shared_ptr<const Image8> valid;
+  };
+  std::map<Key, Group> groups;
+  for (ViewSource& source : sources) {
+    if (source.lens.is_pinhole()) continue;
+    const Key key{source.camera_id, source.file_size.width, source.file_size.height};
+    auto found = groups.find(key);
+    if (found == groups.end()) {
+      const int number = cache.add_group(source.lens, source.file_size, source.camera_place);
+      std::shared_ptr<const Image8> valid = cache.get(number)->valid();
+      if (valid) valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
+      found = groups.emplace(key, Group{number, std::move(valid)}).first;
+    }
+    source.lens_group = found->second.number;
+    source.valid = found->second.valid;
+  }
+}
+
+bool has_only(const Image8& mask, std::uint8_t value) {
+  return std::all_of(mask.pixels.begin(), mask.pixels.end(), [&](std::uint8_t pixel) { return pixel == value; });
+}
+
+// Pixels of the view that are all of the mask's light (or dark) pixels and that the photograph shows.
+std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource& source) {
+  auto within = std::make_shared<Image8>(shrink_mask(mask, source.size.width, source.size.height));
+  for (std::size_t i = 0; i < within->pixels.size(); ++i) {
+    const bool is_valid = !source.valid || source.valid->pixels[i] != 0;
+    within->pixels[i] = is_valid && within->pixels[i] == 255 ? 255 : 0;
+  }
+  return within;
+}
+
+// Reads the mask of a photograph, which is undistorted and reduced like it. Pixels where light and dark meet are
+// neither valid nor empty.
+void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCache& cache) {
+  Image8 mask = read_mask(source.mask, source.file_size, options.invert_masks);
+  if (source.lens_group >= 0) mask = cache.get(source.lens_group)->apply_to_mask(mask);
+  std::shared_ptr<const Image8> valid = pixels_within(mask, source), empty;
+  if (options.empty_background) {
+    for (std::uint8_t& pixel : mask.pixels) pixel = static_cast<std::uint8_t>(255 - pixel);
+    empty = pixels_within(mask, source);
+  }
+  source.is_masked_out = has_only(*valid, 0);
+  if (source.valid || !has_only(*valid, 255)) source.valid = std::move(valid);
+  if (empty && !has_only(*empty, 0)) source.empty = std::move(empty);
+}
+
+struct ByPixels {
+  bool operator()(const std::shared_ptr<const Image8>& a, const std::shared_ptr<const Image8>& b) const {
+    return std::tie(a->width, a->pixels) < std::tie(b->width, b->pixels);
+  }
+};
+
+void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, UndistorterCache& cache) {
+  std::vector<ViewSource*> masked;
+  for (ViewSource& source : sources) {
+    if (!source.mask.empty()) masked.push_back(&source);
+  }
+  parallel_pool(static_cast<std::int64_t>(masked.size()),
+                [&](std::int64_t i, int) { read_mask_of(*masked[static_cast<std::size_t>(i)], options, cache); });
+  // Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
+  std::set<std::shared_ptr<const Image8>, ByPixels> different;
+  for (ViewSource* source : masked) {
+    for (std::shared_ptr<const Image8>* mask : {&source->valid, &source->empty}) {
+      if (*mask) *mask = *different.insert(*mask).first;
+    }
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<SceneImages> prepare_images(std::vector<ViewSource>& sources, const SceneOptions& options) {
+  ImageMemory::Plan plan;
+  plan.limit = image_memory_limit(options.host_memory_gb, available_host_memory());
+  plan.n_readers = options.n_readers;
+  auto undistorters = std::make_unique<UndistorterCache>(plan.limit / kMapShare);
+  assign_lens_groups(sources, *undistorters);
+  read_masks(sources, options, *undistorters);
+  plan.fixed = undistorters->most_kept_bytes();
+  std::set<const Image8*> masks;
+  for (const ViewSource& source : sources) {
+    const std::int64_t bytes = std::int64_t{3} * source.size.width * source.size.height;
+    plan.photographs += bytes;
+    plan.largest = std::max(plan.largest, bytes);
+    for (const Image8* mask : {source.valid.get(), source.empty.get()}) {
+      if (mask != nullptr && masks.insert(mask).second) plan.fixed += static_cast<std::int64_t>(mask->pixels.size());
+    }
+  }
+  return std::make_shared<SceneImages>(plan, std::move(undistorters), options.white_background);
+}
 
 ViewImage::ViewImage(Image8 image) : size_{image.width, image.height} {
   B3DGS_CHECK(image.channels == 3, "expected 3 channels, found ", image.channels);
@@ -73,10 +177,7 @@ std::optional<Image8> ViewImage::read_alpha() const {
 Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
   const ImageSize photograph = shared_ ? source_.file_size : size_;
   Depth16 map = read_depth_map(file);
-  // Equal up to the rounding of one side by less than a pixel.
-  const std::int64_t across = std::int64_t{map.width} * photograph.height,
-                     down = std::int64_t{map.height} * photograph.width;
-  if (std::abs(across - down) >= std::max(photograph.width, photograph.height)) {
+  if (!has_same_aspect({map.width, map.height}, photograph)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", photograph.width, " x ",
                 photograph.height, " px, found a depth map of ", map.width, " x ", map.height, " px");
   }

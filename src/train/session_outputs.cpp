@@ -2,9 +2,8 @@
 #include <utility>
 
 #include "model/disk_space.h"
+#include "model/model_folder.h"
 #include "model/photographs.h"
-#include "model/set_aside.h"
-#include "model/training_id.h"
 #include "train/appearance/exposure_json.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/gaussians/floaters.h"

@@ -9,7 +9,7 @@
 #include <memory>
 #include <mutex>
 
-#include "view/frame.h"
+#include "view/frame_source.h"
 
 namespace b3dgs {
 

@@ -3,6 +3,7 @@
 #include "view/http_server.h"
 
 #include <microhttpd.h>
+#include <netdb.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -10,7 +11,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cctype>
 #include <cerrno>
 #include <condition_variable>
 #include <cstring>
@@ -20,7 +20,7 @@
 #include <thread>
 
 #include "core/check.h"
-#include "view/listen.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -74,11 +74,9 @@ HttpRequest::Fields fields_of(MHD_Connection* connection, MHD_ValueKind kind, bo
       connection, kind,
       [](void* to, MHD_ValueKind, const char* key, size_t key_size, const char* value, size_t value_size) {
         auto& collected = *static_cast<Collected*>(to);
-        std::string name(key, key_size);
-        if (collected.lower) {
-          std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
-        }
-        collected.fields.emplace(std::move(name), value ? std::string(value, value_size) : std::string());
+        const std::string name(key, key_size);
+        collected.fields.emplace(collected.lower ? lower_case(name) : name,
+                                 value ? std::string(value, value_size) : std::string());
         return MHD_YES;
       },
       &collected);
@@ -109,18 +107,19 @@ MHD_Result send(MHD_Connection* connection, const HttpResponse& response, bool c
 struct HttpServer::Impl {
   Impl(HttpHandler& handler, const HttpLimits& limits) : handler(handler), limits(limits) {}
 
-  bool start(int listener) {
-    // Listening ends with the daemon, which closes `listener`, too.
+  /// Returns the port, or nothing if the address cannot be used. A port that another server uses is not shared.
+  std::optional<int> start(const addrinfo& address) {
+    const unsigned ip = address.ai_family == AF_INET6 ? MHD_USE_DUAL_STACK : 0;
     daemon = MHD_start_daemon(
-        MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME, 0, nullptr, nullptr, &Impl::on_request, this,
-        MHD_OPTION_LISTEN_SOCKET, listener, MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(limits.connections),
+        MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME | ip, 0, nullptr, nullptr, &Impl::on_request, this,
+        MHD_OPTION_SOCK_ADDR, address.ai_addr, MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(limits.connections),
         MHD_OPTION_CONNECTION_MEMORY_LIMIT, limits.head_bytes, MHD_OPTION_NOTIFY_CONNECTION, &Impl::on_connection, this,
         MHD_OPTION_NOTIFY_COMPLETED, &Impl::on_completed, this, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
-    if (daemon == nullptr) return false;
+    if (daemon == nullptr) return std::nullopt;
     events = MHD_get_daemon_info(daemon, MHD_DAEMON_INFO_EPOLL_FD)->epoll_fd;
     loop = std::thread([this] { run(); });
     for (std::size_t i = 0; i < limits.slow_answers; ++i) workers.emplace_back([this] { work(); });
-    return true;
+    return MHD_get_daemon_info(daemon, MHD_DAEMON_INFO_BIND_PORT)->port;
   }
 
   ~Impl() {
@@ -304,14 +303,15 @@ HttpServer::HttpServer(HttpHandler& handler, const HttpLimits& limits)
 HttpServer::~HttpServer() = default;
 
 std::optional<int> HttpServer::listen(const std::string& address, int port) {
-  const int listener = listen_on(address, port);
-  if (listener < 0) return std::nullopt;
-  const int found = port_of(listener);
-  if (!impl_->start(listener)) {
-    close(listener);
-    return std::nullopt;
+  addrinfo wanted{}, *found = nullptr;
+  wanted.ai_socktype = SOCK_STREAM;
+  wanted.ai_flags = AI_PASSIVE | AI_NUMERICSERV;
+  if (getaddrinfo(address.c_str(), std::to_string(port).c_str(), &wanted, &found) != 0) return std::nullopt;
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> at_end(found, &freeaddrinfo);
+  for (const addrinfo* at = found; at != nullptr; at = at->ai_next) {
+    if (const std::optional<int> own = impl_->start(*at)) return own;
   }
-  return found;
+  return std::nullopt;
 }
 
 }  // namespace b3dgs

@@ -6,7 +6,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 
 namespace b3dgs {
 namespace {
@@ -69,14 +69,7 @@ Camera parse_camera(const Json& json, ImageSize size) {
   if (!list.is_array() || list.size() != m.size()) input_error("camera_to_world: expected 16 numbers");
   for (std::size_t i = 0; i < m.size(); ++i) m[i] = number(list[i], "camera_to_world", -kMaxCoordinate, kMaxCoordinate);
   const double fov = number(member(json, "fov"), "fov", 1, 170);
-  Camera camera;
-  camera.width = size.width;
-  camera.height = size.height;
-  camera.fx = camera.fy = 0.5 * size.height / std::tan(0.5 * fov * kPi / 180);
-  camera.cx = 0.5 * size.width;
-  camera.cy = 0.5 * size.height;
-  camera.cam_from_world = pose_from_opengl(m, "camera_to_world");
-  return camera;
+  return Camera::with_field_of_view(size.width, size.height, fov, pose_from_opengl(m, "camera_to_world"));
 }
 
 }  // namespace

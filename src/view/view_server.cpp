@@ -1,5 +1,9 @@
 #include "view/view_server.h"
 
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -8,11 +12,14 @@
 
 #include "core/check.h"
 #include "view/access.h"
-#include "view/listen.h"
-#include "view/page.h"
 #include "view/view_json.h"
 
 namespace b3dgs {
+
+/// HTML with style and script inside, which CMake makes of page/. "@NONCE@" stands where each answer has a random value
+/// of its own.
+extern const char* const kViewPage;
+
 namespace {
 
 constexpr int kPortsTried = 20;
@@ -61,6 +68,22 @@ bool is_any_address(const std::string& address) {
 /// "[::1]" for "::1", as URLs need it.
 std::string in_url(const std::string& address) {
   return address.find(':') != std::string::npos ? "[" + address + "]" : address;
+}
+
+/// An IPv4 address by which other machines may reach this one; empty if there is none.
+std::string address_of_this_machine() {
+  ifaddrs* all = nullptr;
+  if (::getifaddrs(&all) != 0) return "";
+  std::string address;
+  for (const ifaddrs* own = all; own != nullptr && address.empty(); own = own->ifa_next) {
+    const bool is_outside = (own->ifa_flags & IFF_UP) != 0 && (own->ifa_flags & IFF_LOOPBACK) == 0;
+    if (!is_outside || own->ifa_addr == nullptr || own->ifa_addr->sa_family != AF_INET) continue;
+    char text[INET_ADDRSTRLEN] = "";
+    const auto* const in = reinterpret_cast<const sockaddr_in*>(own->ifa_addr);
+    if (::inet_ntop(AF_INET, &in->sin_addr, text, sizeof text) != nullptr) address = text;
+  }
+  ::freeifaddrs(all);
+  return address;
 }
 
 std::string host_name() {

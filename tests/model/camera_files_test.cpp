@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
 #include "support/files.h"

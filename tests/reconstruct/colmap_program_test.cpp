@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "reconstruct/colmap_progress.h"
 #include "reconstruct/fake_programs.h"
 #include "reconstruct/scene_folder.h"
 #include "support/expect_error.h"

@@ -69,14 +69,15 @@ esac
 
 constexpr const char* kFfprobe = R"sh(#!/bin/sh
 here=$(dirname "$0")
-if [ ! -e "$here/video.pgm" ]; then
+if [ ! -e "$here/video" ]; then
   echo "film.mp4: Invalid data found when processing input"
   exit 1
 fi
 echo "[mov,mp4] a warning about the file"
 n=$(cat "$here/n_frames")
+side=$(cat "$here/side")
 cat << END
-{ "streams": [ { "avg_frame_rate": "30/1", "nb_frames": "$n", "duration": "2.0" } ], "format": { "duration": "2.0" } }
+{ "streams": [ { "width": $side, "height": $side, "avg_frame_rate": "30/1", "nb_frames": "$n", "duration": "2.0" } ], "format": { "duration": "2.0" } }
 END
 )sh";
 
@@ -85,7 +86,7 @@ here=$(dirname "$0")
 echo "ffmpeg $@" >> "$here/calls"
 for last; do :; done
 if [ "$last" = - ]; then
-  cat "$here/video.pgm"
+  cat "$here/video"
   exit 0
 fi
 folder=$(dirname "${last#file:}" | sed "s/%%/%/g")
@@ -173,8 +174,9 @@ void FakePrograms::slow_down() const {
   write_bytes(folder_ / "slow", "");
 }
 
-void FakePrograms::set_video(const std::string& pgm, int n_frames) const {
-  write_bytes(folder_ / "video.pgm", pgm);
+void FakePrograms::set_video(const std::string& bytes, int n_frames, int side) const {
+  write_bytes(folder_ / "video", bytes);
+  write_bytes(folder_ / "side", std::to_string(side));
   write_bytes(folder_ / "n_frames", std::to_string(n_frames));
 }
 

@@ -27,8 +27,8 @@ class FakePrograms {
   void add_colmap_help(const std::string& line) const;
   /// feature_extractor waits after each photograph from now on, so that it can be interrupted.
   void slow_down() const;
-  /// Grey images that ffmpeg decodes from any video, as binary PGM, and their number.
-  void set_video(const std::string& pgm, int n_frames) const;
+  /// Grey images that ffmpeg decodes from any video, of side x side bytes each, and their number.
+  void set_video(const std::string& bytes, int n_frames, int side) const;
   /// Neither this program nor those of the system can be found from now on.
   void hide(const std::string& program) const;
 

@@ -102,8 +102,8 @@ TEST_F(FilesInAScene, OfASceneOutliveEveryCall) {
   const std::string photographs = options_.input, other = (folder_ / "other").string();
   write_photographs(other, 3, 6, 6);
   std::string video;
-  for (int i = 0; i < 6; ++i) video += "P5\n4 4\n255\n" + std::string(16, static_cast<char>('a' + i));
-  programs_.set_video(video, 6);
+  for (int i = 0; i < 6; ++i) video += std::string(16, static_cast<char>('a' + i));
+  programs_.set_video(video, 6, 4);
   const std::string film = (folder_ / "film.mp4").string();
   write_bytes(film, "x");
   const std::string first = read_bytes(folder_ / "photos/a.png");

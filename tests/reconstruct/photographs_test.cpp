@@ -7,7 +7,7 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "reconstruct/fake_programs.h"
-#include "scene/images/exif.h"
+#include "scene/images/image_header.h"
 #include "scene/images/image_io.h"
 #include "scene/photograph.h"
 #include "support/expect_error.h"

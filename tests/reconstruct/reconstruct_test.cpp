@@ -151,8 +151,8 @@ TEST_F(Reconstruct, TheSameFoldersGoOnHoweverTheyAreWritten) {
 
 TEST_F(Reconstruct, TheSameVideoGoesOnHoweverItIsWritten) {
   std::string video;
-  for (int i = 0; i < 6; ++i) video += "P5\n4 4\n255\n" + std::string(16, static_cast<char>('a' + i));
-  programs_.set_video(video, 6);
+  for (int i = 0; i < 6; ++i) video += std::string(16, static_cast<char>('a' + i));
+  programs_.set_video(video, 6, 4);
   programs_.set_models({6});
   write_bytes(folder_ / "film.mp4", "x");
   fs::create_symlink("film.mp4", folder_ / "link.mp4");
@@ -230,7 +230,7 @@ TEST_F(Reconstruct, PhotographsThatLieOnTheirSideAreTurnedOrNamed) {
 }
 
 TEST_F(Reconstruct, AVideoNeedsTwoFrames) {
-  programs_.set_video("P5\n4 4\n255\n" + std::string(16, 'a'), 1);
+  programs_.set_video(std::string(16, 'a'), 1, 4);
   write_bytes(folder_ / "film.mp4", "x");
   options_.input = (folder_ / "film.mp4").string();
   for (int call = 0; call < 2; ++call) EXPECT_TRUE(fails({"film.mp4: only one frame"}));
@@ -365,8 +365,8 @@ TEST_F(Reconstruct, MakesAGroupForEachSize) {
 
 TEST_F(Reconstruct, AVideoIsMatchedInSequence) {
   std::string video;
-  for (int i = 0; i < 6; ++i) video += "P5\n4 4\n255\n" + std::string(16, static_cast<char>('a' + i));
-  programs_.set_video(video, 6);
+  for (int i = 0; i < 6; ++i) video += std::string(16, static_cast<char>('a' + i));
+  programs_.set_video(video, 6, 4);
   programs_.set_models({3});
   write_bytes(folder_ / "film.mp4", "x");
   options_.input = (folder_ / "film.mp4").string();

@@ -46,45 +46,17 @@ TEST(VideoFrames, AsManyAsTheLengthAsksFor) {
   EXPECT_EQ(automatic_frame_count(10, 60), 60u);
 }
 
-std::string pgm(int width, int height, char value) {
-  return "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n" +
-         std::string(static_cast<std::size_t>(width * height), value);
-}
-
-TEST(PgmStream, SplitsImagesWhereverTheBytesAreCut) {
-  const std::string stream = pgm(3, 2, '\n') + pgm(1, 1, 'P') + pgm(5, 4, '5');
-  for (std::size_t piece = 1; piece <= stream.size(); ++piece) {
-    std::vector<std::string> images;
-    PgmStream images_of([&](const std::uint8_t* grey, int width, int height) {
-      images.emplace_back(reinterpret_cast<const char*>(grey), static_cast<std::size_t>(width * height));
-    });
-    for (std::size_t at = 0; at < stream.size(); at += piece) {
-      images_of.add(stream.data() + at, std::min(piece, stream.size() - at));
-    }
-    ASSERT_EQ(images, (std::vector<std::string>{std::string(6, '\n'), "P", std::string(20, '5')})) << piece;
-  }
-}
-
-TEST(PgmStream, RefusesOtherData) {
-  for (const std::string& text : {std::string("P6\n3 2\n255\nxxxxxx"), std::string("P5\n3 2\n65535\nxxxxxxxxxxxx"),
-                                  std::string("P5\n-3 2\n255\n"), std::string("P5\n3\n\n\n255\n"),
-                                  std::string("P5\n99999999999 2\n255\n"), std::string(60, 'x')}) {
-    PgmStream stream([](const std::uint8_t* /*grey*/, int /*width*/, int /*height*/) {});
-    EXPECT_TRUE(fails_with<InputError>({"PGM"}, [&] { stream.add(text.data(), text.size()); })) << text;
-  }
-}
-
 TEST(VideoFrames, AreWrittenFromTheNumbersOfTheSharpest) {
   const TempDir folder;
   const FakePrograms programs;
   test::write_bytes(folder / "film.mp4", "x");
   std::string frames;
   for (const bool is_sharp : {false, true, false, false, false, true}) {
-    std::string frame = pgm(4, 4, 'a');
-    if (is_sharp) frame[frame.size() - 6] = '\0';
+    std::string frame(16, 'a');
+    if (is_sharp) frame[10] = '\0';
     frames += frame;
   }
-  programs.set_video(frames, 6);
+  programs.set_video(frames, 6, 4);
   ProgramLog log(folder / "log", nullptr);
   std::vector<std::string> stages;
   const std::vector<std::string> names =
@@ -101,9 +73,7 @@ TEST(VideoFrames, MoreThanACommandLineHolds) {
   const TempDir folder;
   const FakePrograms programs;
   test::write_bytes(folder / "film.mp4", "x");
-  std::string frames;
-  for (int i = 0; i < 11000; ++i) frames += pgm(1, 1, 'a');
-  programs.set_video(frames, 11000);
+  programs.set_video(std::string(11000, 'a'), 11000, 1);
   ProgramLog log(folder / "log", nullptr);
   const std::vector<std::string> names =
       extract_frames(folder / "film.mp4", 11000, folder / "frames", log, [](auto, auto, auto) {});
@@ -116,7 +86,7 @@ TEST(VideoFrames, OneFrameIsTooFew) {
   const FakePrograms programs;
   test::write_bytes(folder / "film.mp4", "x");
   ProgramLog log(folder / "log", nullptr);
-  programs.set_video(pgm(4, 4, 'a'), 1);
+  programs.set_video(std::string(16, 'a'), 1, 4);
   EXPECT_TRUE(fails_with<InputError>({"film.mp4: only one frame"}, [&] {
     extract_frames(folder / "film.mp4", 0, folder / "frames", log, [](auto, auto, auto) {});
   }));
@@ -129,7 +99,7 @@ TEST(VideoFrames, FilesThatAreNoVideoAreRefused) {
   const auto extract = [&] { extract_frames(folder / "film.mp4", 0, folder / "frames", log, [](auto, auto, auto) {}); };
   EXPECT_TRUE(fails_with<InputError>({"film.mp4: not a video that ffmpeg can read", "Invalid data found"}, extract));
   EXPECT_FALSE(fs::exists(folder / "frames"));
-  programs.set_video("", 0);
+  programs.set_video("", 0, 4);
   EXPECT_TRUE(fails_with<InputError>({"no frames that can be decoded"}, extract));
   programs.hide("ffmpeg");
   EXPECT_TRUE(fails_with<InputError>({"ffmpeg was not found in PATH", "apt install ffmpeg"}, extract));

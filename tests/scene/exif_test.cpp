@@ -1,4 +1,4 @@
-#include "scene/images/exif.h"
+#include "scene/images/image_header.h"
 
 #include <gtest/gtest.h>
 

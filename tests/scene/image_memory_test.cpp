@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "core/host_memory.h"
-#include "scene/cameras/undistorter_cache.h"
+#include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -34,7 +34,7 @@ TEST(ImageMemory, ReservesBuffersIfNotAllFit) {
   while (memory.try_hold(100)) ++n_held;
   EXPECT_EQ(n_held, 30);
   {
-    const ImageBufferCount training(memory, 5 * 100), evaluation(memory, 5 * 100);
+    const ImageMemory::Use training = memory.use_buffers(5 * 100), evaluation = memory.use_buffers(5 * 100);
     EXPECT_EQ(memory.used(), memory.limit());
   }
   EXPECT_EQ(memory.used(), 3100);
@@ -52,7 +52,7 @@ TEST(ImageMemory, ReservedBytesCountAsFixedOnes) {
   ImageMemory memory({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/0, /*n_readers=*/2});
   const ImageMemory planned({/*limit=*/1000, /*photographs=*/900, /*largest=*/100, /*fixed=*/200, /*n_readers=*/2});
   {
-    const auto reserved = ReservedMemory::make(memory, 200);
+    const auto reserved = memory.reserve(200);
     ASSERT_NE(reserved, nullptr);
     EXPECT_EQ(memory.fixed(), 200);
     EXPECT_EQ(memory.used(), 200);
@@ -61,15 +61,16 @@ TEST(ImageMemory, ReservedBytesCountAsFixedOnes) {
     while (memory.try_hold(100)) ++n_held;
     EXPECT_EQ(n_held, 6) << "the photographs no longer fit: a buffer for each of two readers";
     for (int i = 0; i < n_held; ++i) memory.release_held(100);
-    EXPECT_EQ(ReservedMemory::make(memory, 601), nullptr) << "no buffers would be left";
-    EXPECT_NE(ReservedMemory::make(memory, 600), nullptr);
+    EXPECT_EQ(memory.reserve(601), nullptr) << "no buffers would be left";
+    EXPECT_NE(memory.reserve(600), nullptr);
   }
   EXPECT_EQ(memory.used(), 0);
   int n_held = 0;
   while (memory.try_hold(100)) ++n_held;
   EXPECT_EQ(n_held, 10) << "as before";
-  EXPECT_EQ(ImageMemory().fixed(), 0);
-  EXPECT_TRUE(ImageMemory().try_reserve(std::int64_t{1} << 50)) << "no limit";
+  ImageMemory without_limit;
+  EXPECT_EQ(without_limit.fixed(), 0);
+  EXPECT_NE(without_limit.reserve(std::int64_t{1} << 50), nullptr) << "no limit";
 }
 
 TEST(ImageMemory, LimitIsInGigabytesOrFourFifthsOfAvailableMemory) {

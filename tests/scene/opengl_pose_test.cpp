@@ -1,4 +1,4 @@
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 
 #include <gtest/gtest.h>
 

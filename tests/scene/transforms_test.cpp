@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "scene/images/image_io.h"
-#include "scene/points/point_ply.h"
+#include "scene/points/point_cloud.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"

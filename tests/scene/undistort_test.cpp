@@ -102,7 +102,6 @@ TEST(Undistorter, WithoutNoticeableDistortionChangesNoPixel) {
   const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {20, 15.3, 8.1, -1e-9}), 31, 17, "camera 1");
   EXPECT_EQ(undistorter.apply(image).pixels, image.pixels);
   EXPECT_EQ(undistorter.valid(), nullptr);
-  EXPECT_EQ(undistorter.valid_share(), 1);
 }
 
 TEST(Undistorter, MasksPixelsOutsideThePhotograph) {

@@ -15,17 +15,15 @@ namespace b3dgs {
 
 enum class MessageKind : std::uint32_t {
   // from a rank to the hub
-  kHello = 1,   // protocol, job, rank, size
-  kGather,      // label, number of parts, parts; answered when every rank has sent one
-  kSet,         // key, value
-  kGet,         // key; answered when it is set
-  kAdd,         // key, number; answered by the sum
-  kCheck,       // keys
-  kDelete,      // key
-  kCompareSet,  // key, expected, desired
-  kCount,       // number of keys
-  kFail,        // cause
-  kBye,         // this rank has finished
+  kHello = 1,  // protocol, job, rank, size
+  kGather,     // label, number of parts, parts; answered when every rank has sent one
+  kSet,        // key, value
+  kGet,        // key; answered when it is set
+  kAdd,        // key, number; answered by the sum
+  kCheck,      // keys
+  kDelete,     // key
+  kFail,       // cause
+  kBye,        // this rank has finished
   // from the hub to a rank
   kWelcome,  // all ranks have joined
   kRefused,  // reason
@@ -117,6 +115,6 @@ class MessageStream {
 };
 
 inline constexpr std::size_t kMaxMessage = std::size_t{1} << 30;
-inline constexpr char kProtocol[] = "b3dgs ranks 2";
+inline constexpr char kProtocol[] = "b3dgs ranks 3";
 
 }  // namespace b3dgs

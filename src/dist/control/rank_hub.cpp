@@ -292,19 +292,6 @@ class RankHub::Server {
       case MessageKind::kDelete:
         reply(connection, message, BodyWriter().number(values_.erase(body.bytes()) > 0 ? 1 : 0).take());
         return;
-      case MessageKind::kCompareSet: {
-        const std::string key = body.bytes(), expected = body.bytes(), desired = body.bytes();
-        const auto found = values_.find(key);
-        // c10d's rule: a key that is missing is set if nothing is expected of it.
-        const bool is_set = found == values_.end() ? expected.empty() : found->second == expected;
-        if (is_set) values_[key] = desired;
-        reply(connection, message, is_set ? desired : found == values_.end() ? expected : found->second);
-        if (is_set) answer_waiting(key);
-        return;
-      }
-      case MessageKind::kCount:
-        reply(connection, message, BodyWriter().number(static_cast<std::int64_t>(values_.size())).take());
-        return;
       case MessageKind::kFail:
         fail(connection.rank, body.bytes());
         reply(connection, message, "");
@@ -312,7 +299,7 @@ class RankHub::Server {
       case MessageKind::kBye:
         members_[static_cast<std::size_t>(connection.rank)].has_left = true;
         reply(connection, message, "");
-        check_rounds_without(connection.rank);
+        check_rounds();
         return;
       case MessageKind::kBeat:
         return;
@@ -357,7 +344,7 @@ class RankHub::Server {
     round.request[row] = id;
     round.is_there[row] = true;
     if (++round.count < size()) {
-      for (int other = 0; other < size(); ++other) check_rounds_without_left(other);
+      check_rounds();
       return;
     }
     for (std::size_t other = 0; other < n; ++other) {
@@ -368,15 +355,13 @@ class RankHub::Server {
     rounds_.erase(rounds_.begin());  // ranks take part in every round, so rounds are completed in order
   }
 
-  void check_rounds_without_left(int rank) {
-    if (members_[static_cast<std::size_t>(rank)].has_left) check_rounds_without(rank);
-  }
-
   /// Nobody may wait for a rank that has finished.
-  void check_rounds_without(int rank) {
+  void check_rounds() {
     for (const auto& [number, round] : rounds_) {
-      if (!round.is_there[static_cast<std::size_t>(rank)]) {
-        fail(rank, detail::concat("it finished, and rank ", round.first_rank, " waits for it at \"", round.label, '"'));
+      for (std::size_t rank = 0; rank < members_.size(); ++rank) {
+        if (!members_[rank].has_left || round.is_there[rank]) continue;
+        fail(static_cast<int>(rank),
+             detail::concat("it finished, and rank ", round.first_rank, " waits for it at \"", round.label, '"'));
       }
     }
   }

@@ -1,15 +1,21 @@
 // A rank's control connection to RankHub.
 #pragma once
 
+#include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "dist/control/limits.h"
+#include "dist/control/message.h"
+#include "dist/control/socket.h"
 
 namespace b3dgs {
 
@@ -25,10 +31,10 @@ class RankLink {
   RankLink(const RankLink&) = delete;
   RankLink& operator=(const RankLink&) = delete;
 
-  int rank() const;
-  int size() const;
+  int rank() const { return rank_; }
+  int size() const { return size_; }
   /// The numeric address of this machine that the other ranks can reach.
-  std::string own_address() const;
+  const std::string& own_address() const { return own_address_; }
 
   /// The records of all ranks, by rank. All ranks call this in one order, with the same `label`, which errors name.
   std::vector<std::string> gather(const std::string& label, const std::string& record);
@@ -44,8 +50,6 @@ class RankLink {
   std::int64_t add(const std::string& key, std::int64_t number);
   bool check(const std::vector<std::string>& keys);
   bool remove(const std::string& key);
-  std::string compare_set(const std::string& key, const std::string& expected, const std::string& desired);
-  std::int64_t count();
 
   void throw_if_failed();
   /// Waits until it is known that another rank has failed. False after `limit`.
@@ -61,8 +65,45 @@ class RankLink {
   void close() noexcept;
 
  private:
-  class Client;
-  std::unique_ptr<Client> client_;
+  /// Sends a request and waits for its answer.
+  std::string request(MessageKind kind, std::string body, std::optional<std::chrono::milliseconds> limit = {});
+  /// Sends kFail or kBye, once.
+  void leave(MessageKind kind, const std::string& cause) noexcept;
+  void throw_if_failed_locked();
+  void write_message(const Message& message);
+  void run();
+  void read();
+  void handle(const Message& message);
+  void lose_hub(const std::string& cause);
+  void note_failure(int rank, const std::string& cause);
+  [[noreturn]] void end_process() const;
+  void stop();
+
+  int rank_, size_;
+  RankLimits limits_;
+  Socket wake_, socket_;
+  std::string own_address_;
+  std::mutex write_mutex_;
+  std::atomic<bool> is_stuck_{false};  // within a message
+
+  // of the thread
+  MessageStream received_;
+  std::chrono::steady_clock::time_point last_heard_;
+  bool has_lost_hub_ = false;
+
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable changed_;
+  bool is_welcome_ = false;
+  std::optional<std::string> refusal_;
+  std::optional<PeerError> failure_;
+  bool is_acknowledged_ = false;  // this rank's own thread knows of the failure, or has finished
+  bool is_closed_ = false;
+  std::function<void()> on_failure_;
+  std::uint32_t next_id_ = 1;
+  std::map<std::uint32_t, std::string> replies_;
+
+  std::atomic<bool> is_stopping_{false};
+  std::thread thread_;
 };
 
 }  // namespace b3dgs

@@ -2,7 +2,6 @@
 
 #include <charconv>
 #include <cstdint>
-#include <cstdlib>
 #include <cstring>
 
 #include "core/check.h"
@@ -141,10 +140,6 @@ void check_same_ranks(const RankPlace& place, const RankPlace& other, const char
               rank, '=', other.rank, " of ", size, '=', other.size, "; unset those of the launcher that is not used");
 }
 
-const char* own_environment(const char* name) {
-  return std::getenv(name);
-}
-
 }  // namespace
 
 std::optional<RankPlace> read_rank_place(const Environment& environment) {
@@ -167,10 +162,6 @@ std::optional<RankPlace> read_rank_place(const Environment& environment) {
   return std::nullopt;
 }
 
-std::optional<RankPlace> read_rank_place() {
-  return read_rank_place(own_environment);
-}
-
 std::optional<RankPlace> choose_rank_place(int requested, const Environment& environment) {
   const std::optional<RankPlace> place = read_rank_place(environment);
   if (!place || place->size == 1) {
@@ -182,10 +173,6 @@ std::optional<RankPlace> choose_rank_place(int requested, const Environment& env
                 "; leave the option out, or start the program without ", place->launcher);
   }
   return place;
-}
-
-std::optional<RankPlace> choose_rank_place(int requested) {
-  return choose_rank_place(requested, own_environment);
 }
 
 }  // namespace b3dgs

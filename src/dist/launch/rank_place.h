@@ -2,6 +2,7 @@
 // start_ranks().
 #pragma once
 
+#include <cstdlib>
 #include <functional>
 #include <optional>
 #include <string>
@@ -24,15 +25,11 @@ using Environment = std::function<const char*(const char* name)>;
 
 /// nullopt if no launcher started this process.
 /// @throws InputError naming the variable that is missing, malformed or in contradiction to another
-std::optional<RankPlace> read_rank_place(const Environment& environment);
-
-/// The same, from this process's environment.
-std::optional<RankPlace> read_rank_place();
+std::optional<RankPlace> read_rank_place(const Environment& environment = std::getenv);
 
 /// The place of this process where the user asks for `requested` ranks on this machine (0: as many as a launcher
 /// started, or one). nullopt: the caller starts them (start_ranks()), and they come here again.
 /// @throws InputError also if a launcher started another number
-std::optional<RankPlace> choose_rank_place(int requested, const Environment& environment);
-std::optional<RankPlace> choose_rank_place(int requested);
+std::optional<RankPlace> choose_rank_place(int requested, const Environment& environment = std::getenv);
 
 }  // namespace b3dgs

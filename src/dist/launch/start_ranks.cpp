@@ -117,7 +117,7 @@ std::vector<std::string> environment_of(const Job& job, int rank) {
 
 class RankProcesses {
  public:
-  explicit RankProcesses(int size) : pids_(static_cast<std::size_t>(size), 0) {}
+  RankProcesses(int size, std::chrono::milliseconds grace) : pids_(static_cast<std::size_t>(size), 0), grace_(grace) {}
   ~RankProcesses() {  // only after an exception do any run still
     kill_all(SIGKILL);
     for (const pid_t pid : pids_) {
@@ -129,73 +129,63 @@ class RankProcesses {
 
   void add(int rank, pid_t pid) { pids_[static_cast<std::size_t>(rank)] = pid; }
 
-  void kill_all(int signal) const {
-    for (const pid_t pid : pids_) {
-      if (pid > 0) kill(pid, signal);
-    }
-  }
-
-  /// Calls ended(rank, status) for each that has ended since the last call. @return whether any still runs
-  template <class Ended>
-  bool collect(Ended&& ended) {
-    bool any_runs = false;
-    for (std::size_t rank = 0; rank < pids_.size(); ++rank) {
-      int status = 0;
-      if (pids_[rank] > 0 && waitpid(pids_[rank], &status, WNOHANG) == pids_[rank]) {
-        pids_[rank] = 0;
-        ended(static_cast<int>(rank), status);
-      }
-      any_runs = any_runs || pids_[rank] > 0;
-    }
-    return any_runs;
-  }
-
- private:
-  std::vector<pid_t> pids_;
-};
-
-/// Passes signals on, and waits until all have ended. @return as start_ranks()
-class Watch {
- public:
-  Watch(RankProcesses& ranks, int size, std::chrono::milliseconds grace) : ranks_(ranks), size_(size), grace_(grace) {}
-
-  int run(const BlockedSignals& signals) {
-    while (ranks_.collect([this](int rank, int status) { note_end(rank, status); })) {
+  /// Passes signals on, and waits until all have ended. @return as start_ranks()
+  int wait(const BlockedSignals& signals) {
+    while (note_ends()) {
       const int signal = signals.wait();
       if (signal != 0 && signal != SIGCHLD) {
         passed_on_.insert(signal);
-        ranks_.kill_all(signal);
+        kill_all(signal);
       }
       if (result_ != 0 && !has_killed_ && Clock::now() > end_) {
         has_killed_ = true;
-        ranks_.kill_all(SIGKILL);
+        kill_all(SIGKILL);
       }
     }
     return result_;
   }
 
  private:
-  void note_end(int rank, int status) {
+  void kill_all(int signal) const {
+    for (const pid_t pid : pids_) {
+      if (pid > 0) kill(pid, signal);
+    }
+  }
+
+  /// @return whether any still runs
+  bool note_ends() {
+    bool any_runs = false;
+    for (std::size_t rank = 0; rank < pids_.size(); ++rank) {
+      int status = 0;
+      if (pids_[rank] > 0 && waitpid(pids_[rank], &status, WNOHANG) == pids_[rank]) {
+        pids_[rank] = 0;
+        note_end(rank, status);
+      }
+      any_runs = any_runs || pids_[rank] > 0;
+    }
+    return any_runs;
+  }
+
+  void note_end(std::size_t rank, int status) {
     const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     if (code == 0) return;
-    const bool is_killed_here = has_killed_ && code == 128 + SIGKILL;
-    if (is_killed_here) {
-      std::fprintf(stderr, "error: rank %d of %d was killed: it still ran %lld s after another one had failed\n", rank,
-                   size_, static_cast<long long>(grace_.count() / 1000));
+    const std::string who = detail::concat("error: rank ", rank, " of ", pids_.size());
+    if (has_killed_ && code == 128 + SIGKILL) {
+      std::fprintf(stderr, "%s was killed: it still ran %lld s after another one had failed\n", who.c_str(),
+                   static_cast<long long>(grace_.count() / 1000));
       return;
     }
     if (WIFSIGNALED(status) && passed_on_.count(WTERMSIG(status)) == 0) {
-      std::fprintf(stderr, "error: rank %d of %d was killed by signal %d (%s)\n", rank, size_, WTERMSIG(status),
+      std::fprintf(stderr, "%s was killed by signal %d (%s)\n", who.c_str(), WTERMSIG(status),
                    strsignal(WTERMSIG(status)));
     } else if (code == kCannotStart) {
-      std::fprintf(stderr, "error: rank %d of %d could not be started\n", rank, size_);
+      std::fprintf(stderr, "%s could not be started\n", who.c_str());
     }
     if (result_ == 0) end_ = Clock::now() + grace_;
     if (result_ == 0 || result_ == PeerError::kExitCode) result_ = code;
   }
 
-  RankProcesses& ranks_;
-  int size_;
+  std::vector<pid_t> pids_;  // 0: has ended
   std::chrono::milliseconds grace_;
   std::set<int> passed_on_;
   int result_ = 0;
@@ -217,7 +207,7 @@ int start_ranks(int size, const std::vector<std::string>& words, const StartOpti
   std::fflush(nullptr);
   const BlockedSignals signals;
   const pid_t parent = getpid();
-  RankProcesses ranks(size);
+  RankProcesses ranks(size, options.grace);
   for (int rank = 0; rank < size; ++rank) {
     const WordArray variables(environment_of(job, rank));
     const pid_t pid = fork();
@@ -228,7 +218,7 @@ int start_ranks(int size, const std::vector<std::string>& words, const StartOpti
     if (pid < 0) io_error("cannot start rank ", rank, " of ", size, ": ", std::strerror(errno));
     ranks.add(rank, pid);
   }
-  return Watch(ranks, size, options.grace).run(signals);
+  return ranks.wait(signals);
 }
 
 }  // namespace b3dgs

@@ -10,7 +10,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image_io.h"
 #include "scene/transforms/transforms.h"
 
@@ -20,7 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kMaxFps = 1000;
 constexpr const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
 
@@ -88,13 +87,9 @@ Camera camera_of_path(const Json& frame, ImageSize size, const std::string& plac
     input_error(place, ": expected camera_to_world[16] and fov, found ", json_excerpt(frame));
   }
   const double fov = positive_number(frame["fov"], "fov in degrees", place, 179.9);
-  Camera camera;
-  camera.width = size.width;
-  camera.height = size.height;
-  camera.fx = camera.fy = 0.5 * size.height / std::tan(0.5 * fov * kPi / 180);
-  camera.cx = 0.5 * size.width;
-  camera.cy = 0.5 * size.height;
-  camera.cam_from_world = pose_from_opengl(matrix_from_json(frame["camera_to_world"], "camera_to_world", place), place);
+  const Camera camera = Camera::with_field_of_view(
+      size.width, size.height, fov,
+      pose_from_opengl(matrix_from_json(frame["camera_to_world"], "camera_to_world", place), place));
   check_camera(camera, place);
   return camera;
 }

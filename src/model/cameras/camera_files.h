@@ -7,7 +7,7 @@
 //   transforms.json       "frames": [{"transform_matrix": 4 x 4, "file_path"}]; per frame or for all of them "w", "h",
 //                         "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y"
 //
-// The last two have OpenGL camera-to-world matrices (opengl_pose.h).
+// The last two have OpenGL camera-to-world matrices (scene/cameras/camera.h).
 #pragma once
 
 #include <filesystem>

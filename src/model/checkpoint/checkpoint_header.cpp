@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "config/option_layers.h"
 #include "core/json_text.h"
@@ -53,14 +54,6 @@ ViewRatios::Largest parse_ratios(const Json& json, const char* what, const std::
   return {value("splats"), value("pairs")};
 }
 
-template <class Number>
-void require_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
-  const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
-  if (bad == values + count) return;
-  input_error(place, ": tensor ", name, ": expected values of at least 0, found ", *bad, " at index ", bad - values,
-              "; resume from another checkpoint");
-}
-
 }  // namespace
 
 Json ratios_to_json(const ViewRatios& ratios) {
@@ -77,25 +70,20 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     header.sh_degree = json_integer<int>(json.at("sh_degree"), "sh_degree", place, 0, header.config.sh_degree);
     header.adam_steps = json_integer<std::int64_t>(json.at("adam_steps"), "adam_steps", place, 0, header.iteration);
     header.loss_average = finite_number(json.at("loss_average"), "loss_average", place);
-    if (const auto it = json.find("elapsed_s"); it != json.end()) {  // missing in checkpoints of early versions
-      header.elapsed_s = finite_number(*it, "elapsed_s", place);
-      if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
-    }
+    // Missing in checkpoints of earlier versions, as is what follows.
+    const auto take_integer = [&](const char* key, auto& value, auto min, auto max) {
+      using Integer = std::decay_t<decltype(value)>;
+      if (json.contains(key)) value = json_integer<Integer>(json.at(key), key, place, Integer{min}, Integer{max});
+    };
+    constexpr std::int64_t kAny = std::numeric_limits<std::int64_t>::max();
+    if (json.contains("elapsed_s")) header.elapsed_s = finite_number(json.at("elapsed_s"), "elapsed_s", place);
+    if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
     header.training_id = json.value("training_id", std::string());
     header.is_density_pending = json.value("is_density_pending", false);
-    if (const auto it = json.find("step_iterations"); it != json.end()) {
-      header.step_iterations =
-          json_integer<int>(*it, "step_iterations", place, 1, std::clamp(header.iteration, 1, kMaxBatch));
-    }
-    if (const auto it = json.find("n_removed"); it != json.end()) {
-      header.n_removed = json_integer<std::int64_t>(*it, "n_removed", place, 0);
-    }
-    if (const auto it = json.find("held_at"); it != json.end()) {
-      header.held_at = json_integer<std::int64_t>(*it, "held_at", place, 0);
-    }
-    if (const auto it = json.find("appearance_steps"); it != json.end()) {
-      header.appearance_steps = json_integer<std::int64_t>(*it, "appearance_steps", place, 0, header.iteration);
-    }
+    take_integer("step_iterations", header.step_iterations, 1, std::clamp(header.iteration, 1, kMaxBatch));
+    take_integer("n_removed", header.n_removed, 0, kAny);
+    take_integer("held_at", header.held_at, 0, kAny);
+    take_integer("appearance_steps", header.appearance_steps, 0, header.iteration);
     if (const auto it = json.find("appearance_last_steps"); it != json.end()) {
       if (!it->is_array()) input_error(place, ": appearance_last_steps must be a list, found ", json_excerpt(*it));
       for (const Json& step : *it) {
@@ -118,13 +106,14 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
   return header;
 }
 
-void check_not_negative(const float* values, std::int64_t count, const std::string& name, const std::string& place) {
-  require_not_negative(values, count, name, place);
+template <class Number>
+void check_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
+  const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
+  if (bad == values + count) return;
+  input_error(place, ": tensor ", name, ": expected values of at least 0, found ", *bad, " at index ", bad - values,
+              "; resume from another checkpoint");
 }
-
-void check_not_negative(const std::int32_t* values, std::int64_t count, const std::string& name,
-                        const std::string& place) {
-  require_not_negative(values, count, name, place);
-}
+template void check_not_negative(const float*, std::int64_t, const std::string&, const std::string&);
+template void check_not_negative(const std::int32_t*, std::int64_t, const std::string&, const std::string&);
 
 }  // namespace b3dgs

@@ -11,7 +11,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/ply_reader.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {

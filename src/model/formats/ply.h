@@ -7,7 +7,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "model/formats/splat_cloud.h"
-#include "scene/points/point_ply.h"
+#include "scene/points/point_cloud.h"
 
 namespace b3dgs {
 

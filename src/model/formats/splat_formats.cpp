@@ -1,10 +1,9 @@
 #include "model/formats/splat_formats.h"
 
-#include <algorithm>
-#include <cctype>
 #include <string>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "model/formats/ply.h"
 #include "model/formats/spz.h"
 
@@ -31,9 +30,7 @@ const std::vector<SplatFormat>& splat_formats() {
 }
 
 const SplatFormat* find_splat_format(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = lower_case(path.extension().string());
   for (const SplatFormat& format : splat_formats()) {
     if (extension == format.extension) return &format;
   }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <optional>
+#include <string>
 
 namespace b3dgs {
 
@@ -31,6 +32,9 @@ struct Camera {
   double cx = 0, cy = 0;      // px, need not be the image centre
   Pose cam_from_world;
 
+  /// A camera that looks at the centre of its image. @param fov vertical field of view, degrees
+  static Camera with_field_of_view(int width, int height, double fov, const Pose& cam_from_world);
+
   /// Camera centre in world coordinates.
   std::array<double, 3> center() const;
 
@@ -53,5 +57,18 @@ std::optional<ImagePoint> Camera::project(const Value* position) const {
   if (!(place.x >= 0 && place.x < width && place.y >= 0 && place.y < height)) return std::nullopt;
   return place;
 }
+
+// Poses as OpenGL, Blender, nerfstudio and instant-ngp write them: the camera looks along -z.
+
+/// Camera-to-world matrix, 4 x 4, row-major. Camera frame: +x right, +y up, -z forward.
+using OpenGlMatrix = std::array<double, 16>;
+
+/// The pose cam_from_world of a camera. The rotation part may have a uniform scale, as some exporters write it; the
+/// scale is dropped and the camera centre stays. @throws InputError, beginning with `place`, unless all values are
+/// finite, the rotation part is a rotation up to scale, and the last row is 0 0 0 1
+Pose pose_from_opengl(const OpenGlMatrix& camera_to_world, const std::string& place = "camera-to-world matrix");
+
+/// The inverse function.
+OpenGlMatrix opengl_from_pose(const Pose& cam_from_world);
 
 }  // namespace b3dgs

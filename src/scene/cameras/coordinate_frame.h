@@ -1,14 +1,18 @@
-// Maps local coordinates in single precision to those of the world.
+// The frame that a scene is trained in: maps local coordinates in single precision to those of the world. Models are
+// rendered in the frame of their SplatCloud.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <vector>
+
+#include "scene/cameras/camera.h"
 
 namespace b3dgs {
 
-/// world = origin + unit * local. A scene is trained in a frame of its own (scene/cameras/scene_frame.h), so that
+/// world = origin + unit * local. A scene is trained in a frame of its own (choose_frame()), so that
 /// neither its unit of length nor its distance from the world's origin changes what is learned; in src/raster and
 /// src/train, "world" means this frame. Axes are those of the world. Files other than checkpoints hold world
 /// coordinates.
@@ -34,5 +38,24 @@ struct CoordinateFrame {
   bool operator==(const CoordinateFrame& other) const { return origin == other.origin && unit == other.unit; }
   bool operator!=(const CoordinateFrame& other) const { return !(*this == other); }
 };
+
+/// To what a scene's typical depth is scaled, units of the frame.
+inline constexpr double kTypicalDepth = 5;
+
+/// The frame in which the typical depth is kTypicalDepth. The typical depth is
+/// - the median over the cameras of the median depth of the points in their images;
+/// - if no camera sees a point, the median depth of the point that the cameras look at;
+/// - if they look at none, the largest distance of a camera from the mean of the centres, but at most ten times the
+///   median distance of a camera from the nearest other one;
+/// - without cameras, twice the median distance of the points from their median.
+/// The origin is the mean of the camera centres or, without cameras, the median of the points. If there is no length at
+/// all, the unit is 1. Cameras and points ([N, 3]) are in world coordinates.
+CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vector<double>& points);
+
+/// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
+double camera_radius(const std::vector<Camera>& cameras);
+
+/// The same camera for coordinates in `to` instead of `from`.
+Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera);
 
 }  // namespace b3dgs

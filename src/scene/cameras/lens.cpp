@@ -19,14 +19,7 @@ Lens Lens::scaled(double sx, double sy) const {
 }
 
 Camera Lens::pinhole(ImageSize size) const {
-  Camera camera;
-  camera.width = size.width;
-  camera.height = size.height;
-  camera.fx = fx;
-  camera.fy = fy;
-  camera.cx = cx;
-  camera.cy = cy;
-  return camera;
+  return {size.width, size.height, fx, fy, cx, cy, {}};
 }
 
 std::array<double, 2> distort(const Lens& lens, double x, double y) {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "scene/cameras/camera.h"
-#include "scene/cameras/models/radial.h"
+#include "scene/cameras/lens_models.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {

@@ -10,6 +10,13 @@
 #include "core/parallel.h"
 
 namespace b3dgs {
+namespace {
+
+std::int64_t map_bytes(ImageSize size) {
+  return std::int64_t{9} * size.width * size.height;  // two floats and the mask
+}
+
+}  // namespace
 
 Undistorter::Undistorter(const Lens& lens, int width, int height, const std::string& place)
     : width_(width), height_(height), source_(std::size_t{2} * width * height) {
@@ -43,9 +50,7 @@ Undistorter::Undistorter(const Lens& lens, int width, int height, const std::str
                 ": undistortion leaves no valid pixel, so its parameters describe no lens; reconstruct the scene ",
                 "again");
   }
-  const std::int64_t n_pixels = std::int64_t{width} * height;
-  valid_share_ = static_cast<double>(n_valid) / static_cast<double>(n_pixels);
-  if (n_valid < n_pixels) valid_ = std::move(valid);
+  if (n_valid < std::int64_t{width} * height) valid_ = std::move(valid);
 }
 
 Image8 Undistorter::apply(const Image8& image) const {
@@ -55,44 +60,81 @@ Image8 Undistorter::apply(const Image8& image) const {
 }
 
 void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
-  B3DGS_CHECK(image.width == width_ && image.height == height_ && image.channels == 3, "an image of ", image.width,
-              " x ", image.height, " x ", image.channels, " for a map of ", width_, " x ", height_);
-  // OpenCV only reads these two; its Mat has no const form.
-  const cv::Mat from(height_, width_, CV_8UC3, const_cast<std::uint8_t*>(image.pixels.data()));
-  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
-  cv::Mat to(height_, width_, CV_8UC3, rgb);
-  // Border pixels are replicated because a source within half a pixel of the edge is still inside the photograph.
-  cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-  if (valid_) {
-    for (std::size_t i = 0; i < valid_->pixels.size(); ++i) {
-      if (valid_->pixels[i] == 0) std::fill_n(rgb + 3 * i, 3, std::uint8_t{0});
-    }
+  remap({image.width, image.height}, image.channels, CV_8UC3, image.pixels.data(), rgb);
+  for (std::size_t i = 0; valid_ && i < valid_->pixels.size(); ++i) {
+    if (valid_->pixels[i] == 0) std::fill_n(rgb + 3 * i, 3, std::uint8_t{0});
   }
 }
 
 Depth16 Undistorter::apply(const Depth16& map) const {
-  B3DGS_CHECK(map.width == width_ && map.height == height_, "a depth map of ", map.width, " x ", map.height,
-              " for a map of ", width_, " x ", height_);
   Depth16 result(width_, height_);
-  const cv::Mat from(height_, width_, CV_16UC1, const_cast<std::uint16_t*>(map.values.data()));
-  const cv::Mat sources(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
-  cv::Mat to(height_, width_, CV_16UC1, result.values.data());
-  cv::remap(from, to, sources, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  remap({map.width, map.height}, 1, CV_16UC1, map.values.data(), result.values.data());
   return result;
 }
 
 Image8 Undistorter::apply_to_mask(const Image8& mask) const {
-  B3DGS_CHECK(mask.width == width_ && mask.height == height_ && mask.channels == 1, "a mask of ", mask.width, " x ",
-              mask.height, " x ", mask.channels, " for a map of ", width_, " x ", height_);
   Image8 result(width_, height_, 1);
-  const cv::Mat from(height_, width_, CV_8UC1, const_cast<std::uint8_t*>(mask.pixels.data()));
-  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
-  cv::Mat to(height_, width_, CV_8UC1, result.pixels.data());
-  cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  remap({mask.width, mask.height}, mask.channels, CV_8UC1, mask.pixels.data(), result.pixels.data());
   for (std::size_t i = 0; valid_ && i < result.pixels.size(); ++i) {
     if (valid_->pixels[i] == 0) result.pixels[i] = 0;
   }
   return result;
+}
+
+void Undistorter::remap(ImageSize size, int channels, int type, const void* from, void* to) const {
+  B3DGS_CHECK(size.width == width_ && size.height == height_ && channels == CV_MAT_CN(type), "an image of ", size.width,
+              " x ", size.height, " x ", channels, " for a map of ", width_, " x ", height_);
+  // OpenCV only reads these two; its Mat has no const form.
+  const cv::Mat image(height_, width_, type, const_cast<void*>(from));
+  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
+  cv::Mat result(height_, width_, type, to);
+  // Border pixels are replicated because a source within half a pixel of the edge is still inside the photograph.
+  cv::remap(image, result, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+}
+
+int UndistorterCache::add_group(const Lens& lens, ImageSize size, const std::string& place) {
+  groups_.push_back(std::make_unique<Group>());
+  groups_.back()->lens = lens;
+  groups_.back()->size = size;
+  groups_.back()->place = place;
+  return static_cast<int>(groups_.size()) - 1;
+}
+
+std::int64_t UndistorterCache::most_kept_bytes() const {
+  std::int64_t bytes = 0;
+  for (const auto& group : groups_) bytes += map_bytes(group->size);
+  return std::min(bytes, max_bytes_);
+}
+
+std::shared_ptr<const Undistorter> UndistorterCache::find(Group& group) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  group.last_use = ++n_uses_;
+  return group.map;
+}
+
+void UndistorterCache::keep(Group& group, std::shared_ptr<const Undistorter> map) {
+  const std::int64_t bytes = map_bytes(group.size);
+  if (bytes > max_bytes_) return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  while (kept_bytes_ + bytes > max_bytes_) {
+    Group* oldest = nullptr;
+    for (const auto& other : groups_) {
+      if (other->map && (oldest == nullptr || other->last_use < oldest->last_use)) oldest = other.get();
+    }
+    oldest->map.reset();
+    kept_bytes_ -= map_bytes(oldest->size);
+  }
+  group.map = std::move(map);
+  kept_bytes_ += bytes;
+}
+
+std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
+  Group& group = *groups_.at(static_cast<std::size_t>(group_number));
+  const std::lock_guard<std::mutex> building(group.build_mutex);
+  if (auto map = find(group)) return map;
+  auto map = std::make_shared<const Undistorter>(group.lens, group.size.width, group.size.height, group.place);
+  keep(group, map);
+  return map;
 }
 
 Image8 shrink_mask(const Image8& mask, int width, int height) {

@@ -4,11 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
-#include "scene/cameras/models/closed_form.h"
-#include "scene/cameras/models/fisheye.h"
-#include "scene/cameras/models/opencv.h"
-#include "scene/cameras/models/radial.h"
-#include "scene/cameras/models/thin_prism.h"
+#include "scene/cameras/lens_models.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {

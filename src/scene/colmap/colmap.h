@@ -13,6 +13,8 @@
 
 namespace b3dgs {
 
+class FileReader;
+
 /// COLMAP's camera models by ID; values without a name here are rows of the table in camera_models.cpp.
 enum class CameraModel : int {
   kSimplePinhole = 0,
@@ -93,7 +95,26 @@ std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 /// @throws InputError with file, record or line, what was expected and what was found
 ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false);
 
+struct ColmapFiles {
+  FileReader &cameras, &images, &points;
+};
+/// The same from open files.
+ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks = false);
+
 /// Writes a model folder that COLMAP can read. @throws IoError
 void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format);
+
+struct SparseModelFolder {
+  std::filesystem::path folder;
+  ColmapFormat format = ColmapFormat::kBinary;
+  std::vector<std::string> notes;  // which model was chosen, and errors of others
+};
+
+/// Whether the scene folder holds a COLMAP model, complete or not.
+bool has_model_folder(const std::filesystem::path& source);
+
+/// Searches sparse/N, sparse/ and the scene folder itself; of several models, chooses the one with the most images.
+/// @throws InputError if there is none
+SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs

@@ -1,11 +1,12 @@
-// Reads a COLMAP model from its folder: finds the files and checks their values.
+// Finds the COLMAP model of a scene folder, and checks the values of its files.
 #include <algorithm>
 #include <cmath>
 #include <set>
 
 #include "core/check.h"
+#include "core/files/file_reader.h"
 #include "scene/colmap/colmap.h"
-#include "scene/colmap/colmap_format.h"
+#include "scene/colmap/colmap_records.h"
 
 namespace b3dgs {
 namespace {
@@ -20,14 +21,10 @@ const char* extension_of(ColmapFormat format) {
   return format == ColmapFormat::kBinary ? ".bin" : ".txt";
 }
 
-fs::path file_of(const fs::path& folder, const char* stem, ColmapFormat format) {
-  return folder / (std::string(stem) + extension_of(format));
-}
-
 int files_there(const fs::path& folder, ColmapFormat format) {
   return static_cast<int>(std::count_if(kFiles.begin(), kFiles.end(), [&](const char* stem) {
     std::error_code error;
-    return fs::is_regular_file(file_of(folder, stem, format), error);
+    return fs::is_regular_file(colmap::file_of(folder, stem, format), error);
   }));
 }
 
@@ -122,24 +119,37 @@ void check_points(const std::string& file, const std::vector<ColmapPoint>& point
   if (twice != ids.end()) input_error(file, ": two points have the ID ", *twice, "; the file is damaged");
 }
 
-}  // namespace
+struct Candidate {
+  fs::path folder;
+  std::uint64_t n_images = 0;
+};
 
-void colmap::add_camera(std::map<std::uint32_t, ColmapCamera>& cameras, ColmapCamera camera, const std::string& place) {
-  const std::uint32_t id = camera.id;
-  if (!cameras.emplace(id, std::move(camera)).second)
-    input_error(place, ": two cameras have the ID ", id, "; the file is damaged");
+// 2 before 10.
+bool by_number_then_name(const fs::path& a, const fs::path& b) {
+  const std::string left = a.filename().string(), right = b.filename().string();
+  const auto is_number = [](const std::string& text) {
+    return text.find_first_not_of("0123456789") == std::string::npos;
+  };
+  if (is_number(left) && is_number(right) && left.size() != right.size()) return left.size() < right.size();
+  return left < right;
 }
 
-ColmapModel colmap::read_model(const ModelFiles& files, ColmapFormat format, bool tracks) {
-  const bool binary = format == ColmapFormat::kBinary;
-  ColmapModel model;
-  model.cameras = binary ? read_cameras_binary(files.cameras) : read_cameras_text(files.cameras);
-  for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
-  model.images = binary ? read_images_binary(files.images) : read_images_text(files.images);
-  check_images(files.images.name(), model);
-  model.points = binary ? read_points_binary(files.points, tracks) : read_points_text(files.points, tracks);
-  check_points(files.points.name(), model.points);
-  return model;
+std::vector<fs::path> folders_to_search(const fs::path& source) {
+  std::vector<fs::path> folders;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(source / "sparse", error)) {
+    if (entry.is_directory(error)) folders.push_back(entry.path());
+  }
+  std::sort(folders.begin(), folders.end(), by_number_then_name);
+  folders.push_back(source / "sparse");
+  folders.push_back(source);
+  return folders;
+}
+
+}  // namespace
+
+fs::path colmap::file_of(const fs::path& folder, const char* stem, ColmapFormat format) {
+  return folder / (std::string(stem) + extension_of(format));
 }
 
 std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
@@ -150,8 +160,16 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
 
 std::uint64_t count_colmap_images(const fs::path& folder) {
   const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
-  FileReader file(file_of(folder, "images", format));
-  return format == ColmapFormat::kBinary ? colmap::count_images_binary(file) : colmap::read_images_text(file).size();
+  FileReader file(colmap::file_of(folder, "images", format));
+  return colmap::count_images(file, format);
+}
+
+ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
+  ColmapModel model = colmap::read_unchecked(files, format, tracks);
+  for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
+  check_images(files.images.name(), model);
+  check_points(files.points.name(), model.points);
+  return model;
 }
 
 ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
@@ -161,15 +179,67 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
                 ": no COLMAP model found (expected cameras, images and points3D, as .bin or .txt files)");
   }
   for (const char* stem : kFiles) {
-    const fs::path file = file_of(folder, stem, *format);
+    const fs::path file = colmap::file_of(folder, stem, *format);
     if (!fs::exists(file)) {
       input_error(file.string(), ": file not found; a COLMAP model has the files cameras, images and points3D, all ",
                   extension_of(*format));
     }
   }
-  FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
-      points(file_of(folder, "points3D", *format));
-  return colmap::read_model({cameras, images, points}, *format, tracks);
+  FileReader cameras(colmap::file_of(folder, "cameras", *format)), images(colmap::file_of(folder, "images", *format)),
+      points(colmap::file_of(folder, "points3D", *format));
+  return read_colmap_model({cameras, images, points}, *format, tracks);
+}
+
+bool has_model_folder(const fs::path& source) {
+  const std::vector<fs::path> folders = folders_to_search(source);
+  return std::any_of(folders.begin(), folders.end(), [](const fs::path& folder) { return colmap_format(folder); });
+}
+
+SparseModelFolder find_model_folder(const fs::path& source) {
+  if (!fs::is_directory(source)) {
+    if (!fs::exists(source))
+      input_error("scene folder not found: ", source.string(), " (expected images/ and sparse/0/)");
+    input_error("scene is not a folder: ", source.string(), " (expected a folder with images/ and sparse/0/); ",
+                "`b3dgs reconstruct PHOTOS|VIDEO SCENE` makes a scene");
+  }
+  std::vector<Candidate> candidates;
+  for (const fs::path& folder : folders_to_search(source)) {
+    if (colmap_format(folder)) candidates.push_back({folder, 0});
+  }
+  if (candidates.empty()) {
+    input_error(
+        source.string(), ": no COLMAP model found in sparse/0, sparse/N or sparse/ (expected cameras, images and ",
+        "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
+        "PHOTOS SCENE` makes a scene from photographs, or choose another folder with -s");
+  }
+  SparseModelFolder found;
+  if (candidates.size() == 1) {
+    found.folder = candidates.front().folder;
+    found.format = *colmap_format(found.folder);
+    return found;
+  }
+  for (Candidate& candidate : candidates) {
+    try {
+      candidate.n_images = count_colmap_images(candidate.folder);
+    } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
+      found.notes.push_back(error.what());
+    }
+  }
+  const auto best = std::max_element(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
+    return a.n_images < b.n_images;  // the first of equals
+  });
+  found.folder = best->folder;
+  found.format = *colmap_format(best->folder);
+  std::string others;
+  for (const Candidate& candidate : candidates) {
+    if (candidate.folder == best->folder) continue;
+    others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " (",
+                             candidate.n_images, ")");
+  }
+  found.notes.push_back(detail::concat(candidates.size(), " models: using ",
+                                       best->folder.lexically_relative(source).string(),
+                                       ", which has the most images (", best->n_images, "); ignoring ", others));
+  return found;
 }
 
 }  // namespace b3dgs

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
+#include <cstdint>
 
 #include "core/check.h"
+#include "core/text.h"
+#include "scene/images/image_io.h"
+#include "scene/images/resolution.h"
 
 namespace b3dgs {
 namespace {
@@ -14,11 +17,6 @@ namespace fs = std::filesystem;
 
 constexpr std::array<const char*, 10> kExtensions{".jpg",  ".jpeg", ".png", ".bmp", ".tif",
                                                   ".tiff", ".webp", ".ppm", ".pgm", ".pnm"};
-
-std::string lower_case(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());
@@ -51,6 +49,22 @@ std::string list_subfolders(const fs::path& source) {
   std::string list;
   for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
   return list.empty() ? "no folders" : list;
+}
+
+// The name of an image with '/' between folders, and without a leading "images/" or name of the image folder.
+std::vector<std::string> names_in_folder(const std::string& name, const std::string& images) {
+  std::string path = name;
+  std::replace(path.begin(), path.end(), '\\', '/');
+  std::vector<std::string> names{path};
+  for (const std::string& prefix : {std::string("images/"), images + "/"}) {
+    if (path.rfind(prefix, 0) == 0) names.push_back(path.substr(prefix.size()));
+  }
+  return names;
+}
+
+bool is_folder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
 }
 
 }  // namespace
@@ -100,16 +114,6 @@ void ImageFolder::list_files() {
   }
 }
 
-std::vector<std::string> ImageFolder::names_in_folder(const std::string& name) const {
-  std::string path = name;
-  std::replace(path.begin(), path.end(), '\\', '/');
-  std::vector<std::string> names{path};
-  for (const std::string& prefix : {std::string("images/"), images_ + "/"}) {
-    if (path.rfind(prefix, 0) == 0) names.push_back(path.substr(prefix.size()));
-  }
-  return names;
-}
-
 std::map<std::string, fs::path> ImageFolder::find_all(const std::vector<std::string>& names) const {
   std::map<std::string, fs::path> files;
   std::map<fs::path, std::string> owners;
@@ -136,7 +140,7 @@ std::map<std::string, fs::path> ImageFolder::find_all(const std::vector<std::str
 }
 
 fs::path ImageFolder::find(const std::string& name) const {
-  const std::vector<std::string> names = names_in_folder(name);
+  const std::vector<std::string> names = names_in_folder(name, images_);
   for (const std::string& candidate : names) {
     if (is_file(folder_ / candidate)) return folder_ / candidate;
   }
@@ -144,7 +148,7 @@ fs::path ImageFolder::find(const std::string& name) const {
 }
 
 fs::path ImageFolder::find_similar(const std::string& name) const {
-  const std::vector<std::string> names = names_in_folder(name);
+  const std::vector<std::string> names = names_in_folder(name, images_);
   for (const std::string& candidate : names) {
     const auto entry = by_path_.find(key_of(candidate));
     if (entry != by_path_.end() && !entry->second.empty()) return entry->second;
@@ -160,6 +164,53 @@ fs::path ImageFolder::find_similar(const std::string& name) const {
 std::size_t ImageFolder::count_others(const std::set<fs::path>& used) const {
   return static_cast<std::size_t>(
       std::count_if(files_.begin(), files_.end(), [&](const fs::path& file) { return used.count(file) == 0; }));
+}
+
+MaskFolder::MaskFolder(const fs::path& source, const std::string& masks, const std::string& images)
+    : images_(images), is_asked_for_(!masks.empty() && masks != "none"), is_refused_(masks == "none") {
+  if (is_refused_) return;
+  if (!is_asked_for_) {
+    if (is_folder(source / "masks")) folder_ = source / "masks";
+    return;
+  }
+  for (const fs::path& folder : {source / masks, fs::path(masks)}) {
+    if (!is_folder(folder)) continue;
+    folder_ = folder;
+    return;
+  }
+  input_error("--masks ", masks, ": folder not found, neither in ", source.string(), " nor in the current folder; ",
+              "leave --masks out to train without masks");
+}
+
+fs::path MaskFolder::find(const std::string& image) const {
+  if (folder_.empty()) return {};
+  for (const std::string& candidate : names_in_folder(image, images_)) {
+    const std::string stem = fs::path(candidate).replace_extension().generic_string();
+    for (const std::string& mask : {candidate + ".png", stem + ".png", stem + ".mask.png", candidate}) {
+      if (is_file(folder_ / mask)) return folder_ / mask;
+    }
+  }
+  return {};
+}
+
+Image8 read_mask(const fs::path& file, ImageSize size, bool invert) {
+  const Image8 image = read_image(file, /*white_background=*/false);
+  if (!has_same_aspect({image.width, image.height}, size)) {
+    input_error(file.string(), ": expected the aspect ratio of its photograph, ", size.width, " x ", size.height,
+                " px, found a mask of ", image.width, " x ", image.height, " px");
+  }
+  Image8 mask(size.width, size.height, 1);
+  const std::uint8_t light = invert ? 0 : 255, dark = invert ? 255 : 0;
+  std::uint8_t* to = mask.pixels.data();
+  for (std::int64_t y = 0; y < size.height; ++y) {
+    const std::int64_t row = (2 * y + 1) * image.height / (2 * std::int64_t{size.height});  // the nearest
+    for (std::int64_t x = 0; x < size.width; ++x) {
+      const std::int64_t column = (2 * x + 1) * image.width / (2 * std::int64_t{size.width});
+      const std::uint8_t* rgb = image.pixels.data() + 3 * (row * image.width + column);
+      *to++ = std::max({rgb[0], rgb[1], rgb[2]}) >= 128 ? light : dark;
+    }
+  }
+  return mask;
 }
 
 }  // namespace b3dgs

@@ -1,7 +1,6 @@
 #include "scene/images/image_io.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cstdint>
 #include <cstdlib>
 #include <opencv2/core.hpp>
@@ -14,6 +13,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
+#include "core/text.h"
 #include "scene/images/image_header.h"
 
 namespace b3dgs {
@@ -34,32 +34,27 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
 }
 
 // Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
-// read_image(). The result is in the memory of `target` if it has the same size and type.
-cv::Mat decode(const fs::path& path, const Bytes& bytes, const cv::Mat& target = {}) {
+// read_image().
+cv::Mat decode(const fs::path& path, const Bytes& bytes) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
   cv::Mat image;
   std::string reason;
-  // Where imdecode() cannot read the header, it leaves `image` as it was. The first byte of the target's memory tells
-  // whether it was written: two values are tried, since the photograph may begin with the first.
-  for (const std::uint8_t mark : {std::uint8_t{0x5a}, std::uint8_t{0xa5}}) {
-    image = target;
-    if (!target.empty()) *target.data = mark;
-    try {
-      // IMREAD_UNCHANGED also ignores the EXIF orientation.
-      cv::imdecode(bytes, cv::IMREAD_UNCHANGED, &image);
-    } catch (const cv::Exception& error) {
-      reason = error.err.empty() ? "" : " (" + error.err + ")";
-    }
-    const bool is_written = target.empty() || image.data != target.data || *image.data != mark;
-    if (is_written) break;
-    image.release();
+  try {
+    image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);  // also ignores the EXIF orientation
+  } catch (const cv::Exception& error) {
+    reason = error.err.empty() ? "" : " (" + error.err + ")";
   }
   if (image.empty()) {
     input_error(path.string(), ": cannot be decoded", reason,
                 "; the file is damaged or of an unknown image format: convert it to PNG or JPEG, or remove it");
   }
   return image;
+}
+
+cv::Mat decode(const fs::path& path) {
+  FileReader file(path);
+  return decode(path, read_bytes(file, file.remaining()));
 }
 
 cv::Mat reduce_to_8_bits(const fs::path& path, const cv::Mat& image) {
@@ -96,7 +91,6 @@ void convert(const fs::path& path, const cv::Mat& decoded, bool white_background
   if (image.channels() != 1 && image.channels() != 3) {
     input_error(path.string(), ": expected 1, 3 or 4 channels, found ", image.channels(), "; convert it to PNG");
   }
-  // `rgb` may be the memory of `decoded`: each pixel is read before it is written.
   cv::Mat to(image.rows, image.cols, CV_8UC3, rgb);
   cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
@@ -115,20 +109,31 @@ void encode_to_file(const fs::path& path, const std::string& extension, const cv
   file.commit();
 }
 
+// Averages areas when shrinking, interpolates bilinearly when enlarging. Both images have OpenCV's `type`.
+void resize(ImageSize from_size, int type, const void* from, ImageSize size, void* to) {
+  B3DGS_CHECK(size.width > 0 && size.height > 0 && from_size.width > 0 && from_size.height > 0,
+              "sizes must be positive");
+  const cv::Mat image(from_size.height, from_size.width, type, const_cast<void*>(from));  // OpenCV only reads it
+  cv::Mat result(size.height, size.width, type, to);
+  if (size == from_size) {
+    image.copyTo(result);
+    return;
+  }
+  const bool is_smaller = size.width <= from_size.width && size.height <= from_size.height;
+  cv::resize(image, result, result.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+}
+
 }  // namespace
 
 Image8 read_image(const fs::path& path, bool white_background) {
-  FileReader file(path);
-  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()));
+  const cv::Mat decoded = decode(path);
   Image8 result(decoded.cols, decoded.rows, 3);
   convert(path, decoded, white_background, result.pixels.data());
   return result;
 }
 
 void read_image_into(const fs::path& path, bool white_background, ImageSize size, std::uint8_t* rgb) {
-  FileReader file(path);
-  const cv::Mat target(size.height, size.width, CV_8UC3, rgb);  // the size and type of most files
-  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()), target);
+  const cv::Mat decoded = decode(path);
   if (ImageSize{decoded.cols, decoded.rows} != size) {
     input_error(path.string(), ": expected ", size.width, " x ", size.height,
                 " px (its size when the scene was loaded), ", "found ", decoded.cols, " x ", decoded.rows,
@@ -138,8 +143,7 @@ void read_image_into(const fs::path& path, bool white_background, ImageSize size
 }
 
 std::optional<Image8> read_alpha(const fs::path& path) {
-  FileReader file(path);
-  const cv::Mat image = reduce_to_8_bits(path, decode(path, read_bytes(file, file.remaining())));
+  const cv::Mat image = reduce_to_8_bits(path, decode(path));
   if (image.channels() != 4) return std::nullopt;
   Image8 alpha(image.cols, image.rows, 1);
   cv::Mat to(image.rows, image.cols, CV_8UC1, alpha.pixels.data());
@@ -174,21 +178,11 @@ Image8 resize_image(const Image8& image, int width, int height) {
 }
 
 void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels) {
-  const auto [width, height] = size;
-  B3DGS_CHECK(width > 0 && height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
-  if (size == ImageSize{image.width, image.height}) {
-    std::copy(image.pixels.begin(), image.pixels.end(), pixels);
-    return;
-  }
-  const bool is_smaller = width <= image.width && height <= image.height;
-  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
-  cv::Mat to(height, width, CV_8UC(image.channels), pixels);
-  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  resize({image.width, image.height}, CV_8UC(image.channels), image.pixels.data(), size, pixels);
 }
 
 Depth16 read_depth_map(const fs::path& path) {
-  FileReader file(path);
-  const cv::Mat decoded = decode(path, read_bytes(file, file.remaining()));
+  const cv::Mat decoded = decode(path);
   if (decoded.depth() != CV_16U || decoded.channels() != 1) {
     const int bits = static_cast<int>(8 * decoded.elemSize1());
     input_error(path.string(), ": expected a depth map of one channel with 16 bits, found ", decoded.channels(),
@@ -196,20 +190,13 @@ Depth16 read_depth_map(const fs::path& path) {
                 " bits; write inverse depth as a 16-bit grey PNG");
   }
   Depth16 map(decoded.cols, decoded.rows);
-  for (int row = 0; row < decoded.rows; ++row) {
-    std::copy_n(decoded.ptr<std::uint16_t>(row), decoded.cols,
-                map.values.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(decoded.cols));
-  }
+  decoded.copyTo(cv::Mat(map.height, map.width, CV_16UC1, map.values.data()));
   return map;
 }
 
 Depth16 resize_depth_map(const Depth16& map, ImageSize size) {
-  if (size == ImageSize{map.width, map.height}) return map;
   Depth16 result(size.width, size.height);
-  const bool is_smaller = size.width <= map.width && size.height <= map.height;
-  const cv::Mat from(map.height, map.width, CV_16UC1, const_cast<std::uint16_t*>(map.values.data()));
-  cv::Mat to(size.height, size.width, CV_16UC1, result.values.data());
-  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+  resize({map.width, map.height}, CV_16UC1, map.values.data(), size, result.values.data());
   return result;
 }
 
@@ -231,9 +218,7 @@ void write_exr(const fs::path& path, ImageSize size, const float* values) {
 void write_image(const fs::path& path, const Image8& image) {
   B3DGS_CHECK(image.channels == 1 || image.channels == 3, "an image of ", image.channels, " channels");
   B3DGS_CHECK(image.width > 0 && image.height > 0, "an empty image");
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = lower_case(path.extension().string());
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
     input_error(path.string(), ": expected a file name that ends in .png, .jpg or .jpeg");
   }

@@ -35,22 +35,20 @@ int ImageMemory::n_buffers() const {
   return n_buffers_;
 }
 
-bool ImageMemory::try_reserve(std::int64_t bytes) {
+ImageMemory::Use ImageMemory::reserve(std::int64_t bytes) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const std::int64_t buffers = std::max(buffers_, plan_.n_readers * plan_.largest);
-  if (bytes > plan_.limit - buffers - held_) return false;
+  if (bytes > plan_.limit - buffers - held_) return nullptr;
   held_ += bytes;
   plan_.fixed += bytes;
   divide();
   note_peak();
-  return true;
-}
-
-void ImageMemory::release_reserved(std::int64_t bytes) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  held_ -= bytes;
-  plan_.fixed -= bytes;
-  divide();
+  return Use(this, [bytes](ImageMemory* memory) {
+    const std::lock_guard<std::mutex> lock_again(memory->mutex_);
+    memory->held_ -= bytes;
+    memory->plan_.fixed -= bytes;
+    memory->divide();
+  });
 }
 
 bool ImageMemory::try_hold(std::int64_t bytes) {
@@ -66,15 +64,14 @@ void ImageMemory::release_held(std::int64_t bytes) {
   held_ -= bytes;
 }
 
-void ImageMemory::add_buffers(std::int64_t bytes) {
+ImageMemory::Use ImageMemory::use_buffers(std::int64_t bytes) {
   const std::lock_guard<std::mutex> lock(mutex_);
   buffers_ += bytes;
   note_peak();
-}
-
-void ImageMemory::release_buffers(std::int64_t bytes) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  buffers_ -= bytes;
+  return Use(this, [bytes](ImageMemory* memory) {
+    const std::lock_guard<std::mutex> lock_again(memory->mutex_);
+    memory->buffers_ -= bytes;
+  });
 }
 
 std::int64_t ImageMemory::used() const {

@@ -35,18 +35,19 @@ class ImageMemory {
   /// Buffers for one reader, 1 to kMaxBuffers.
   int n_buffers() const;
 
-  /// Reserves memory for something else that stays, before photographs are cached: it counts as Plan::fixed. False if
-  /// it would leave readers less than a buffer each.
-  bool try_reserve(std::int64_t bytes);
-  void release_reserved(std::int64_t bytes);
+  /// Bytes that are in use while this exists. The ImageMemory must outlive it.
+  using Use = std::shared_ptr<void>;
+
+  /// Reserves memory for something else, before photographs are cached: it counts as Plan::fixed. Null if it would
+  /// leave readers less than a buffer each.
+  Use reserve(std::int64_t bytes);
 
   /// Reserves memory for a photograph to cache; false if there is not enough.
   bool try_hold(std::int64_t bytes);
   /// Undoes try_hold().
   void release_held(std::int64_t bytes);
   /// Counts the buffers of a reader, which has at most n_buffers() of the size of the largest photograph.
-  void add_buffers(std::int64_t bytes);
-  void release_buffers(std::int64_t bytes);
+  Use use_buffers(std::int64_t bytes);
 
   std::int64_t used() const;  // bytes, Plan::fixed included
   std::int64_t peak() const;  // largest used() so far
@@ -60,40 +61,6 @@ class ImageMemory {
   int n_buffers_ = kMaxBuffers;
   mutable std::mutex mutex_;
   std::int64_t held_ = 0, buffers_ = 0, peak_ = 0;  // bytes; held_ includes Plan::fixed
-};
-
-/// Has bytes reserved while it exists.
-class ReservedMemory {
- public:
-  /// Null if there is not enough. `memory` must outlive the result.
-  static std::unique_ptr<ReservedMemory> make(ImageMemory& memory, std::int64_t bytes) {
-    if (!memory.try_reserve(bytes)) return nullptr;
-    return std::unique_ptr<ReservedMemory>(new ReservedMemory(memory, bytes));
-  }
-  ~ReservedMemory() { memory_.release_reserved(bytes_); }
-  ReservedMemory(const ReservedMemory&) = delete;
-  ReservedMemory& operator=(const ReservedMemory&) = delete;
-
- private:
-  ReservedMemory(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) {}
-
-  ImageMemory& memory_;
-  const std::int64_t bytes_;
-};
-
-/// Counts buffers while it exists.
-class ImageBufferCount {
- public:
-  ImageBufferCount(ImageMemory& memory, std::int64_t bytes) : memory_(memory), bytes_(bytes) {
-    memory_.add_buffers(bytes_);
-  }
-  ~ImageBufferCount() { memory_.release_buffers(bytes_); }
-  ImageBufferCount(const ImageBufferCount&) = delete;
-  ImageBufferCount& operator=(const ImageBufferCount&) = delete;
-
- private:
-  ImageMemory& memory_;
-  const std::int64_t bytes_;
 };
 
 }  // namespace b3dgs

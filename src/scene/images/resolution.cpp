@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 
 #include "core/check.h"
 
@@ -32,6 +33,11 @@ ImageSize training_size(ImageSize size, int resolution) {
   if (width >= size.width) return size;
   const std::int64_t height = std::int64_t{size.height} * width / size.width;
   return {width, std::max(1, static_cast<int>(height))};
+}
+
+bool has_same_aspect(ImageSize other, ImageSize size) {
+  const std::int64_t across = std::int64_t{other.width} * size.height, down = std::int64_t{other.height} * size.width;
+  return std::abs(across - down) < std::max(size.width, size.height);
 }
 
 void check_resolution(int resolution) {

@@ -1,4 +1,4 @@
-// The size that a photograph is trained at: the rules of -r and of a missing images_N folder.
+// The size that a photograph is trained at: the rules of -r and of a missing images_N folder; aspect ratios.
 #pragma once
 
 #include "scene/images/image.h"
@@ -18,5 +18,8 @@ ImageSize training_size(ImageSize size, int resolution);
 
 /// @throws InputError unless `resolution` is -1, 1, 2, 4, 8 or at least kMinWidth: -r 3 is probably meant as a divisor
 void check_resolution(int resolution);
+
+/// Whether the sizes have one aspect ratio, up to the rounding of one side by less than a pixel of `size`.
+bool has_same_aspect(ImageSize other, ImageSize size);
 
 }  // namespace b3dgs

@@ -10,7 +10,7 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {

@@ -12,7 +12,7 @@ namespace b3dgs {
 
 /// What seed_points() needs of a view.
 struct SeedView {
-  Camera camera;   // in a frame of which kTypicalDepth is the typical depth (scene_frame.h)
+  Camera camera;   // in a frame of which kTypicalDepth is the typical depth (choose_frame())
   Image8 image;    // RGB, of the camera's size; about kSeedSide px a side are enough
   Image8 content;  // one channel of the same size: 0 where nothing is; without pixels: anything may be anywhere
   Image8 valid;    // the same: 0 where the photograph does not count (View::valid)

@@ -9,30 +9,20 @@
 namespace b3dgs::transforms {
 namespace {
 
-enum class Family { kPerspective, kFisheye };
+constexpr double kMaxNumber = 1e12;   // its square is finite in single precision
+constexpr double kMaxSide = 1 << 20;  // px; larger only in damaged files
 
-struct ModelName {
-  const char* name;  // COLMAP's, which nerfstudio writes too
-  Family family;
-};
+// COLMAP's names, which nerfstudio writes too.
+constexpr std::array kPerspective{"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"};
+constexpr std::array kFisheye{"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"};
 
-constexpr std::array<ModelName, 9> kModelNames{{{"SIMPLE_PINHOLE", Family::kPerspective},
-                                                {"PINHOLE", Family::kPerspective},
-                                                {"SIMPLE_RADIAL", Family::kPerspective},
-                                                {"RADIAL", Family::kPerspective},
-                                                {"OPENCV", Family::kPerspective},
-                                                {"FULL_OPENCV", Family::kPerspective},
-                                                {"OPENCV_FISHEYE", Family::kFisheye},
-                                                {"SIMPLE_RADIAL_FISHEYE", Family::kFisheye},
-                                                {"RADIAL_FISHEYE", Family::kFisheye}}};
-
-Family family_of(const FrameValues& values, const std::string& model) {
-  if (model.empty()) return values.boolean("is_fisheye").value_or(false) ? Family::kFisheye : Family::kPerspective;
-  std::string names;
-  for (const ModelName& row : kModelNames) {
-    if (model == row.name) return row.family;
-    names += (names.empty() ? "" : ", ") + std::string(row.name);
-  }
+bool is_fisheye(const FrameValues& values, const std::string& model) {
+  if (model.empty()) return values.boolean("is_fisheye").value_or(false);
+  if (std::find(kFisheye.begin(), kFisheye.end(), model) != kFisheye.end()) return true;
+  if (std::find(kPerspective.begin(), kPerspective.end(), model) != kPerspective.end()) return false;
+  std::string names = kPerspective[0];
+  for (std::size_t i = 1; i < kPerspective.size(); ++i) names += std::string(", ") + kPerspective[i];
+  for (const char* name : kFisheye) names += std::string(", ") + name;
   input_error(values.place(), ": unsupported camera_model \"", model.substr(0, 40), "\", expected one of ", names,
               "; convert the photographs to perspective views first");
 }
@@ -61,6 +51,53 @@ std::array<double, 2> focal_lengths(const FrameValues& values, ImageSize size) {
 
 }  // namespace
 
+double finite_number(const Json& json, const std::string& what, const std::string& place) {
+  const double value = json.is_number() ? json.get<double>() : kMaxNumber * 2;
+  if (!(std::abs(value) <= kMaxNumber)) {
+    input_error(place, ": expected ", what, " to be a number of at most ", kMaxNumber, ", found ", json_excerpt(json));
+  }
+  return value;
+}
+
+const Json* FrameValues::find(const char* key) const {
+  for (const Json* json : {&frame_, &file_}) {
+    const auto found = json->find(key);
+    if (found != json->end() && !found->is_null()) return &*found;
+  }
+  return nullptr;
+}
+
+std::optional<double> FrameValues::number(const char* key) const {
+  const Json* json = find(key);
+  if (json == nullptr) return std::nullopt;
+  return finite_number(*json, key, place_);
+}
+
+std::optional<int> FrameValues::side(const char* key) const {
+  const std::optional<double> value = number(key);
+  if (!value) return std::nullopt;
+  if (*value != std::floor(*value) || *value < 1 || *value > kMaxSide) {
+    input_error(place_, ": expected ", key, " to be a whole number of 1 to ", kMaxSide, " px, found ", *value);
+  }
+  return static_cast<int>(*value);
+}
+
+std::optional<bool> FrameValues::boolean(const char* key) const {
+  const Json* json = find(key);
+  if (json == nullptr) return std::nullopt;
+  if (!json->is_boolean()) {
+    input_error(place_, ": expected ", key, " to be true or false, found ", json_excerpt(*json));
+  }
+  return json->get<bool>();
+}
+
+std::string FrameValues::text(const char* key) const {
+  const Json* json = find(key);
+  if (json == nullptr) return "";
+  if (!json->is_string()) input_error(place_, ": expected ", key, " to be a text, found ", json_excerpt(*json));
+  return json->get<std::string>();
+}
+
 std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
                                             const std::function<std::optional<ImageSize>()>& size_of_photograph) {
   const std::optional<int> w = values.side("w"), h = values.side("h");
@@ -70,7 +107,7 @@ std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
   if (!size) return std::nullopt;
 
   const std::string model = values.text("camera_model");
-  const Family family = family_of(values, model);
+  const bool is_fisheye_camera = is_fisheye(values, model);
   const auto [fx, fy] = focal_lengths(values, *size);
   ColmapCamera camera;
   camera.width = static_cast<std::uint64_t>(size->width);
@@ -84,7 +121,7 @@ std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
   const double k1 = values.coefficient("k1"), k2 = values.coefficient("k2"), k3 = values.coefficient("k3"),
                k4 = values.coefficient("k4"), k5 = values.coefficient("k5"), k6 = values.coefficient("k6"),
                p1 = values.coefficient("p1"), p2 = values.coefficient("p2");
-  if (family == Family::kFisheye) {
+  if (is_fisheye_camera) {
     append(CameraModel::kOpenCvFisheye, {k1, k2, k3, k4});
   } else if (model == "FULL_OPENCV") {
     append(CameraModel::kFullOpenCv, {k1, k2, p1, p2, k3, k4, k5, k6});

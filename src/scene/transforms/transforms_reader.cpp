@@ -4,10 +4,9 @@
 
 #include "core/check.h"
 #include "core/files/file_reader.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image_folder.h"
 #include "scene/transforms/intrinsics.h"
-#include "scene/transforms/json_values.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {

@@ -37,7 +37,7 @@ struct TrainState : StepPosition {
   AppearanceState appearance;
   ViewRatios view_ratios;   // where memory is limited
   double elapsed_s = 0;     // of training, over all sessions
-  std::string training_id;  // see training_id.h; empty in checkpoints of early versions
+  std::string training_id;  // ModelFolder::training_id(); empty in checkpoints of early versions
   // The session ended between the last iteration's step and its density control, which is still to be done.
   bool is_density_pending = false;
   std::int64_t n_removed = 0;  // invalid Gaussians that were removed (invalid_gaussians.h)

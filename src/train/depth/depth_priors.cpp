@@ -158,7 +158,7 @@ void DepthPriors::reserve_memory(const std::vector<char>& is_missing) {
     const ImageSize size = priors_[i].image->size();
     const std::int64_t bytes = std::int64_t{sizeof(std::uint16_t)} * size.width * size.height;
     n_bytes += bytes;
-    priors_[i].memory = ReservedMemory::make(*memory, bytes);
+    priors_[i].memory = memory->reserve(bytes);
     n_read += priors_[i].memory ? 0 : 1;
   }
   if (n_read == 0) return;

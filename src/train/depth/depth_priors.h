@@ -52,7 +52,7 @@ class DepthPriors {
     torch::Tensor map;  // [H, W] int16 with the bits of uint16, on the host; undefined: read from `file`
     std::filesystem::path file;
     std::shared_ptr<const ViewImage> image;  // before `memory`, which is its scene's
-    std::unique_ptr<ReservedMemory> memory;  // of `map`
+    ImageMemory::Use memory;                 // of `map`
   };
 
   /// Reserves memory for the maps that stay in it.

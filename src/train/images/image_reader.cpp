@@ -135,7 +135,7 @@ BufferPlan::BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& imag
   }
   const int most = memory == nullptr ? ImageMemory::kMaxBuffers : memory->n_buffers();
   count = std::min(most, static_cast<int>(images.size()));
-  if (memory != nullptr) in_use = std::make_unique<ImageBufferCount>(*memory, count * n_bytes);
+  if (memory != nullptr) in_use = memory->use_buffers(count * n_bytes);
 }
 
 ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images) : plan_(images) {

@@ -81,8 +81,8 @@ struct BufferPlan {
   explicit BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images);
 
   int count = 0;
-  std::int64_t n_bytes = 0;                  // of each
-  std::unique_ptr<ImageBufferCount> in_use;  // reserves them in the scene's ImageMemory while this exists
+  std::int64_t n_bytes = 0;  // of each
+  ImageMemory::Use in_use;   // reserves them in the scene's ImageMemory while this exists
 };
 
 /// Buffers in pageable host memory.

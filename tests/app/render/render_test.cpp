@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "model/cameras/cameras_json.h"
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
 #include "support/run_program.h"

@@ -11,13 +11,13 @@
 #include "app/view/view_options.h"
 #include "app/view/viewed_scene.h"
 #include "app/view/watched_model.h"
+#include "dist/control/socket.h"
 #include "scene/images/image_io.h"
 #include "support/expect_error.h"
 #include "support/http_client.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
 #include "train/device.h"
-#include "view/listen.h"
 #include "view/view_server.h"
 
 namespace b3dgs {
@@ -44,8 +44,7 @@ class ViewPrograms : public ::testing::Test {
 
 /// A port that nobody listens on.
 int free_port() {
-  const int probe = listen_on("127.0.0.1", 0), port = port_of(probe);
-  close(probe);
+  const int port = port_of(listen_at("127.0.0.1", 0));
   return port;
 }
 
@@ -147,13 +146,13 @@ TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
 }
 
 TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
-  const int other = listen_on("127.0.0.1", 0), port = port_of(other);
+  const Socket other = listen_at("127.0.0.1", 0);
+  const int port = port_of(other);
   const std::string folder = (folder_.path() / "taken").string();
   EXPECT_TRUE(fails_with<InputError>({"port " + std::to_string(port), "taken"}, [&] {
     run_train({scene(), "-m", folder, "--quiet", "--device", "cpu", "--view", std::to_string(port)});
   }));
   EXPECT_FALSE(fs::exists(folder));
-  close(other);
 }
 
 TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "core/random.h"
-#include "scene/cameras/scene_frame.h"
-#include "scene/scene_points.h"
+#include "scene/cameras/coordinate_frame.h"
+#include "scene/scene_model.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {

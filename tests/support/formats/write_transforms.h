@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "scene/cameras/opengl_pose.h"
+#include "scene/cameras/camera.h"
 #include "scene/colmap/colmap.h"
 #include "support/files.h"
 

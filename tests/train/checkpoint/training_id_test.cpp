@@ -1,6 +1,6 @@
 // Which training a model folder belongs to, and what happens to files of later iterations when one is resumed.
 
-#include "model/training_id.h"
+#include "model/model_folder.h"
 
 #include <gtest/gtest.h>
 #include <sys/wait.h>

@@ -11,7 +11,6 @@
 #include "core/files/remove_tree.h"
 #include "core/random.h"
 #include "model/cameras/cameras_json.h"
-#include "model/cameras/poses_json.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"

@@ -6,7 +6,7 @@
 
 #include "config/option_layers.h"
 #include "model/formats/ply.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
 

@@ -6,7 +6,7 @@
 
 #include "model/cameras/cameras_json.h"
 #include "model/formats/ply.h"
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "support/expect_error.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"

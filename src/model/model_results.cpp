@@ -1,16 +1,15 @@
-#include "model/set_aside.h"
-
+// What a model folder holds of single iterations: results of evaluations, and moving all of it aside.
 #include <algorithm>
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "model/model_folder.h"
 
 namespace b3dgs {
 namespace {
@@ -18,21 +17,30 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kImagesPrefix = "ours_";
+void write_json(const fs::path& path, const Json& json) {
+  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+/// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
+Json read_results(const fs::path& path) {
+  std::ifstream file(path);
+  Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  return json.is_object() ? json : Json::object();
+}
+
+Json to_json(const EvaluationSource& source) {
+  return {{"split", source.split},           {"width", source.width},   {"height", source.height},
+          {"resolution", source.resolution}, {"images", source.images}, {"source_path", source.source_path}};
+}
 
 /// N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
 int iteration_of(const std::string& name) {
-  const std::string prefix = kImagesPrefix;
+  const std::string prefix = "ours_";
   int iteration = -1;
   if (name.compare(0, prefix.size(), prefix) != 0) return -1;
   const char *begin = name.data() + prefix.size(), *end = name.data() + name.size();
   const auto result = std::from_chars(begin, end, iteration);
   return result.ec == std::errc() && (result.ptr == end || *result.ptr == '_') ? iteration : -1;
-}
-
-Json read_json(const fs::path& path) {
-  std::ifstream file(path);
-  return Json::parse(file, nullptr, /*allow_exceptions=*/false);
 }
 
 /// Checkpoints, PLYs and folders of renders of later iterations.
@@ -59,16 +67,11 @@ std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
 /// The entries of a results file up to the iteration, and those after it.
 std::pair<Json, Json> divide_results(const fs::path& path, int iteration) {
   std::pair<Json, Json> parts{Json::object(), Json::object()};
-  const Json all = read_json(path);
-  if (!all.is_object()) return parts;
+  const Json all = read_results(path);
   for (const auto& [key, value] : all.items()) {
     (iteration_of(key) > iteration ? parts.second : parts.first)[key] = value;
   }
   return parts;
-}
-
-void write_json(const fs::path& path, const Json& json) {
-  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 /// The log's lines of later iterations.
@@ -100,6 +103,60 @@ fs::path new_folder(const ModelFolder& folder, int iteration) {
 }
 
 }  // namespace
+
+EvaluationSource evaluation_source(const TrainConfig& config, const std::vector<View>& views,
+                                   const std::string& split) {
+  EvaluationSource source{config.source_path, config.images, config.resolution, 0, 0, split};
+  for (const View& view : views) {
+    source.width = std::max(source.width, view.camera.width);
+    source.height = std::max(source.height, view.camera.height);
+  }
+  return source;
+}
+
+std::string ModelFolder::results_key(int iteration, const std::string& variant, const EvaluationSource& source) const {
+  const std::string own = "ours_" + std::to_string(iteration);
+  if (variant.empty()) return own;
+  const Json results = read_results(root_ / "results.json"), wanted = to_json(source);
+  const auto is_free = [&](const std::string& key) {
+    if (!results.contains(key) || !results[key].is_object()) return true;
+    for (const auto& [name, value] : wanted.items()) {
+      if (results[key].value(name, Json()) != value) return false;
+    }
+    return true;
+  };
+  std::string key = own + "_" + variant;
+  for (int n = 2; !is_free(key); ++n) key = own + "_" + variant + "_" + std::to_string(n);
+  return key;
+}
+
+void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
+                                const EvaluationSource& source) const {
+  const auto [results_path, per_view_path] = results();
+  Json means = read_results(results_path), per_view = read_results(per_view_path);
+  means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
+  means[key].update(to_json(source));
+  if (!evaluation.unmeasured.empty()) means[key]["views_without_pixels"] = evaluation.unmeasured;
+  const auto of_views = [&](auto&& value) {
+    Json json = Json::object();
+    for (const ViewQuality& view : evaluation.views) json[view.name] = value(view.quality);
+    return json;
+  };
+  per_view[key] = {{"SSIM", of_views([](const ImageQuality& quality) { return quality.ssim; })},
+                   {"PSNR", of_views([](const ImageQuality& quality) { return quality.psnr; })}};
+  if (evaluation.fits_left_half) means[key]["train_test_exp"] = true;
+  if (evaluation.mean.corrected_psnr) {
+    means[key]["CC_PSNR"] = *evaluation.mean.corrected_psnr;
+    per_view[key]["CC_PSNR"] = of_views([](const ImageQuality& quality) { return quality.corrected_psnr.value(); });
+  }
+  if (evaluation.mean.lpips) {
+    means[key]["LPIPS"] = *evaluation.mean.lpips;
+    means[key]["lpips_network"] = evaluation.lpips_network;
+    per_view[key]["LPIPS"] = of_views([](const ImageQuality& quality) { return quality.lpips.value(); });
+  }
+  write_json(results_path, means);
+  write_json(per_view_path, per_view);
+}
 
 fs::path set_aside_after(const ModelFolder& folder, int iteration) {
   const std::vector<fs::path> files = later_files(folder, iteration);

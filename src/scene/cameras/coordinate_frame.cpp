@@ -1,9 +1,4 @@
-#include "scene/cameras/scene_frame.h"
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
+#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -99,15 +94,6 @@ double usual_spacing(const std::vector<Camera>& cameras) {
   return median(spacings);
 }
 
-double largest_distance(const std::vector<Camera>& cameras, const std::array<double, 3>& from) {
-  double largest = 0;
-  for (const Camera& camera : cameras) {
-    const std::array<double, 3> center = camera.center();
-    largest = std::max(largest, std::hypot(center[0] - from[0], center[1] - from[1], center[2] - from[2]));
-  }
-  return largest;
-}
-
 /// Around the median of the points, for want of cameras.
 CoordinateFrame frame_of_points(const std::vector<double>& points) {
   CoordinateFrame frame;
@@ -133,9 +119,19 @@ CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vect
   frame.origin = mean_center(cameras);
   double depth = typical_depth(cameras, points);
   if (!(depth > 0)) depth = depth_of_focus(cameras, frame.origin);
-  if (!(depth > 0)) depth = std::min(largest_distance(cameras, frame.origin), 10 * usual_spacing(cameras));
+  if (!(depth > 0)) depth = std::min(camera_radius(cameras), 10 * usual_spacing(cameras));
   if (depth > 0) frame.unit = depth / kTypicalDepth;
   return frame;
+}
+
+double camera_radius(const std::vector<Camera>& cameras) {
+  const std::array<double, 3> mean = mean_center(cameras);
+  double largest = 0;
+  for (const Camera& camera : cameras) {
+    const std::array<double, 3> center = camera.center();
+    largest = std::max(largest, std::hypot(center[0] - mean[0], center[1] - mean[1], center[2] - mean[2]));
+  }
+  return largest;
 }
 
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera) {

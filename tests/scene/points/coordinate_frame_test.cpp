@@ -1,5 +1,5 @@
 // The frame of a scene: neither its unit of length nor its place in the world changes the cameras' pictures.
-#include "scene/cameras/scene_frame.h"
+#include "scene/cameras/coordinate_frame.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,271 @@
+// COLMAP's files. Binary ones are a 64-bit count, then records without padding, little-endian. Text files have one line
+// for each camera and point, two for each image, and comments after '#'; the counts in these are ignored: some programs
+// write wrong ones. Each kind of record is described once, for both formats and for reading and writing. 2D points and
+// tracks are written empty.
+#include <cstdio>
+#include <type_traits>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
+#include "core/text_fields.h"
+#include "scene/colmap/colmap_records.h"
+
+namespace b3dgs {
+namespace {
+
+template <class Archive, class Values>
+void visit_numbers(Archive& archive, Values& values, const char* what) {
+  for (auto& value : values) archive.number(value, what);
+}
+
+struct CameraRecord {
+  using Type = ColmapCamera;
+  static constexpr const char *kOne = "camera", *kMany = "cameras";
+  static constexpr std::uint64_t kMinBytes = 4 + 4 + 8 + 8 + 3 * 8;  // SIMPLE_PINHOLE
+  static constexpr const char* kHeader =
+      "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
+  static constexpr const char* kStatistics = "";
+
+  template <class Archive, class Camera>
+  static void visit(Archive& archive, Camera& camera) {
+    archive.number(camera.id, "the camera's ID");
+    archive.model(camera);
+    archive.number(camera.width, "the camera's width");
+    archive.number(camera.height, "the camera's height");
+    archive.parameters(camera);
+  }
+};
+
+struct ImageRecord {
+  using Type = ColmapImage;
+  static constexpr const char *kOne = "image", *kMany = "images";
+  static constexpr std::uint64_t kMinBytes = 4 + 4 * 8 + 3 * 8 + 4 + 2 + 8;  // a name of one letter, no 2D points
+  static constexpr const char* kHeader =
+      "# Image list with two lines of data per image:\n"
+      "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n#   POINTS2D[] as (X, Y, POINT3D_ID)\n";
+  static constexpr const char* kStatistics = ", mean observations per image: 0";
+
+  template <class Archive, class Image>
+  static void visit(Archive& archive, Image& image) {
+    archive.number(image.id, "the image's ID");
+    visit_numbers(archive, image.quat, "the quaternion qw, qx, qy, qz");
+    visit_numbers(archive, image.translation, "the translation tx, ty, tz");
+    archive.number(image.camera_id, "the ID of the image's camera");
+    archive.name(image.name);
+    archive.points_2d(image);
+  }
+};
+
+struct PointRecord {
+  using Type = ColmapPoint;
+  static constexpr const char *kOne = "point", *kMany = "points";
+  static constexpr std::uint64_t kMinBytes = 8 + 3 * 8 + 3 + 8 + 8;  // no track
+  static constexpr const char* kHeader =
+      "# 3D point list with one line of data per point:\n"
+      "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n";
+  static constexpr const char* kStatistics = ", mean track length: 0";
+
+  template <class Archive, class Point>
+  static void visit(Archive& archive, Point& point) {
+    archive.number(point.id, "the point's ID");
+    visit_numbers(archive, point.position, "the position x, y, z");
+    visit_numbers(archive, point.color, "the colour r, g, b from 0 to 255");
+    archive.number(point.error, "the reprojection error");
+    archive.track(point);
+  }
+};
+
+struct BinaryReader {
+  FileReader& file;
+  bool tracks;
+
+  template <class T>
+  void number(T& value, const char*) {
+    value = file.read<T>();
+  }
+  void model(ColmapCamera& camera) {
+    camera.model = camera_model_from_id(file.read<std::int32_t>(), detail::concat(file.name(), ": camera ", camera.id));
+  }
+  void parameters(ColmapCamera& camera) {
+    camera.params.resize(camera_model_param_count(camera.model));
+    visit_numbers(*this, camera.params, "");
+  }
+  void name(std::string& name) { name = file.read_c_string(); }
+  void points_2d(ColmapImage&) { file.skip(n_elements("2D points", 2 * 8 + 8) * (2 * 8 + 8)); }
+  void track(ColmapPoint& point) {
+    const std::uint64_t length = n_elements("track elements", 2 * 4);
+    if (!tracks) return file.skip(length * 2 * 4);
+    point.image_ids.resize(length);
+    for (std::uint32_t& image : point.image_ids) {
+      image = file.read<std::uint32_t>();
+      file.skip(sizeof(std::uint32_t));  // the index of its 2D point
+    }
+  }
+  std::uint64_t n_elements(const char* kind, std::uint64_t bytes_each) {
+    const auto count = file.read<std::uint64_t>();
+    file.expect_records(kind, count, bytes_each);
+    return count;
+  }
+};
+
+// An image's second line holds only numbers. Without this check, a file that lacks the second lines would silently lose
+// every other image.
+void check_points_2d_line(const FileReader& file, std::string_view line, const ColmapImage& image) {
+  const std::size_t last = line.find_last_not_of(" \t,\r");
+  if (last == std::string_view::npos) return;
+  const std::size_t separator = line.find_last_of(" \t,", last);
+  const std::size_t begin = separator == std::string_view::npos ? 0 : separator + 1;
+  const std::string_view word = line.substr(begin, last + 1 - begin);
+  if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos || word == "nan" || word == "inf") return;
+  input_error(file.place(), ": expected the 2D points of image ", image.id, " (numbers, or an empty line), found \"",
+              word.substr(0, 40), "\"");
+}
+
+/// Of one line.
+struct TextReader {
+  FileReader& file;
+  bool tracks;
+  TextFields fields;
+
+  template <class T>
+  void number(T& value, const char* what) {
+    value = fields.number<T>(what, [this] { return file.place(); });
+  }
+  void model(ColmapCamera& camera) { camera.model = camera_model_from_name(std::string(fields.word()), file.place()); }
+  void parameters(ColmapCamera& camera) {
+    camera.params.resize(camera_model_param_count(camera.model));
+    const std::string expected =
+        detail::concat("the ", camera.params.size(), " parameters ", camera_model_params(camera.model), " of ",
+                       camera_model_name(camera.model));
+    visit_numbers(*this, camera.params, expected.c_str());
+    if (fields.empty()) return;
+    input_error(file.place(), ": expected only ", expected, ", found \"", fields.rest(), "\" after them");
+  }
+  void name(std::string& name) {
+    name = fields.rest();
+    if (name.empty()) input_error(file.place(), ": expected the image's name, found the end of the line");
+  }
+  void points_2d(const ColmapImage& image) {
+    std::string_view line;
+    if (file.read_line(line)) check_points_2d_line(file, line, image);
+  }
+  void track(ColmapPoint& point) {
+    while (tracks && !fields.empty()) {
+      std::uint32_t index = 0;
+      number(point.image_ids.emplace_back(), "the ID of an image in the track");
+      number(index, "the index of a 2D point in the track");
+    }
+  }
+};
+
+/// Calls check(record, place) for each record; place() is where it is in the file.
+template <class Record, class Check>
+std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat format, bool tracks, Check&& check) {
+  std::vector<typename Record::Type> records;
+  if (format == ColmapFormat::kBinary) {
+    BinaryReader reader{file, tracks};
+    records.resize(reader.n_elements(Record::kMany, Record::kMinBytes));
+    for (std::uint64_t i = 0; i < records.size(); ++i) {
+      file.begin_record(Record::kOne, i, records.size());
+      Record::visit(reader, records[i]);
+      check(records[i], [&] { return detail::concat(file.name(), ": ", Record::kOne, " ", records[i].id); });
+    }
+    file.expect_end();
+    return records;
+  }
+  for (std::string_view line; file.read_line(line);) {
+    const std::size_t first = line.find_first_not_of(" \t");
+    if (first == std::string_view::npos || line[first] == '#') continue;
+    TextReader reader{file, tracks, TextFields(line)};
+    Record::visit(reader, records.emplace_back());
+    check(records.back(), [&] { return file.place(); });
+  }
+  return records;
+}
+
+constexpr auto kNoCheck = [](const auto&, const auto&) {};
+
+struct BinaryWriter {
+  std::string bytes;
+
+  template <class T>
+  void number(T value, const char* = "") {
+    bytes.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  }
+  void model(const ColmapCamera& camera) { number(static_cast<std::int32_t>(camera.model)); }
+  void parameters(const ColmapCamera& camera) { visit_numbers(*this, camera.params, ""); }
+  void name(const std::string& name) { bytes.append(name).push_back('\0'); }
+  void points_2d(const ColmapImage&) { number(std::uint64_t{0}); }
+  void track(const ColmapPoint&) { number(std::uint64_t{0}); }
+};
+
+struct TextWriter {
+  std::string text;
+
+  void word(const std::string& word) { text += (text.back() == '\n' ? "" : " ") + word; }
+  template <class T>
+  void number(T value, const char*) {
+    if constexpr (std::is_floating_point_v<T>) {
+      char digits[32];
+      std::snprintf(digits, sizeof(digits), "%.17g", value);  // enough to read back the same double
+      word(digits);
+    } else {
+      word(std::to_string(value));
+    }
+  }
+  void model(const ColmapCamera& camera) { word(camera_model_name(camera.model)); }
+  void parameters(const ColmapCamera& camera) { visit_numbers(*this, camera.params, ""); }
+  void name(const std::string& name) { word(name); }
+  void points_2d(const ColmapImage&) { text += "\n"; }
+  void track(const ColmapPoint&) {}
+};
+
+template <class Record>
+std::string content_of(const std::vector<typename Record::Type>& records, ColmapFormat format) {
+  if (format == ColmapFormat::kBinary) {
+    BinaryWriter writer;
+    writer.number(static_cast<std::uint64_t>(records.size()));
+    for (const auto& record : records) Record::visit(writer, record);
+    return std::move(writer.bytes);
+  }
+  TextWriter writer{
+      detail::concat(Record::kHeader, "# Number of ", Record::kMany, ": ", records.size(), Record::kStatistics, "\n")};
+  for (const auto& record : records) {
+    Record::visit(writer, record);
+    writer.text += "\n";
+  }
+  return std::move(writer.text);
+}
+
+}  // namespace
+
+ColmapModel colmap::read_unchecked(const ColmapFiles& files, ColmapFormat format, bool tracks) {
+  ColmapModel model;
+  read_records<CameraRecord>(files.cameras, format, tracks, [&](const ColmapCamera& camera, const auto& place) {
+    if (model.cameras.emplace(camera.id, camera).second) return;
+    input_error(place(), ": two cameras have the ID ", camera.id, "; the file is damaged");
+  });
+  model.images = read_records<ImageRecord>(files.images, format, tracks, kNoCheck);
+  model.points = read_records<PointRecord>(files.points, format, tracks, kNoCheck);
+  return model;
+}
+
+std::uint64_t colmap::count_images(FileReader& file, ColmapFormat format) {
+  if (format == ColmapFormat::kText) return read_records<ImageRecord>(file, format, false, kNoCheck).size();
+  return BinaryReader{file, false}.n_elements(ImageRecord::kMany, ImageRecord::kMinBytes);
+}
+
+void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format) {
+  std::vector<ColmapCamera> cameras;
+  for (const auto& [id, camera] : model.cameras) {
+    B3DGS_CHECK(camera.params.size() == static_cast<std::size_t>(camera_model_param_count(camera.model)), "camera ", id,
+                " has ", camera.params.size(), " parameters");
+    cameras.push_back(camera);
+  }
+  write_file(colmap::file_of(folder, "cameras", format), content_of<CameraRecord>(cameras, format));
+  write_file(colmap::file_of(folder, "images", format), content_of<ImageRecord>(model.images, format));
+  write_file(colmap::file_of(folder, "points3D", format), content_of<PointRecord>(model.points, format));
+}
+
+}  // namespace b3dgs
