@@ -9,7 +9,7 @@
 //               sizes; the dashed line joins dots that no other one beats in both (less x, more y)
 const Charts = (() => {
   const kLeft = 58, kBottom = 38, kRight = 14;  // px around the plot
-  const specs = new WeakMap();  // of the elements that hold a chart: {kind, spec}
+  const specs = new Map();  // of the elements that hold a chart: {kind, spec}
 
   function draw(parent, name, attributes = {}, text = null) {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -309,16 +309,18 @@ const Charts = (() => {
   const hover = element("div", {class: "hover"});
   hover.hidden = true;
 
-  const resized = new ResizeObserver((entries) => {
-    for (const {target} of entries) {
-      const svg = target.firstElementChild;
-      if (target.clientWidth > 0 && svg && svg.viewBox.baseVal.width !== target.clientWidth) redraw(target);
+  /// Draws charts again whose width has changed.
+  function fit() {
+    for (const holder of specs.keys()) {
+      const drawn_for = holder.firstElementChild.viewBox.baseVal.width;
+      if (holder.clientWidth > 0 && drawn_for !== holder.clientWidth) redraw(holder);
     }
-  });
+  }
+  window.addEventListener("resize", fit);
+  document.addEventListener("toggle", fit, true);  // a section was unfolded
 
   /// Draws a chart in an element, or draws it again with other values.
   function show(holder, kind, spec) {
-    if (!specs.has(holder)) resized.observe(holder);
     specs.set(holder, {kind, spec});
     redraw(holder);
   }
@@ -356,5 +358,5 @@ const Charts = (() => {
     return made;
   }
 
-  return {show, figure};
+  return {show, figure, fit};
 })();

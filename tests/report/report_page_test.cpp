@@ -36,8 +36,10 @@ TEST(ReportPage, RefersToNothingOutsideOfItself) {
 }
 
 TEST(ReportPage, NumbersKeepTheDigitsThatAreShown) {
-  const auto read = test::data_of_page(report_page(
-      {{"loss", 0.12345678}, {"mean", 1050457.5}, {"n", 1234567890}, {"none", std::numeric_limits<double>::quiet_NaN()}}));
+  const auto read = test::data_of_page(report_page({{"loss", 0.12345678},
+                                                    {"mean", 1050457.5},
+                                                    {"n", 1234567890},
+                                                    {"none", std::numeric_limits<double>::quiet_NaN()}}));
   EXPECT_EQ(read["loss"], 0.123457);
   EXPECT_EQ(read["mean"], 1050457.5);
   EXPECT_EQ(read["n"], 1234567890);

@@ -159,7 +159,8 @@ TEST_F(TrainReport, IsWrittenAsOnePage) {
   const Json expected = data(60, true);
   const std::filesystem::path path = write_train_report(folder_);
   EXPECT_EQ(path, folder_.root() / "report.html");
-  EXPECT_EQ(test::data_of_page(test::read_bytes(path)).dump(), expected.dump());
+  const Json shown = test::data_of_page(test::read_bytes(path));
+  for (const char* part : {"scene", "settings", "previews", "machine"}) EXPECT_EQ(shown[part], expected[part]) << part;
 }
 
 }  // namespace

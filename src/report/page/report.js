@@ -4,6 +4,7 @@
   const [title, headline, parts] = data.kind === "comparison" ? comparison_page(data) : training_page(data);
   document.title = title;
   document.getElementById("report").replaceChildren(element("h1", {}, headline), ...parts.flat());
+  Charts.fit();
   let unfolded = [];
   window.addEventListener("beforeprint", () => {
     unfolded = [...document.querySelectorAll(".folded:not([open])")];
