@@ -8,8 +8,8 @@ window.addEventListener("load", () => {
     const expect = (is_true, fault) => { if (!is_true) faults.push(fault); };
     expect(document.querySelector("h1"), "the page has no heading");
     expect(figures.length > 0, "the page has no charts");
-    expect(document.documentElement.scrollWidth <= innerWidth, `the page is ${document.documentElement.scrollWidth} px ` +
-      `wide in a window of ${innerWidth} px`);
+    const width = document.documentElement.scrollWidth;
+    expect(width <= innerWidth, `the page is ${width} px wide in a window of ${innerWidth} px`);
     for (const figure of figures) {
       const svg = figure.querySelector("svg"), name = svg ? svg.getAttribute("aria-label") : "?";
       expect(svg && svg.querySelector("polyline, polygon, circle, rect"), `${name}: nothing is drawn`);

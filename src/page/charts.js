@@ -22,7 +22,8 @@ const Charts = (() => {
   }
 
   const is_number = (value) => typeof value === "number" && Number.isFinite(value);
-  const text_width = (text) => 6.6 * text.length;
+  const text_width = (text) => 7 * text.length;  // about, at 12 px
+  const kNarrow = 560;  // px, as in style.css: here, names are in a legend
   const sum = (values) => values.reduce((total, value) => total + value, 0);
 
   /// Maps [low, high], widened by a margin and to 0 if `from_zero`, to pixels.
@@ -75,7 +76,7 @@ const Charts = (() => {
 
   function axes(svg, x, y, {left, right, top, bottom, y_label, x_label, x_step}) {
     const step = (all, i) => (y.log && all === y_ticks ? all[i] : all.length > 1 ? all[1] - all[0] : 1);
-    const y_ticks = ticks(y, 5), x_ticks = ticks(x, Math.max(2, Math.floor((right - left) / 110)), x_step);
+    const y_ticks = ticks(y, 5), x_ticks = ticks(x, Math.max(3, Math.floor((right - left) / 110)), x_step);
     draw(svg, "text", {x: 0, y: top - 14, class: "axis"}, y_label);
     y_ticks.forEach((tick, i) => {
       draw(svg, "line", {x1: left, x2: right, y1: y(tick), y2: y(tick), class: "grid"});
@@ -124,7 +125,7 @@ const Charts = (() => {
       return {...own, lower: own.lower.map(lift), upper: own.upper.map(lift)};
     });
     const widest = Math.max(0, ...series.map((own) => text_width(own.name)));
-    const is_direct = bands.length === 0 && series.length > 1 && series.length <= 4 && widest <= 200 && width > 560;
+    const is_direct = bands.length === 0 && series.length > 1 && series.length <= 4 && widest <= 200 && width > kNarrow;
     const has_legend = !spec.small && !is_direct && (series.length > 1 || bands.length > 0);
     const top = spec.small ? 4 : 26 + legend(svg, has_legend ? [...bands, ...series] : [], width);
     const height = spec.height || 220, bottom = top + height - (spec.small ? 8 : kBottom);
@@ -149,7 +150,9 @@ const Charts = (() => {
                             points: path([...upper, ...[...lower].reverse()], x, y)});
     }
     const events = (spec.events || []).filter((event) => event.x <= x.high);
-    for (const event of events) draw(svg, "line", {x1: x(event.x), x2: x(event.x), y1: top, y2: bottom, class: "event"});
+    for (const event of events) {
+      draw(svg, "line", {x1: x(event.x), x2: x(event.x), y1: top, y2: bottom, class: "event"});
+    }
     for (const {points, color, markers} of series) {
       draw(svg, "polyline", {class: `c${color % 10} curve`, points: path(points, x, y)});
       if (!markers && points.length > 1) continue;
@@ -157,8 +160,8 @@ const Charts = (() => {
     }
     events.forEach((event, i) => {  // at the bottom, where curves rarely are
       const fits = x(event.x) + 6 + text_width(event.label) < right;
-      draw(svg, "text", {x: x(event.x) + (fits ? 5 : -5), y: bottom - 8 - 14 * (i % 4), class: fits ? "note" : "note end"},
-           event.label);
+      const at = {x: x(event.x) + (fits ? 5 : -5), y: bottom - 8 - 14 * (i % 4)};
+      draw(svg, "text", {...at, class: fits ? "note" : "note end"}, event.label);
     });
     if (is_direct) label_ends(svg, series, y, right, bottom);
     svg.readout = {
@@ -185,7 +188,7 @@ const Charts = (() => {
   function bars(svg, spec, width) {
     const totals = spec.rows.map((row) => sum(row.values)), longest = Math.max(0, ...totals);
     let y = legend(svg, spec.parts.map((name, color) => ({name, color})), width) + 6;
-    const has_names = spec.rows.length > 1 && width > 560;  // otherwise above the bar
+    const has_names = spec.rows.length > 1 && width > kNarrow;  // otherwise above the bar
     const widest = Math.max(...spec.rows.map((row) => text_width(row.name)));
     const left = has_names ? Math.min(220, widest) + 14 : 0, right = width - 76;
     spec.rows.forEach((row, i) => {
@@ -214,7 +217,7 @@ const Charts = (() => {
   const shares = (counts) => counts.map((n) => n / (sum(counts) || 1));
 
   function histograms(svg, spec, width) {
-    const n_columns = Math.min(spec.panels.length, width > 560 ? 4 : 2), gap = 22;
+    const n_columns = Math.min(spec.panels.length, width > kNarrow ? 4 : 2), gap = 22;
     const n_bins = Math.max(1, ...spec.panels.map(({counts}) => counts.findLastIndex((n) => n > 0) + 1));
     const highest = Math.max(1e-9, ...spec.panels.flatMap(({counts}) => shares(counts)));
     const panel_width = (width - gap * (n_columns - 1)) / n_columns, step = panel_width / n_bins;
@@ -242,8 +245,8 @@ const Charts = (() => {
   }
 
   function scatter(svg, spec, width) {
-    const kLargest = 18, top = 30, bottom = top + 320 - kBottom, right = width - kRight;
-    const dots = spec.dots, largest = Math.max(0, ...dots.map((dot) => dot.size));
+    const dots = spec.dots, kLargest = 18, top = 26 + legend(svg, width > kNarrow ? [] : dots, width);
+    const bottom = top + 320 - kBottom, right = width - kRight, largest = Math.max(0, ...dots.map((dot) => dot.size));
     const radius = (dot) => (largest > 0 ? Math.max(4, kLargest * Math.sqrt(dot.size / largest)) : 4);
     const x = scale(dots.map((dot) => dot.x), kLeft, right - kLargest, {from_zero: true});
     const y = scale(dots.flatMap((dot) => [dot.low, dot.high]), bottom - kLargest, top + kLargest);
@@ -259,11 +262,13 @@ const Charts = (() => {
     }
     for (const dot of [...dots].sort((a, b) => b.size - a.size)) {  // small ones last, so that none is hidden
       const color = `c${dot.color % 10}`;
-      if (dot.low < dot.high) draw(svg, "polyline", {class: `${color} curve`, points: path([[dot.x, dot.low], [dot.x, dot.high]], x, y)});
-      const circle = draw(svg, "circle", {class: color, "fill-opacity": "0.75", cx: x(dot.x), cy: y(dot.y), r: radius(dot)});
+      const range = path([[dot.x, dot.low], [dot.x, dot.high]], x, y);
+      if (dot.low < dot.high) draw(svg, "polyline", {class: `${color} curve`, points: range});
+      const circle = draw(svg, "circle", {class: color, "fill-opacity": "0.75", cx: x(dot.x), cy: y(dot.y),
+                                          r: radius(dot)});
       draw(circle, "title", {}, `${dot.name}: ${dot.note}`);
     }
-    const labels = dots.map((dot) => {
+    const labels = (width > kNarrow ? dots : []).map((dot) => {
       const size = text_width(dot.name), gap = radius(dot) + 5;
       const left = x(dot.x) + gap + size < width ? x(dot.x) + gap : x(dot.x) - gap - size;
       return {dot, left, right: left + size, at: y(dot.y) + 4};

@@ -298,7 +298,7 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
                          "photograph &lt;/script&gt;&lt;img src=x&gt;.jpg",
                          "naive, PSNR 24.5 dB",
                          "Quality",
-                         "26.00\t26.00",
+                         "60\t26.00\t26.00",
                          "Training time",
                          "25.0 %",
                          "logical cores\t2",

@@ -130,8 +130,8 @@ function time_table(data) {
   return [table(["configuration", "training time", ...shown(kSavedHead), "differs in"], rows,
                 {marked: 1 + compared.findIndex((own) => own.name === summary.ours)}),
           soft(`Time saved is a share of ${summary.baseline}'s training time. ${time_criterion}` +
-               (has_switch ? " The switch is the first timing check after which another forward kernel was used; before " +
-                             "and after it are means over the seeds that have both." : ""))];
+               (has_switch ? " The switch is the first timing check after which another forward kernel was used; " +
+                             "before and after it are means over the seeds that have both." : ""))];
 }
 
 /// The time that load balancing alone saves.
@@ -197,9 +197,9 @@ function time_section(data) {
                       "the largest of all seeds."
                     : "The run-to-run variation of times was not measured (--noise does that)."),
     time_charts(data),
-    soft("Times include rendering, gradients, loss, optimizer, density control, uploads and timing checks of kernels. " +
-         `Reading the scene (${seconds_text(reading_s, 0)}, once for all configurations) and evaluation, saving and ` +
-         `checkpoints (${seconds_text(output_s, 0)} in total) are not included.`),
+    soft("Times include rendering, gradients, loss, optimizer, density control, uploads and timing checks of " +
+         `kernels. Reading the scene (${seconds_text(reading_s, 0)}, once for all configurations) and evaluation, ` +
+         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.`),
     loading ? soft(sentence(loading)) : [],
   ];
 }
@@ -236,8 +236,8 @@ function compared_load(data) {
 function paper_section({summary}) {
   const published = "The Balanced3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the " +
       "kernels combined (load-balanced) and shared-memory, both with the backward pass and optimizer of the original " +
-      "3DGS trainer, on an A100 with its own scene at 960 x 540 px. It reports 8.5 % of training time saved in total: " +
-      "19.6 % before the switch from combined to shared-memory at about iteration 2,000, and 7.9 % after it.";
+      "3DGS trainer, on an A100 with its own scene at 960 x 540 px. It reports 8.5 % of training time saved in " +
+      "total: 19.6 % before the switch from combined to shared-memory at about iteration 2,000, and 7.9 % after it.";
   if (summary.beside_paper.length === 0) {
     return soft(`${published} No configurations here repeat that comparison; --configs ` +
                 "original,paper:original+kernel=paper comes closest.");
@@ -245,8 +245,8 @@ function paper_section({summary}) {
   const rows = summary.beside_paper.map((own) => [`${own.name} against ${own.baseline}`,
                                                   ...saved_cells(own, seeds_started(summary))]);
   return [table(["comparison", ...kSavedHead], [...rows, ["published", "8.5 %", "", "19.6 %", "7.9 %", "about 2,000"]]),
-          soft(`${published} Here, both sides use this program's loss, optimizer and projection, which are faster than ` +
-               "the original ones, so the forward pass is a larger share of a step.")];
+          soft(`${published} Here, both sides use this program's loss, optimizer and projection, which are faster ` +
+               "than the original ones, so the forward pass is a larger share of a step.")];
 }
 
 // --- The page
@@ -261,9 +261,9 @@ function what_was_compared({scene, seeds, chunk, summary}, is_of_one_length) {
   return paragraph(`Scene ${scene}, ` +
     (is_of_one_length ? `${count_text(summary.done)} iterations of each configuration, `
                       : "each configuration for its own number of iterations, ") +
-    `${started < n ? `${started} of ` : ""}${n} ${n === 1 ? "seed" : "seeds"}. All configurations trained on the same ` +
-    `views in the same order, in turns of ${chunk} iterations, so that changes in the speed of the machine affect all ` +
-    "of them alike.");
+    `${started < n ? `${started} of ` : ""}${n} ${n === 1 ? "seed" : "seeds"}. All configurations trained on the ` +
+    `same views in the same order, in turns of ${chunk} iterations, so that changes in the speed of the machine ` +
+    "affect all of them alike.");
 }
 
 function comparison_page(data) {

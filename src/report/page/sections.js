@@ -18,7 +18,8 @@ const kMeasuredHalf = "PSNR and SSIM are those of the right half of each test vi
 
 /// What is drawn over the iterations; `key` names a curve.
 const kQuantities = {
-  psnr: {key: "test_psnr", name: "PSNR", unit: "dB", caption: "PSNR, mean over the test views.", from_zero: false},
+  psnr: {key: "test_psnr", name: "PSNR", unit: "dB", caption: "PSNR, mean over the test views.", from_zero: false,
+         format: (x) => x.toFixed(2)},
   ssim: {key: "test_ssim", name: "SSIM", caption: "SSIM, mean over the test views.", from_zero: false,
          format: (x) => x.toFixed(4)},
   loss: {key: "loss", name: "Loss", caption: "Training loss, running average over steps."},
@@ -97,8 +98,9 @@ function candidate_figure(run, pass) {
   const events = run.kernel_checks.filter((check) => check.pass === pass && has_changed(check))
                      .map((check) => ({x: check.iteration, label: `to ${check.after}`}));
   const name = `Time of the ${pass} kernels`;
-  return series_figure({name, unit: "ms", height: 280, caption: `${name} over the training. At each point, all kernels ` +
-    "were timed on the same views; a dashed line marks a switch to another kernel."}, [...series.values()], events);
+  return series_figure({name, unit: "ms", height: 280, caption: `${name} over the training. At each point, all ` +
+    "kernels were timed on the same views; a dashed line marks a switch to another kernel."},
+                       [...series.values()], events);
 }
 
 const has_changed = (check) => check.after !== "" && check.before !== check.after;
@@ -242,8 +244,8 @@ const words_section = () => table([], [
   ["saturated pixel", "So opaque that the Gaussians further behind are not processed: they would not be seen."],
   ["Gini coefficient", "How uneven the work is: 0 if all tiles or pixels have the same, 1 if one has it all."],
   ["forward, backward pass", "From Gaussians to an image; from the error of the image to their gradients."],
-  ["blending kernel", "Combines the Gaussians of a tile into pixels (forward), or adds up their gradients (backward). " +
-   "The candidates compute the same, but divide the work differently, so their times differ."],
+  ["blending kernel", "Combines the Gaussians of a tile into pixels (forward), or adds up their gradients " +
+   "(backward). The candidates compute the same, but divide the work differently, so their times differ."],
   ["timing check", "The candidates are timed on the same views. Training switches to another one if it is clearly " +
    "faster."],
   ["warp, thread block", "Groups of GPU threads: the 32 threads of a warp run in step; a block is 1 to 32 warps."],

@@ -39,8 +39,8 @@ function training_quality({runs, held_out, overfitting, limit, floaters, measure
     has_psnr ? chart(kQuantities.psnr)
              : soft(held_out ? "The test views have not been evaluated yet."
                              : "No test views were held out (--eval does that), so there is no PSNR."),
-    overfitting ? paragraph(`Overfitting: after iteration ${count_text(overfitting.iteration)}, PSNR on the test views ` +
-      `was ${overfitting.lost.toFixed(2)} dB higher than at the last evaluation. With few photographs, a lower ` +
+    overfitting ? paragraph(`Overfitting: after iteration ${count_text(overfitting.iteration)}, PSNR on the test ` +
+      `views was ${overfitting.lost.toFixed(2)} dB higher than at the last evaluation. With few photographs, a lower ` +
       "--max_epochs or fewer Gaussians (a lower --gaussians_per_pixel, or --max_gaussians) may help; if things move, " +
       "mask them. See docs/recipes.md, Few photographs.") : [],
     chart(kQuantities.ssim), chart(kQuantities.loss), chart(kQuantities.count),
@@ -53,11 +53,11 @@ function training_quality({runs, held_out, overfitting, limit, floaters, measure
 
 function training_time({runs, reading_s, output_s, gpu_peak_bytes}) {
   const elapsed_s = runs[0].curves.elapsed_s;
+  const memory = ` GPU memory peaked at ${bytes_text(gpu_peak_bytes)}, not counting the CUDA context.`;
   return [
     paragraph(`Training took ${time_text(elapsed_s[elapsed_s.length - 1])}, including density control, the upload of ` +
       `photographs and timing checks of kernels. Reading the scene (${time_text(reading_s)}) and evaluation, saving ` +
-      `and checkpoints (${time_text(output_s)}) are not included.` +
-      (gpu_peak_bytes > 0 ? ` GPU memory peaked at ${bytes_text(gpu_peak_bytes)}, not counting the CUDA context.` : "")),
+      `and checkpoints (${time_text(output_s)}) are not included.${gpu_peak_bytes > 0 ? memory : ""}`),
     stage_section(runs),
   ];
 }
