@@ -188,13 +188,14 @@ const Charts = (() => {
   function bars(svg, spec, width) {
     const totals = spec.rows.map((row) => sum(row.values)), longest = Math.max(0, ...totals);
     let y = legend(svg, spec.parts.map((name, color) => ({name, color})), width) + 6;
-    const has_names = spec.rows.length > 1 && width > kNarrow;  // otherwise above the bar
-    const widest = Math.max(...spec.rows.map((row) => text_width(row.name)));
-    const left = has_names ? Math.min(220, widest) + 14 : 0, right = width - 76;
+    const is_above = width <= kNarrow, widest = Math.max(...spec.rows.map((row) => text_width(row.name)));
+    const left = is_above || spec.rows.length < 2 ? 0 : Math.min(220, widest) + 14, right = width - 76;
     spec.rows.forEach((row, i) => {
-      if (!has_names) y += 14;
-      draw(svg, "text", has_names ? {x: left - 10, y: y + 17, class: "label end"} : {x: 0, y: y - 4, class: "label"},
-           row.name);
+      if (spec.rows.length > 1) {  // a single bar needs no name
+        if (is_above) y += 14;
+        const at = is_above ? {x: 0, y: y - 4, class: "label"} : {x: left - 10, y: y + 17, class: "label end"};
+        draw(svg, "text", at, row.name);
+      }
       let at = left;
       row.values.forEach((value, part) => {
         const size = longest > 0 ? value / longest * (right - left) : 0;

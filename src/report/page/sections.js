@@ -205,7 +205,7 @@ function load_histograms(events, field, name, item, caption) {
   if (n === 0) return [];
   const chosen = Array.from({length: n}, (_, i) => filled[n > 1 ? Math.floor(i * (filled.length - 1) / (n - 1)) : 0]);
   return Charts.figure("histograms", {
-    title: `Distribution of ${name}`, x_label: name, item: name,
+    title: `Distribution of ${name}`, x_label: name, item: "Gaussians",
     panels: chosen.map((event) => ({name: `iteration ${count_text(event.iteration)}`, counts: event[field].log2_bins})),
   }, `Share of ${item} ${caption} Each bin is twice as wide as the one before.`);
 }

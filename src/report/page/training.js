@@ -33,7 +33,7 @@ function training_headline(data) {
 }
 
 function training_quality({runs, held_out, overfitting, limit, floaters, measures_half}) {
-  const chart = (quantity) => curve_figure(quantity, runs.map((run) => ({...run, color: 0})));
+  const chart = (quantity) => curve_figure(quantity, runs.map((run) => ({...run, name: quantity.name, color: 0})));
   const has_psnr = runs[0].curves.test_psnr.some((psnr) => psnr !== null);
   return [
     has_psnr ? chart(kQuantities.psnr)
