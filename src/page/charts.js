@@ -11,8 +11,10 @@ const Charts = (() => {
   const kLeft = 58, kBottom = 38, kRight = 14;  // px around the plot
   const specs = new Map();  // of the elements that hold a chart: {kind, spec}
 
+  const make = (name) => document.createElementNS("http://www.w3.org/2000/svg", name);
+
   function draw(parent, name, attributes = {}, text = null) {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+    const made = make(name);
     for (const [key, value] of Object.entries(attributes)) {
       made.setAttribute(key, typeof value === "number" ? Math.round(10 * value) / 10 : value);
     }
@@ -288,7 +290,7 @@ const Charts = (() => {
 
   function redraw(holder) {
     const {kind, spec} = specs.get(holder), width = holder.clientWidth || 720;
-    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    const svg = make("svg");
     const height = kKinds[kind](svg, spec, width);
     for (const [key, value] of Object.entries({class: "chart", role: "img", "aria-label": spec.title,
                                                viewBox: `0 0 ${width} ${Math.ceil(height)}`})) {
