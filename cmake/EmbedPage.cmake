@@ -1,17 +1,38 @@
-# cmake -DFOLDER=... -DOUTPUT=... -P EmbedPage.cmake
-# Makes one C++ string of FOLDER/page.html, with page.css in the place of @STYLE@ and the scripts in that of @SCRIPT@.
+# b3dgs_embed_page(SOURCE NAME PAGE FILES...) sets SOURCE to a generated C++ file that defines the string
+# b3dgs::NAME: the HTML file PAGE with the style sheets among FILES in the place of @STYLE@, and the
+# scripts in that of @SCRIPT@. Paths are relative to the folder of the caller.
+function(b3dgs_embed_page source name page)
+  set(output ${CMAKE_CURRENT_BINARY_DIR}/page.cpp)
+  set(files ${page} ${ARGN})
+  list(TRANSFORM files PREPEND ${CMAKE_CURRENT_SOURCE_DIR}/)
+  string(JOIN "|" joined ${files})
+  add_custom_command(OUTPUT ${output}
+    COMMAND ${CMAKE_COMMAND} -DOUTPUT=${output} -DNAME=${name} "-DFILES=${joined}"
+      -P ${PROJECT_SOURCE_DIR}/cmake/EmbedPage.cmake
+    DEPENDS ${files} ${PROJECT_SOURCE_DIR}/cmake/EmbedPage.cmake VERBATIM)
+  set(${source} ${output} PARENT_SCOPE)
+endfunction()
 
+if(NOT CMAKE_SCRIPT_MODE_FILE)
+  return()
+endif()
+string(REPLACE "|" ";" FILES "${FILES}")
 set(scripts)
-foreach(name math camera charts path controls page)
-  file(READ ${FOLDER}/${name}.js text)
-  string(APPEND scripts "${text}")
+set(styles)
+foreach(file ${FILES})
+  file(READ ${file} text)
+  if(file MATCHES "\\.js$")
+    string(APPEND scripts "${text}")
+  elseif(file MATCHES "\\.css$")
+    string(APPEND styles "${text}")
+  else()
+    set(page "${text}")
+  endif()
 endforeach()
-file(READ ${FOLDER}/page.css style)
-file(READ ${FOLDER}/page.html page)
-string(REPLACE "@STYLE@" "${style}" page "${page}")
+string(REPLACE "@STYLE@" "${styles}" page "${page}")
 string(REPLACE "@SCRIPT@" "${scripts}" page "${page}")
 file(WRITE ${OUTPUT} "namespace b3dgs {
-extern const char* const kViewPage;
-const char* const kViewPage = R\"b3dgs(${page})b3dgs\";
+extern const char* const ${NAME};
+const char* const ${NAME} = R\"b3dgs(${page})b3dgs\";
 }  // namespace b3dgs
 ")

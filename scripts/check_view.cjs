@@ -138,10 +138,16 @@ async function check_training(browser) {
   await page.click("#save");
   await page.waitForFunction(() => /saved iteration_\d+/.test(state.notice), null, kPatience);
   assert(fs.existsSync(path.join(folder, "model", "checkpoints")));
+  for (const name of ["loss", "psnr", "count"]) {
+    const points = await page.locator(`#${name}_curve polyline`).getAttribute("points");
+    assert(points.split(" ").length > 1 && !points.includes("NaN"), `the curve of ${name} is drawn`);
+    assert.match(await page.locator(`#${name}_now`).textContent(), /\d/);
+  }
   await page.locator("#psnr_curve").scrollIntoViewIfNeeded();
   await picture_of(page, "curves");
 
-  const phone = await open(browser, training.url, {width: 390, height: 844}, {hasTouch: true, deviceScaleFactor: 2});
+  const phone = await open(browser, training.url, {width: 390, height: 844},
+    {hasTouch: true, deviceScaleFactor: 2, colorScheme: "dark"});
   assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390, "fits a phone");
   assert((await phone.locator("#picture").boundingBox()).height > 300, "there is room for the picture");
   await picture_of(phone, "phone");

@@ -21,7 +21,6 @@ for argument in "$@"; do
     --tests)
       packages+=(
         libgtest-dev
-        libexpat1-dev  # parses the reports
         chromium       # shows a report as a reader sees it (120 MB to fetch, 410 MB installed)
         ffmpeg         # decodes the videos that we write; frames of videos for a reconstruction
         colmap         # its model_analyzer reads the scenes that we write; reconstructs a small one

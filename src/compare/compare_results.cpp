@@ -5,49 +5,12 @@
 
 #include "core/print.h"
 #include "core/text.h"
-#include "report/html_report.h"
-#include "report/report_sections.h"
-#include "report/svg/svg_chart.h"
 
 namespace b3dgs {
 namespace {
 
 std::string number(double value, int digits) {
   return digits == 0 ? format_count(std::llround(value)) : print_to_string("%.*f", digits, value);
-}
-
-/// "28.90", with several seeds "28.90 (28.81 to 28.97)"; "-" if unknown.
-std::string cell(const std::optional<Spread>& spread, int digits) {
-  if (!spread) return "-";
-  const std::string mean = number(spread->mean, digits);
-  return spread->n == 1 ? mean : mean + " (" + number(spread->min, digits) + " to " + number(spread->max, digits) + ")";
-}
-
-std::string picture(const std::vector<FinalResult>& results, const std::vector<int>& colors) {
-  ScatterChart chart;
-  chart.title = "Quality over training time";
-  chart.x_label = "training time, s";
-  chart.y_label = "PSNR of the test views, dB";
-  for (std::size_t i = 0; i < results.size(); ++i) {
-    const FinalResult& own = results[i];
-    if (!own.seconds || !own.psnr) continue;
-    ScatterChart::Dot dot;
-    dot.name = own.name;
-    dot.x = own.seconds->mean;
-    dot.y = own.psnr->mean;
-    dot.y_low = own.psnr->min;
-    dot.y_high = own.psnr->max;
-    dot.size = own.count ? own.count->mean : 0;
-    dot.color = colors[i];
-    dot.note = print_to_string("%.2f dB in %.1f s", dot.y, dot.x) +
-               (own.count ? ", " + format_count(std::llround(own.count->mean)) + " Gaussians" : "");
-    chart.dots.push_back(dot);
-  }
-  if (chart.dots.empty()) return "";
-  return html::figure(draw(chart),
-                      "Up and to the left is better. The area of a dot is its number of Gaussians; a vertical line is "
-                      "the range over seeds; the dashed line joins configurations that no other one beats in both time "
-                      "and PSNR.");
 }
 
 }  // namespace
@@ -128,22 +91,6 @@ std::string describe_results(const std::vector<FinalResult>& results) {
     if (own.count) text += ", " + format_count(std::llround(own.count->mean)) + " Gaussians";
   }
   return text;
-}
-
-std::string results_section(const std::vector<FinalResult>& results, const std::vector<int>& colors) {
-  std::vector<html::Row> rows;
-  rows.reserve(results.size());
-  std::size_t n_seeds = 0;
-  for (const FinalResult& own : results) n_seeds = std::max(n_seeds, static_cast<std::size_t>(own.n_complete));
-  for (const FinalResult& own : results) {
-    rows.push_back({own.name, format_count(own.iterations), cell(own.seconds, 2), cell(own.count, 0), cell(own.psnr, 2),
-                    cell(own.ssim, 4)});
-  }
-  return picture(results, colors) +
-         html::table({"configuration", "iterations", "training time, s", "Gaussians", "PSNR, dB", "SSIM"}, rows) +
-         html::paragraph(n_seeds > 1 ? "At the end of each training: mean over the seeds that are complete, and range."
-                                     : "At the end of each training; - is not known yet.",
-                         "soft");
 }
 
 }  // namespace b3dgs

@@ -33,7 +33,4 @@ std::string results_table(const std::vector<FinalResult>& results);
 /// "original 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
 std::string describe_results(const std::vector<FinalResult>& results);
 
-/// For the report: a table, and a picture of PSNR over training time if there is PSNR.
-std::string results_section(const std::vector<FinalResult>& results, const std::vector<int>& colors);
-
 }  // namespace b3dgs

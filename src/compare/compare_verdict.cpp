@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/print.h"
-#include "report/svg/svg_axis.h"
+#include "report/figures.h"
 
 namespace b3dgs {
 namespace {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "adaptive/load_statistics.h"
 #include "compare/compare_report.h"
 #include "compare/compare_results.h"
 #include "compare/compare_verdict.h"
@@ -12,8 +11,9 @@
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
 #include "core/print.h"
-#include "report/report_sections.h"
-#include "report/svg/svg_axis.h"
+#include "report/figures.h"
+#include "report/page_data.h"
+#include "report/report_page.h"
 
 namespace b3dgs {
 namespace {
@@ -42,72 +42,6 @@ Json to_json(const ComparisonPlan& plan) {
           {"config", config_to_json(plan.base)}};
 }
 
-template <class Value>
-Json to_json(const std::optional<Value>& value) {
-  return value ? Json(*value) : Json(nullptr);
-}
-
-Json to_json(const NamedTimes& times) {
-  Json json = Json::object();
-  for (const auto& [name, ms] : times) json[name] = ms;
-  return json;
-}
-
-/// One array per quantity, which is compact and easy to plot.
-Json curves_of(const TrainHistory& history) {
-  Json curves = {{"iteration", Json::array()}, {"elapsed_s", Json::array()}, {"ms", Json::array()},
-                 {"loss", Json::array()},      {"count", Json::array()},     {"test_psnr", Json::array()},
-                 {"test_ssim", Json::array()}, {"kernel", Json::array()},    {"backward_kernel", Json::array()}};
-  for (const LogPoint& point : history.points) {
-    curves["iteration"].push_back(point.iteration);
-    curves["elapsed_s"].push_back(point.elapsed_s);
-    curves["ms"].push_back(to_json(point.ms));
-    curves["loss"].push_back(to_json(point.loss));
-    curves["count"].push_back(to_json(point.count));
-    curves["test_psnr"].push_back(to_json(point.test_psnr));
-    curves["test_ssim"].push_back(to_json(point.test_ssim));
-    curves["kernel"].push_back(point.kernel);
-    curves["backward_kernel"].push_back(point.backward_kernel);
-  }
-  return curves;
-}
-
-Json checks_of(const TrainHistory& history) {
-  Json checks = Json::array();
-  for (const KernelCheckEvent& check : history.checks) {
-    checks.push_back({{"iteration", check.iteration},
-                      {"pass", check.pass},
-                      {"times_ms", to_json(check.times_ms)},
-                      {"spread_ms", to_json(check.spread_ms)},
-                      {"views", to_json(check.views)},
-                      {"before", check.before},
-                      {"after", check.after},
-                      {"reason", check.reason},
-                      {"refused", check.disabled},
-                      {"cost_ms", to_json(check.cost_ms)},
-                      {"warm_up_ms", to_json(check.warm_up_ms)}});
-  }
-  return checks;
-}
-
-Json to_json(const std::optional<LoadFigures>& load) {
-  if (!load) return nullptr;
-  Json json;
-  visit_load_figures(*load, [&](const char* name, const auto& value) { json[name] = value; });
-  return json;
-}
-
-Json loads_of(const TrainHistory& history) {
-  Json loads = Json::array();
-  for (const LoadEvent& own : history.loads) {
-    loads.push_back({{"iteration", own.iteration},
-                     {"tile_lists", to_json(own.tile_lists)},
-                     {"pixel_processed", to_json(own.pixel_processed)},
-                     {"pixel_contributing", to_json(own.pixel_contributing)}});
-  }
-  return loads;
-}
-
 Json to_json(const Comparison& comparison) {
   Json json = {{"plan", to_json(comparison.plan)}, {"summary", to_json(comparison.summary)}};
   json["machine"] = Json::object();
@@ -121,11 +55,8 @@ Json to_json(const Comparison& comparison) {
                               {"seed", run.seed},
                               {"folder", folder.lexically_relative(comparison.plan.root()).string()},
                               {"differs", config_differences(comparison.plan.base, configuration.config)},
-                              {"output_s", run.info.output_s},
-                              {"stages_ms", to_json(mean_stages(run.history))},
-                              {"curves", curves_of(run.history)},
-                              {"kernel_checks", checks_of(run.history)},
-                              {"load_statistics", loads_of(run.history)}});
+                              {"output_s", run.info.output_s}});
+      json["runs"].back().update(history_json(run.history));
     }
   }
   return json;
@@ -294,7 +225,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
 
 void write_comparison(const Comparison& comparison) {
   write_json(plan_path(comparison.plan.root()), to_json(comparison));
-  write_file(comparison.plan.root() / kComparisonReport, comparison_report(comparison));
+  write_file(comparison.plan.root() / kComparisonReport, report_page(comparison_report_data(comparison)));
 }
 
 std::string describe_comparison(const Comparison& comparison) {

@@ -6,10 +6,15 @@
 #include <optional>
 #include <string>
 
+#include <nlohmann/json.hpp>
+
 #include "model/model_folder.h"
 #include "report/train_log_reader.h"
 
 namespace b3dgs {
+
+/// What the report shows. @throws InputError if the folder holds no training; IoError
+nlohmann::ordered_json train_report_data(const ModelFolder& folder);
 
 /// Writes MODEL/report.html and returns its path. @throws InputError if the folder holds no training; IoError
 std::filesystem::path write_train_report(const ModelFolder& folder);

@@ -1,12 +1,25 @@
-// The report of a comparison, for synthetic runs.
+// The data of a comparison's report, and the text that a browser shows of it, for synthetic runs.
 #include "compare/compare_report.h"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
 
-#include "support/xml.h"
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+#include <initializer_list>
+#include <map>
+
+#include "report/report_page.h"
+#include "report/train_report.h"
+#include "scene/images/image_io.h"
+#include "support/files.h"
+#include "support/temp_dir.h"
 
 namespace b3dgs {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 /// Lines every 10 iterations up to 100; switches from combined to shared-memory at `switch_iteration` (0: never).
 TrainHistory history(double ms, int switch_iteration = 0) {
@@ -52,84 +65,29 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   return comparison;
 }
 
-bool contains(const std::string& html, const std::string& part) {
-  return html.find(part) != std::string::npos;
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
 }
 
-TEST(CompareReport, SaysHowManySeedsAValueIsOf) {
-  const std::string html = comparison_report(
+TEST(CompareReportData, HasTheRunsOfAllSeedsAndTheSummary) {
+  const Json data = comparison_report_data(
       comparison_of({{"naive", {history(10), history(10)}}, {"adaptive", {history(8, 51), history(8)}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<td>20.0 % in 1 of 2 seeds</td>"));
-  EXPECT_TRUE(contains(html, "<td>51 in 1 of 2 seeds</td>"));
-  EXPECT_TRUE(contains(html, "kernel switch at 51 (seed 3)")) << "the chart shows one seed and says which";
+  EXPECT_EQ(data["kind"], "comparison");
+  EXPECT_EQ(data["scene"], "garden");
+  EXPECT_EQ(data["seeds"], Json::array({3, 5}));
+  ASSERT_EQ(data["runs"].size(), 4u);
+  EXPECT_EQ(data["runs"][2]["name"], "adaptive");
+  EXPECT_EQ(data["runs"][2]["seed"], 3);
+  EXPECT_EQ(data["runs"][2]["kernel_checks"][0]["after"], "shared-memory");
+  EXPECT_EQ(data["summary"]["compared"][0]["inflection"]["n"], 1) << "of two seeds";
+  EXPECT_EQ(data["summary"]["compared"][0]["inflection"]["mean"], 51);
+  EXPECT_EQ(data["has_own_kernel"], Json::array({true}));
+  EXPECT_EQ(data["missing_kernels"], Json::array({"shared-memory"}));
+  EXPECT_EQ(data["repetition"], "") << "the run-to-run variation was not measured";
+  EXPECT_EQ(data["options"], Json::array({Json::array({"kernel", "naive", "adaptive"})}));
 }
 
-TEST(CompareReport, SeparatesLoadBalancingFromOtherSavings) {
-  const TrainHistory naive = history(10), shared = history(5), ours = history(4);
-  const std::string html = comparison_report(
-      comparison_of({{"naive", {naive, naive}}, {"shared-memory", {shared, shared}}, {"combined", {ours, ours}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html,
-                       "<td>combined</td><td>naive</td><td>50.0 % (95 %: 50.0 to 50.0 %)</td><td>shared-memory</td>"
-                       "<td>20.0 % (95 %: 20.0 to 20.0 %)</td><td>60.0 % (95 %: 60.0 to 60.0 %)</td>"))
-      << html.substr(html.find("saved by load balancing"), 600);
-  EXPECT_TRUE(contains(html, "was not measured (--noise does that)"));
-  EXPECT_FALSE(contains(html, "±"));
-  const std::string without = comparison_report(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, ours}}}));
-  EXPECT_TRUE(contains(without, "How much load balancing alone saves is unknown"));
-}
-
-TEST(CompareReport, ShowsRunToRunVariationBesideEveryDifference) {
-  TrainHistory naive = history(10), again = history(10.2), shared = history(5), ours = history(4, 51);
-  for (TrainHistory* own : {&naive, &again, &shared, &ours}) own->points.back().test_psnr = 25;
-  again.points.back().test_psnr = 25.25;
-  const std::string html = comparison_report(comparison_of({{"naive", {naive, naive}},
-                                                            {"shared-memory", {shared, shared}},
-                                                            {"mine", {ours, ours}},
-                                                            {"naive_again", {again, again}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<td>50.0 % ± 2.0 % (95 %: 50.0 to 50.0 %)</td><td>faster</td>"));
-  EXPECT_TRUE(contains(html, "<td>60.0 % ± 2.0 % (60.0 to 60.0)</td><td>60.0 % ± 2.0 % (60.0 to 60.0)</td>"))
-      << "also before and after the switch";
-  EXPECT_TRUE(contains(html, "<td>+0.00 ± 0.25 (95 %: +0.00 to +0.00)</td><td>equal</td>"));
-  EXPECT_TRUE(contains(html, "Run-to-run variation of naive: time 2.0 %, PSNR 0.25."));
-  EXPECT_TRUE(contains(html, "two runs of naive differ by 2.0 %."));
-}
-
-TEST(CompareReport, ShowsPublishedResultsBesideTheSameComparison) {
-  const TrainHistory original = history(10), paper = history(8, 51);
-  const std::string html =
-      comparison_report(comparison_of({{"original", {original, original}}, {"paper", {paper, paper}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<td>paper against original</td><td>20.0 % (95 %: 20.0 to 20.0 %)</td><td>faster</td>"));
-  EXPECT_TRUE(contains(html, "<td>published</td><td>8.5 %</td><td></td><td>19.6 %</td><td>7.9 %</td>"));
-  const std::string ours =
-      comparison_report(comparison_of({{"naive", {original, original}}, {"adaptive", {paper, paper}}}));
-  EXPECT_FALSE(contains(ours, "<td>published</td>")) << "the paper used another backward pass";
-  EXPECT_TRUE(contains(ours, "No configurations here repeat that comparison"));
-}
-
-TEST(CompareReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
-  TrainHistory naive = history(10), ours = history(8);
-  naive.points.back().test_psnr = ours.points.back().test_psnr = 25;
-  const std::string html = comparison_report(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, ours}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  std::size_t at = 0;
-  for (const char* part :
-       {"<h1>", "<h2>Photographs and renders", "<h2>Quality", "<h2>Training time",
-        "<td>naive (baseline)</td><td>1.00 s (1.0 to 1.0)</td>", "<td>combined</td><td>0.80 s (0.8 to 0.8)</td>",
-        "<h2>Scene, options and machine", "/scenes/garden", "<th>option</th><th>naive</th><th>combined</th>",
-        "<td>kernel</td><td>naive</td><td>combined</td>", "<details>\n<summary>Time by stage",
-        "<details>\n<summary>Kernels", "<details>\n<summary>Load", "<details>\n<summary>Published results"}) {
-    const std::size_t next = html.find(part, at);
-    ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
-    at = next;
-  }
-  EXPECT_FALSE(contains(html, "<th>before the switch</th>")) << "no kernel was switched";
-}
-
-TEST(CompareReport, NamesOptionsOfAllOnlyWhereTheyAre) {
+TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
   Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
   comparison.plan.base.gaussians_per_pixel = 1.5;  // of the default preset, which both configurations override
   comparison.plan.base.lambda_dssim = 0.3;
@@ -139,34 +97,20 @@ TEST(CompareReport, NamesOptionsOfAllOnlyWhereTheyAre) {
   }
   comparison.configurations[0].config.lambda_dssim = 0.1;
   comparison.configurations[1].config.lambda_dssim = 0.4;
-  comparison.summary = summarize_comparison({{"naive", comparison.configurations[0].config, {history(10), history(10)}},
-                                             {"mine", comparison.configurations[1].config, {history(8), history(8)}}},
-                                            100);
-  const std::string html = comparison_report(comparison);
-  EXPECT_EQ(test::xml_fault(html), "");
-  const std::string all = html.substr(html.find("<td>options of all</td>"), 300);
+  const Json data = comparison_report_data(comparison);
+  const std::string all = data["settings"].dump();
   EXPECT_TRUE(contains(all, "gaussians_per_pixel 2.5")) << all;
-  EXPECT_FALSE(contains(all.substr(0, all.find("</tr>")), "lambda_dssim")) << all;
-  EXPECT_FALSE(contains(html, "gaussians_per_pixel 1.5"));
-  EXPECT_TRUE(contains(html, "<td>lambda_dssim</td><td>0.1</td><td>0.4</td>")) << all;
-  EXPECT_TRUE(contains(html, "<td>lambda_dssim 0.1 → 0.4</td>")) << "few options are named beside the time";
+  EXPECT_FALSE(contains(all, "lambda_dssim")) << all;
+  EXPECT_FALSE(contains(data.dump(), "gaussians_per_pixel 1.5"));
+  EXPECT_EQ(data["options"], Json::array({Json::array({"lambda_dssim", "0.1", "0.4"})}));
 }
 
-TEST(CompareReport, ManyOptionsAreListedOnce) {
+TEST(CompareReportData, SaysHowLongLoadingTheKernelsTook) {
   Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
-  TrainConfig& mine = comparison.configurations[1].config;
-  mine.kernel = "naive";
-  mine.feature_lr = 0.123;
-  mine.opacity_lr = 0.234;
-  mine.scaling_lr = 0.345;
-  mine.rotation_lr = 0.456;
-  comparison.summary = summarize_comparison({{"naive", comparison.configurations[0].config, {history(10), history(10)}},
-                                             {"mine", mine, {history(8), history(8)}}},
-                                            100);
-  const std::string html = comparison_report(comparison);
-  EXPECT_TRUE(contains(html, "<td>4 options (see below)</td>"));
-  EXPECT_EQ(html.find("0.345"), html.rfind("0.345")) << "once";
-  EXPECT_NE(html.find("0.345"), std::string::npos);
+  EXPECT_EQ(comparison_report_data(comparison)["loading"], "");
+  comparison.plan.loading_ms = 87;
+  EXPECT_TRUE(contains(comparison_report_data(comparison)["loading"],
+                       "the times of mine include 87 ms for loading the candidate kernels"));
 }
 
 TEST(CompareReport, TheTableOnTheTerminalHasNoEmptyColumns) {
@@ -182,38 +126,212 @@ TEST(CompareReport, TheTableOnTheTerminalHasNoEmptyColumns) {
   EXPECT_TRUE(contains(describe_comparison(one), "5.0 %  unclear")) << describe_comparison(one);
 }
 
-TEST(CompareReport, SaysHowLongLoadingTheKernelsTook) {
-  Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
-  EXPECT_FALSE(contains(comparison_report(comparison), "loading the candidate kernels"));
-  comparison.plan.loading_ms = 87;
-  EXPECT_TRUE(
-      contains(comparison_report(comparison), "The times of mine include 87 ms for loading the candidate kernels"));
+class ReportInBrowser : public ::testing::Test {
+ protected:
+  /// What a browser shows of a page; "" if none is installed. Words of a table's cells are separated by tabs.
+  std::string shown(const std::filesystem::path& report) const {
+    const std::string command = std::string(B3DGS_SOURCE) + "/scripts/check_report.sh " + report.string() + " " +
+                                (folder_.path() / "pictures").string() + " 2>&1";
+    const int status = std::system(command.c_str());
+    if (WEXITSTATUS(status) == 77) return "";
+    EXPECT_EQ(WEXITSTATUS(status), 0) << command;
+    return test::read_bytes(folder_.path() / "pictures/text.txt");
+  }
+
+  std::string shown(const Comparison& comparison) const {
+    const std::filesystem::path path = folder_.path() / "report.html";
+    std::ofstream(path) << report_page(comparison_report_data(comparison));
+    return shown(path);
+  }
+
+  test::TempDir folder_;
+};
+
+void expect_in_order(const std::string& text, std::initializer_list<const char*> parts) {
+  std::size_t at = 0;
+  for (const char* part : parts) {
+    const std::size_t next = text.find(part, at);
+    ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place: " << text;
+    at = next;
+  }
 }
 
-TEST(CompareReport, NamesTheRunsWithTimingChecks) {
-  const std::string html = comparison_report(comparison_of({{"naive", {history(10), history(10)}},
-                                                            {"adaptive", {history(8), history(8, 51)}},
-                                                            {"mine", {history(8, 31), history(8, 51)}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<h3>adaptive, seed 5</h3>")) << "the first seed has no checks";
-  EXPECT_TRUE(contains(html, "<h3>mine, seed 3</h3>"));
-  EXPECT_FALSE(contains(html, "<h3>naive"));
-  EXPECT_TRUE(contains(html, "Load statistics were not recorded")) << "in no run";
+TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
+  TrainHistory naive = history(10), again = history(10.2), shared = history(5), ours = history(4, 51);
+  for (TrainHistory* own : {&naive, &again, &shared, &ours}) own->points.back().test_psnr = 25;
+  again.points.back().test_psnr = 25.25;
+  const std::string text = shown(comparison_of({{"naive", {naive, naive}},
+                                                {"shared-memory", {shared, shared}},
+                                                {"mine", {ours, ours}},
+                                                {"naive_again", {again, again}}}));
+  if (text.empty()) GTEST_SKIP() << "chromium is not installed";
+  expect_in_order(text, {"two runs of naive differ by 2.0 %.",
+                         "Results",
+                         "Quality",
+                         "25.00 (25.00 to 25.00)",
+                         "+0.00 ± 0.25 (95 %: +0.00 to +0.00)\tequal",
+                         "Training time",
+                         "naive (baseline)\t1.00 s",
+                         "50.0 % ± 2.0 % (95 %: 50.0 to 50.0 %)\tfaster",
+                         "mine\t0.40 s (0.4 to 0.4)",
+                         "60.0 % ± 2.0 % (60.0 to 60.0)\t60.0 % ± 2.0 % (60.0 to 60.0)\t51\tforward kernel",
+                         "saved by load balancing",
+                         "20.0 % ± 2.0 %",
+                         "Run-to-run variation of naive: time 2.0 %, PSNR 0.25.",
+                         "/scenes/garden",
+                         "option\tnaive\tshared-memory\tmine",
+                         "mine, seed 3",
+                         "from combined to shared-memory",
+                         "Load statistics were not recorded",
+                         "No configurations here repeat that comparison",
+                         "kernel switch at 51 (seed 3)"});
 }
 
-TEST(CompareReport, ShowsTheLoadOfOursAndTimesOfFixedKernels) {
-  TrainHistory timed = history(10);
-  timed.loads = {{1, LoadFigures{1, 2, 3, 4, 5, 2, 0.5, {0, 1, 2}}, {}, {}}};
-  timed.candidate_times = {{1, "forward", {{"combined", 1.5}, {"shared-memory", 2}}}};
-  const std::string html = comparison_report(
-      comparison_of({{"naive", {timed, timed}}, {"combined", {history(8), timed}}, {"dynamic", {timed, timed}}}));
-  EXPECT_EQ(test::xml_fault(html), "");
-  const std::string heading = "<h3>combined, seed 5</h3>";  // the first seed has neither
-  const std::size_t kernels = html.find(heading);
-  ASSERT_NE(kernels, std::string::npos);
-  EXPECT_NE(html.find(heading, kernels + 1), std::string::npos) << "in the sections on kernels and load";
-  EXPECT_FALSE(contains(html, "<h3>naive") || contains(html, "<h3>dynamic")) << "one represents all";
-  EXPECT_TRUE(contains(html, "Time of the forward kernels: combined 1.50 ms, shared-memory 2 ms (iteration 1)."));
+TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
+  const TrainHistory original = history(10), paper = history(8, 51), late = history(8);
+  Comparison comparison = comparison_of({{"original", {original, original}}, {"paper", {paper, late}}});
+  comparison.configurations[0].config.lambda_dssim = 0.1;
+  const std::string text = shown(comparison);
+  if (text.empty()) GTEST_SKIP() << "chromium is not installed";
+  expect_in_order(text,
+                  {"Quality has not been measured yet.", "51 in 1 of 2 seeds", "was not measured (--noise does that)",
+                   "lambda_dssim\t0.1", "paper against original\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
+                   "published\t8.5 %\t\t19.6 %\t7.9 %"});
+}
+
+/// A log as training on a GPU writes it, with everything that a report can show.
+void write_eventful_log(const std::filesystem::path& path, double early_ms, double late_ms) {
+  std::ofstream file(path);
+  double elapsed_s = 0;
+  for (int iteration = 10; iteration <= 60; iteration += 10) {
+    const double ms = iteration <= 30 ? early_ms : late_ms;
+    elapsed_s += 0.01 * ms;
+    file << Json{{"iteration", iteration},
+                 {"loss", 1.0 / iteration},
+                 {"ms", ms},
+                 {"count", 1000 + iteration},
+                 {"elapsed_s", elapsed_s},
+                 {"kernel", iteration <= 30 ? "combined" : "shared-memory"},
+                 {"stages_ms", {{"project", 1}, {"blend_forward", 0.5 * ms}, {"of a later version", 1}}},
+                 {"test_psnr", 20 + 0.1 * iteration},
+                 {"test_ssim", 0.8}}
+         << "\n";
+    file << Json{{"iteration", iteration + 1},
+                 {"event", "kernel_check"},
+                 {"pass", "forward"},
+                 {"times_ms", {{"combined", 1 + 0.01 * iteration}, {"shared-memory", 1.3}}},
+                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
+                 {"views", 5},
+                 {"refused", {"dynamic"}},
+                 {"before", iteration <= 30 ? "combined" : "shared-memory"},
+                 {"after", iteration < 30 ? "combined" : "shared-memory"},
+                 {"reason", "slower by 3 % <b>"},
+                 {"cost_ms", 5},
+                 {"warm_up_ms", iteration == 10 ? 125 : 0}}
+         << "\n";
+    const Json load{{"min", 0},    {"median", 30}, {"p90", 400},   {"p99", 2000},
+                    {"max", 9000}, {"mean", 90},   {"gini", 0.75}, {"log2_bins", {1, 2, 5, 9, 20, 30, 12, 5, 1}}};
+    file << Json{{"iteration", iteration},
+                 {"event", "load_statistics"},
+                 {"tile_lists", load},
+                 {"pixel_processed", load}}
+         << "\n";
+  }
+}
+
+/// Share of pixels that do not have the most frequent colour, and number of colours.
+struct PictureContent {
+  double drawn_share = 0;
+  std::size_t n_colors = 0;
+  int background = 0;  // the red part of the first pixel
+};
+PictureContent content_of(const Image8& image) {
+  std::map<int, std::size_t> counts;
+  for (std::size_t i = 0; i < image.pixels.size(); i += 3) {
+    ++counts[image.pixels[i] << 16 | image.pixels[i + 1] << 8 | image.pixels[i + 2]];
+  }
+  std::size_t most = 0;
+  for (const auto& [color, n] : counts) most = std::max(most, n);
+  return {1 - 3.0 * static_cast<double>(most) / static_cast<double>(image.pixels.size()), counts.size(),
+          image.pixels[0]};
+}
+
+/// A comparison on disk, of two kernels with one seed.
+ComparisonPlan write_eventful_comparison(const std::filesystem::path& root) {
+  ComparisonPlan plan;
+  plan.base.model_path = root.string();
+  plan.base.source_path = "/scenes/<b>garden";
+  plan.base.iterations = 60;
+  plan.base.eval = true;
+  plan.given = {{"iterations", 60}};
+  plan.configs = "naive,shared-memory";
+  plan.seeds = {0};
+  plan.chunk = 25;
+  double ms = 40;
+  for (const Configuration& own : plan.configurations()) {
+    const ModelFolder model = plan.folder(own, 0);
+    std::filesystem::create_directories(report_folder(model));
+    std::ofstream(model.root() / "config.json") << config_to_json(own.config);
+    write_eventful_log(model.log(), ms, 0.25 * ms + 12);
+    ms -= 10;
+    RunInfo info;
+    info.machine = {{"cpu", "a CPU"}, {"cores", 2}};
+    info.held_out = true;
+    for (const char* name : {"truth.png", "render.png"}) write_image(report_folder(model) / name, Image8(64, 48, 3));
+    info.previews = {
+        {"</script><img src=x>.jpg", 24.5, report_folder(model) / "truth.png", report_folder(model) / "render.png"}};
+    write_run_info(info, model);
+  }
+  write_plan(plan);
+  return plan;
+}
+
+TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
+  const ComparisonPlan plan = write_eventful_comparison(folder_.path() / "out");
+  write_comparison(load_comparison(read_plan(plan.root())));
+  const Json check = Json::parse(test::read_bytes(plan.root() / "compare.json"))["runs"][0]["kernel_checks"][0];
+  EXPECT_EQ(check["refused"], Json::array({"dynamic"}));
+  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
+  const std::string text = shown(plan.root() / "report.html");
+  if (text.empty()) GTEST_SKIP() << "chromium is not installed";
+  expect_in_order(text, {"11 charts",
+                         "Results",
+                         "photograph &lt;/script&gt;&lt;img src=x&gt;.jpg",
+                         "naive, PSNR 24.5 dB",
+                         "Quality",
+                         "60\t26.00\t26.00",
+                         "Training time",
+                         "25.0 %",
+                         "logical cores\t2",
+                         "of a later version",
+                         "dynamic was disabled: slower by 3 % &lt;b&gt; (iteration 11, forward pass).",
+                         "combined 1.100 (0.020), shared-memory 1.300 (0.010)\t5\tcombined\tslower by 3 %",
+                         "The timing checks took 30 ms (1.61 % of the training time)",
+                         "took another 125 ms (6.72 % of the training time)",
+                         "Gini coefficient (0 = evenly",
+                         "0 = evenly",
+                         "Words",
+                         "kernel switch at 31",
+                         "to shared-memory",
+                         "99th percentile to maximum",
+                         "iteration 60"});
+  for (const char* missing : {"were not", "not measured yet", "have been rendered"}) {
+    EXPECT_FALSE(contains(text, missing)) << missing;
+  }
+  for (const std::string scheme : {"light", "dark"}) {
+    const PictureContent content = content_of(read_image(folder_.path() / ("pictures/" + scheme + ".png"), false));
+    EXPECT_GT(content.drawn_share, 0.02);
+    EXPECT_GT(content.n_colors, 50u);
+    EXPECT_EQ(content.background > 128, scheme == "light") << "the background follows the colour scheme";
+  }
+
+  const ModelFolder model = plan.folder(plan.configurations()[1], 0);
+  const std::string own = shown(write_train_report(model));
+  expect_in_order(
+      own, {"10 charts", "&lt;b&gt;garden: trained in 1.49 s, PSNR 26.00 dB on test views, 1,060 Gaussians",
+            "Photographs and renders", "These are test views", "Quality", "PSNR, mean over the test views.",
+            "Time and memory", "forward blending", "Scene, options and machine", "Number of Gaussians in a tile's list",
+            "combined\t1 to 30\t", "from combined to shared-memory", "Gini coefficient"});
 }
 
 }  // namespace

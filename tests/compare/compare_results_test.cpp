@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include "compare/compare_verdict.h"
-#include "support/xml.h"
 #include "synthetic_histories.h"
 
 namespace b3dgs {
@@ -62,18 +61,6 @@ TEST(FinalResults, AreTheVerdictWhereLengthsDiffer) {
             "original 4.0 s; fast 0.8 s. No views were held out (--no_eval), so quality was not measured.");
   for (ConfigurationHistory& own : complete) own.by_seed = {TrainHistory{}, TrainHistory{}};
   EXPECT_NE(verdict(summarize_comparison(complete, 4000)).find("No result yet"), std::string::npos);
-}
-
-TEST(FinalResults, SectionHasAPictureAndATable) {
-  const std::string html = results_section(final_results(of_two_lengths()), {9, 0});
-  EXPECT_EQ(test::xml_fault("<div>" + html + "</div>"), "");
-  EXPECT_NE(html.find("<svg"), std::string::npos);
-  EXPECT_NE(html.find("28.50 (28.00 to 29.00)"), std::string::npos) << html;
-  EXPECT_NE(html.find("fast: 28.75 dB in 0.8 s, 200,000 Gaussians"), std::string::npos) << html;
-  const std::string nothing =
-      results_section(final_results({of_length("a", 10, {{}}), of_length("b", 5, {{}})}), {9, 0});
-  EXPECT_EQ(nothing.find("<svg"), std::string::npos);
-  EXPECT_NE(nothing.find("<td>-</td>"), std::string::npos) << nothing;
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// report.html of one training, written from a model folder.
+// The data of the report of one training, from a model folder.
 #include "report/train_report.h"
 
 #include <gtest/gtest.h>
@@ -10,11 +10,13 @@
 #include "report/run_info.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"
+#include "support/page_data.h"
 #include "support/temp_dir.h"
-#include "support/xml.h"
 
 namespace b3dgs {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 class TrainReport : public ::testing::Test {
  protected:
@@ -24,7 +26,7 @@ class TrainReport : public ::testing::Test {
   }
 
   /// Log lines every 10 iterations up to `until`.
-  std::string page(int until, bool is_evaluated) const {
+  Json data(int until, bool is_evaluated) const {
     std::ofstream(temp_.path() / "config.json") << config_to_json(config_);
     std::ofstream log(folder_.log());
     for (int iteration = 10; iteration <= until; iteration += 10) {
@@ -35,13 +37,14 @@ class TrainReport : public ::testing::Test {
       log << line << "\n";
     }
     log.close();
-    return test::read_bytes(write_train_report(folder_));
+    return train_report_data(folder_);
   }
 
   void write_previews(bool held_out) const {
     RunInfo info;
     info.held_out = held_out;
     info.iteration = 60;
+    info.machine = {{"cpu", "a CPU"}};
     for (const char* name : {"truth_00000.png", "render_00000.png"}) {
       write_image(report_folder(folder_) / name, Image8(8, 6, 3));
     }
@@ -80,49 +83,52 @@ TEST(FindOverfitting, ComparesTheLastEvaluationWithTheBest) {
   EXPECT_EQ(found->lost, 0.75);
 }
 
-bool contains(const std::string& page, const std::string& text) {
-  return page.find(text) != std::string::npos;
-}
-
-TEST_F(TrainReport, HeadlineHasTimeQualityAndSize) {
+TEST_F(TrainReport, HasWhatTheHeadlineSays) {
   write_previews(true);
-  const std::string html = page(60, true);
-  EXPECT_EQ(test::xml_fault(html), "");
-  EXPECT_TRUE(contains(html, "<h1>garden: trained in 12 min 3 s, PSNR 26.00 dB on test views, 1,060 Gaussians</h1>"))
-      << html.substr(html.find("<h1>"), 200);
+  const Json report = data(60, true);
+  EXPECT_EQ(report["kind"], "training");
+  EXPECT_EQ(report["scene"], "garden");
+  EXPECT_EQ(report["iterations"], 60);
+  EXPECT_EQ(report["held_out"], true);
+  const Json& curves = report["runs"][0]["curves"];
+  EXPECT_EQ(curves["iteration"].back(), 60);
+  EXPECT_EQ(curves["elapsed_s"].back(), 723.0);
+  EXPECT_EQ(curves["test_psnr"].back(), 26.0);
+  EXPECT_EQ(curves["count"].back(), 1060);
+  EXPECT_EQ(report["previews"][0]["renders"][0]["psnr"], 24.5);
+  EXPECT_EQ(report["gpu_peak_bytes"], 2500000000);
 }
 
-TEST_F(TrainReport, HeadlineOfATrainingWithoutTestViewsSaysSo) {
-  write_previews(false);
-  EXPECT_TRUE(contains(page(60, false), "PSNR 24.50 dB on 1 training view, 1,060 Gaussians</h1>"));
-}
-
-TEST_F(TrainReport, HeadlineOfAnUnfinishedTrainingSaysHowFarItIs) {
-  EXPECT_TRUE(contains(page(40, true),
-                       "<h1>garden: not finished, 40 of 60 iterations in 8 min 2 s, PSNR 23.00 dB on "
-                       "test views at iteration 30, 1,040 Gaussians</h1>"));
-  EXPECT_TRUE(contains(page(0, false), "<h1>garden: no iterations logged yet</h1>"));
+TEST_F(TrainReport, OfATrainingWithoutLogOrPreviewsHasEmptyLists) {
+  const Json report = data(0, false);
+  EXPECT_EQ(report["runs"][0]["curves"]["iteration"], Json::array());
+  EXPECT_EQ(report["previews"], Json::array());
+  for (const char* unknown : {"overfitting", "limit"}) EXPECT_TRUE(report[unknown].is_null()) << unknown;
 }
 
 TEST_F(TrainReport, SaysThatTestViewsWereBetterBefore) {
-  EXPECT_FALSE(contains(page(60, true), "Overfitting"));
+  EXPECT_TRUE(data(60, true)["overfitting"].is_null());
   std::ofstream(folder_.log(), std::ios::app) << R"({"iteration": 70, "test_psnr": 25.5})";
-  EXPECT_TRUE(contains(test::read_bytes(write_train_report(folder_)),
-                       "Overfitting: after iteration 60, PSNR on the test views was 0.50 dB higher"));
+  EXPECT_EQ(train_report_data(folder_)["overfitting"], Json({{"iteration", 60}, {"lost", 0.5}}));
+}
+
+TEST_F(TrainReport, SaysWhatLimitedTheNumberOfGaussians) {
+  EXPECT_TRUE(data(60, true)["limit"].is_null());
+  std::ofstream(folder_.log(), std::ios::app)
+      << R"({"iteration": 60, "event": "held", "reason": "GPU memory", "count": 1060})";
+  EXPECT_EQ(train_report_data(folder_)["limit"], Json({{"iteration", 60}, {"count", 1060}, {"reason", "GPU memory"}}));
 }
 
 TEST_F(TrainReport, SaysHowManyGaussiansMayBeFloaters) {
-  EXPECT_FALSE(contains(page(60, true), "no training view"));
+  EXPECT_EQ(data(60, true)["floaters"], "");
   std::ofstream(folder_.log(), std::ios::app)
       << R"({"iteration": 60, "event": "floaters", "unseen": 1234, "one_view": 5, "close": 6, "large": 7})"
       << "\n";
-  const std::string text = "1,234 in no training view, 5 in one only, 6 close to a camera, 7 large in an image";
-  EXPECT_EQ(floaters_text(read_train_log(folder_.log())), text);
-  EXPECT_TRUE(contains(test::read_bytes(write_train_report(folder_)), "Gaussians that may be floaters: " + text));
-
+  EXPECT_EQ(train_report_data(folder_)["floaters"],
+            "1,234 in no training view, 5 in one only, 6 close to a camera, 7 large in an image");
   std::ofstream(folder_.log(), std::ios::app) << R"({"iteration": 70, "loss": 0.1})"
                                               << "\n";
-  EXPECT_EQ(floaters_text(read_train_log(folder_.log())), "") << "of a training that has been continued since";
+  EXPECT_EQ(train_report_data(folder_)["floaters"], "") << "of a training that has been continued since";
 }
 
 TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
@@ -139,20 +145,22 @@ TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
   EXPECT_EQ(limit_text(history, 2000), "the limit of 2,000 was not reached: at most 990 after iteration 2,000");
 }
 
-TEST_F(TrainReport, BeginsWithPicturesAndQualityAndFoldsTheRest) {
+TEST_F(TrainReport, NamesSceneOptionsAndMachine) {
   write_previews(true);
-  const std::string html = page(60, true);
-  std::size_t at = 0;
-  for (const char* part :
-       {"<h2>Photographs and renders", "data:image/jpeg", "<h2>Quality", "PSNR over the iterations",
-        "<h2>Time and memory", "GPU memory peaked at 2.50 GB", "mean time, ms", "remaining CPU time",
-        "<h2>Scene, options and machine", "/scenes/garden",
-        "iterations 60; otherwise those of --preset original, --strategy default", "<details>\n<summary>Load",
-        "<details>\n<summary>Kernels", "<details>\n<summary>Words", "Gini coefficient"}) {
-    const std::size_t next = html.find(part, at);
-    ASSERT_NE(next, std::string::npos) << part << " is missing or in the wrong place";
-    at = next;
-  }
+  const Json report = data(60, true);
+  EXPECT_EQ(report["settings"][0], Json::array({"source scene", "/scenes/garden"}));
+  EXPECT_EQ(report["settings"][1],
+            Json::array({"options", "iterations 60; otherwise those of --preset original, --strategy default"}));
+  EXPECT_EQ(report["machine"], Json({{"cpu", "a CPU"}}));
+}
+
+TEST_F(TrainReport, IsWrittenAsOnePage) {
+  write_previews(true);
+  const Json expected = data(60, true);
+  const std::filesystem::path path = write_train_report(folder_);
+  EXPECT_EQ(path, folder_.root() / "report.html");
+  const Json shown = test::data_of_page(test::read_bytes(path));
+  for (const char* part : {"scene", "settings", "previews", "machine"}) EXPECT_EQ(shown[part], expected[part]) << part;
 }
 
 }  // namespace

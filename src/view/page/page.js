@@ -133,8 +133,6 @@ function draw() {
 
 // --- Progress
 
-const count_text = (n) => Math.round(n).toLocaleString("en-US");
-
 function duration(seconds) {
   const s = Math.round(seconds), two = (n) => String(n).padStart(2, "0");
   return s >= 3600 ? `${Math.floor(s / 3600)}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`
@@ -187,15 +185,16 @@ function show_state() {
 }
 
 function show_curves() {
-  const last = (points, format) => (points.length > 0 ? format(points[points.length - 1][1]) : "");
-  const chart = (name, points, format) => {
-    draw_chart($(`${name}_curve`), points, format);
-    $(`${name}_now`).textContent = last(points, format);
+  const chart = (name, title, points, format) => {
+    $(`${name}_now`).textContent = points.length > 0 ? format(points[points.length - 1][1]) : "no values yet";
+    if (points.length < 2) return;
+    Charts.show($(`${name}_curve`), "lines",
+                {title, small: true, height: 64, format, series: [{name: title, color: 0, points}]});
   };
-  chart("loss", curve.map(([i, loss]) => [i, loss]), (x) => x.toFixed(4));
-  chart("count", curve.map(([i, , n]) => [i, n]), count_text);
+  chart("loss", "loss", curve.map(([i, loss]) => [i, loss]), (x) => x.toFixed(4));
+  chart("count", "Gaussians", curve.map(([i, , n]) => [i, n]), count_text);
   $("psnr_curve").parentElement.hidden = state.psnr.length === 0;
-  chart("psnr", state.psnr, (x) => `${x.toFixed(2)} dB`);
+  chart("psnr", "PSNR", state.psnr, (x) => `${x.toFixed(2)} dB`);
 }
 
 async function command(name) {

@@ -1,0 +1,32 @@
+// Numbers as text, and HTML elements. Texts become text nodes, so that none is read as HTML.
+
+const count_text = (n) => Math.round(n).toLocaleString("en-US");
+
+/// With three significant digits.
+function figure_text(value) {
+  const size = Math.abs(value);
+  if (size >= 1e7) return `${(value / 1e6).toFixed(1)} M`;
+  if (size >= 1000) return count_text(value);
+  if (Number.isInteger(value)) return String(value);
+  return value.toFixed(Math.min(6, Math.max(0, 2 - Math.floor(Math.log10(size)))));
+}
+
+const percent_text = (share) => `${(100 * share).toFixed(1)} %`.replace(/^-(0\.0 %)$/, "$1");
+
+function element(name, attributes = {}, ...content) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...content);
+  return made;
+}
+
+/// A table of texts. `head` may be empty. Words are aligned to the left, figures to the right.
+function table(head, rows, {words = false, marked = -1} = {}) {
+  const row = (cell, texts) => element("tr", {}, ...texts.map((text) => element(cell, {}, text)));
+  const made = element("table", {class: words ? "words" : "figures"});
+  if (head.length > 0) made.append(element("thead", {}, row("th", head)));
+  const body = element("tbody", {}, ...rows.map((texts) => row("td", texts)));
+  if (marked >= 0) body.children[marked].className = "marked";
+  made.append(body);
+  return element("div", {class: "scroll", tabindex: "0", role: "group", "aria-label": "table"}, made);
+}

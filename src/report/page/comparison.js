@@ -1,0 +1,287 @@
+// The report of a comparison: compare.json's "summary", and the runs of all configurations.
+
+/// A grey for the baseline, colours for the others.
+const color_of = (configuration) => (configuration === 0 ? 9 : (configuration - 1) % 8);
+
+/// The runs of the first seed, which the charts show.
+function first_runs({runs, seeds, summary}) {
+  return summary.results.map(({name}, i) => ({...runs[i * seeds.length], name, color: color_of(i)}));
+}
+
+const seeds_started = (summary) => summary.done_by_seed.filter((done) => done > 0).length;
+const in_seeds = (n, all) => (n === all ? "" : ` in ${n} of ${all} seeds`);
+
+/// "28.90", with several seeds "28.90 (28.81 to 28.97)"; "-" if unknown.
+function spread_cell(spread, text) {
+  if (!spread) return "-";
+  return text(spread.mean) + (spread.n > 1 ? ` (${text(spread.min)} to ${text(spread.max)})` : "");
+}
+
+// --- Results
+
+function results_section({summary: {results}}) {
+  const dots = results.map((own, i) => ({own, color: color_of(i)})).filter(({own}) => own.seconds && own.psnr)
+                   .map(({own, color}) => {
+    const {seconds, psnr, gaussians} = own;
+    return {name: own.name, color, x: seconds.mean, y: psnr.mean, low: psnr.min, high: psnr.max,
+            size: gaussians ? gaussians.mean : 0,
+            note: `${psnr.mean.toFixed(2)} dB in ${seconds.mean.toFixed(1)} s` +
+                  (gaussians ? `, ${count_text(gaussians.mean)} Gaussians` : "")};
+  });
+  const chart = dots.length === 0 ? [] : Charts.figure("scatter", {
+    title: "Quality over training time", x_label: "training time, s", y_label: "PSNR of the test views, dB",
+    size_label: "Gaussians", dots,
+  }, "Up and to the left is better. The area of a dot is its number of Gaussians; a vertical line is the range over " +
+     "seeds; the dashed line joins configurations that no other one beats in both time and PSNR.");
+  const fixed = (digits) => (value) => value.toFixed(digits);
+  const rows = results.map((own) => [
+    own.name, count_text(own.iterations), spread_cell(own.seconds, fixed(2)), spread_cell(own.gaussians, count_text),
+    spread_cell(own.psnr, fixed(2)), spread_cell(own.ssim, fixed(4))]);
+  return [chart, table(["configuration", "iterations", "training time, s", "Gaussians", "PSNR, dB", "SSIM"], rows),
+          soft(results.some((own) => own.complete_seeds > 1)
+                   ? "At the end of each training: mean over the seeds that are complete, and range."
+                   : "At the end of each training; - is not known yet.")];
+}
+
+// --- Quality
+
+const kMeasureText = {SSIM: (x) => x.toFixed(4), Gaussians: count_text};
+
+function quality_section(data) {
+  const {summary, quality_criterion, measures_half} = data;
+  const tables = summary.compared.filter((own) => own.quality.length > 0).map(({name, quality}) => {
+    const rows = quality.map((own) => {
+      const text = kMeasureText[own.measure] || ((x) => x.toFixed(2));
+      const signed = (x) => (x < 0 ? text(x) : `+${text(x)}`);
+      return [own.measure + in_seeds(own.baseline.n, seeds_started(summary)), count_text(own.iteration),
+              spread_cell(own.baseline, text), spread_cell(own.ours, text),
+              signed(own.difference) + (own.machine_spread === null ? "" : ` ± ${text(own.machine_spread)}`) +
+                  (own.interval ? ` (95 %: ${signed(own.interval[0])} to ${signed(own.interval[1])})` : ""),
+              own.finding];
+    });
+    return table(["measure", "at iteration", summary.baseline, name, "difference", ""], rows);
+  });
+  if (tables.length === 0) return soft("Quality has not been measured yet.");
+  const runs = first_runs(data), n_values = runs[0].curves.test_psnr.filter((psnr) => psnr !== null).length;
+  return [tables, soft(quality_criterion), measures_half ? soft(kMeasuredHalf) : [],
+          n_values === 0 ? soft("No test views were held out (--no_eval), so there is no PSNR.")
+          : n_values > 1 ? curve_figure(kQuantities.psnr, runs) : []];  // the tables have a single value
+}
+
+// --- Training time
+
+/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)", with the run-to-run variation "18.3 % ± 0.4 %".
+function share_cell(share, noise, n_seeds) {
+  if (!share) return "-";
+  const range = share.n > 1 ? ` (${(100 * share.min).toFixed(1)} to ${(100 * share.max).toFixed(1)})` : "";
+  return percent_text(share.mean) + (noise === null ? "" : ` ± ${percent_text(noise)}`) + range +
+         in_seeds(share.n, n_seeds);
+}
+
+/// The same with the 95 % interval of the mean instead of the range.
+function effect_cell(share, noise, n_seeds, has_word) {
+  if (!share) return "-";
+  const interval = share.interval ? ` (95 %: ${share.interval.map((x) => (100 * x).toFixed(1)).join(" to ")} %)` : "";
+  return percent_text(share.mean) + (noise === null ? "" : ` ± ${percent_text(noise)}`) + interval +
+         (has_word || share.finding === "differs" ? "" : `, ${share.finding}`) + in_seeds(share.n, n_seeds);
+}
+
+const time_word = (share) => (share.finding !== "differs" ? share.finding : share.mean > 0 ? "faster" : "slower");
+
+const kSavedHead = ["time saved: total", "", "before the switch", "after the switch", "switch at iteration"];
+
+function saved_cells(own, n_seeds) {
+  const {saved_overall: total, machine_spread: noise, inflection: at} = own;
+  const when = at && count_text(at.min) + (at.max > at.min ? ` to ${count_text(at.max)}` : "");
+  return [effect_cell(total, noise.overall, n_seeds, true), total ? time_word(total) : "-",
+          share_cell(own.saved_before_inflection, noise.before, n_seeds),
+          share_cell(own.saved_after_inflection, noise.after, n_seeds),
+          at ? when + in_seeds(at.n, n_seeds) : "none"];
+}
+
+/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
+function seconds_cell({by_seed}, key) {
+  const all = by_seed.map((seed) => seed[key]);
+  if (all.length === 0) return "-";
+  const mean = all.reduce((sum, s) => sum + s, 0) / all.length, low = Math.min(...all), high = Math.max(...all);
+  return seconds_text(mean, low) + (all.length > 1 ? ` (${low.toFixed(1)} to ${high.toFixed(1)})` : "");
+}
+
+/// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.
+function differences_cell({options, has_own_kernel}, own, i) {
+  const kernel = has_own_kernel[i] ? ["forward kernel"] : [], names = own.differs_in;
+  if (names.length > 3) return [...kernel, `${names.length} options (see below)`].join(", ");
+  const text = (name) => {
+    const row = options.find((option) => option[0] === name);
+    return row ? `${name} ${row[1]} → ${row[i + 2]}` : name;
+  };
+  return [...kernel, ...names.map(text)].join(", ") || "nothing";
+}
+
+function time_table(data) {
+  const {summary, time_criterion} = data, compared = summary.compared;
+  const has_switch = compared.some((own) => own.inflection);
+  const shown = (cells) => (has_switch ? cells : cells.slice(0, 2));
+  const rows = [[`${summary.baseline} (baseline)`, seconds_cell(compared[0], "baseline_s"),
+                 ...shown(kSavedHead.map(() => "-")), "-"],
+                ...compared.map((own, i) => [own.name, seconds_cell(own, "ours_s"),
+                                             ...shown(saved_cells(own, own.by_seed.length)),
+                                             differences_cell(data, own, i)])];
+  return [table(["configuration", "training time", ...shown(kSavedHead), "differs in"], rows,
+                {marked: 1 + compared.findIndex((own) => own.name === summary.ours)}),
+          soft(`Time saved is a share of ${summary.baseline}'s training time. ${time_criterion}` +
+               (has_switch ? " The switch is the first timing check after which another forward kernel was used; " +
+                             "before and after it are means over the seeds that have both." : ""))];
+}
+
+/// The time that load balancing alone saves.
+function balancing_table({summary, missing_kernels}) {
+  const gains = summary.balancing;
+  if (gains.length === 0) {
+    return missing_kernels.length === 0 ? [] : paragraph("How much load balancing alone saves is unknown: these " +
+      `kernels without load balancing were not trained with the options of ${summary.ours}: ` +
+      `${missing_kernels.join(", ")}.`);
+  }
+  const rows = gains.map((gain) => {
+    const cell = (saved) => effect_cell(saved, gain.machine_spread, saved.n, false);
+    return [gain.name, gain.naive, cell(gain.saved_naive_to_unbalanced), gain.unbalanced,
+            cell(gain.saved_by_balancing), cell(gain.saved_whole)];
+  });
+  return [table(["configuration", "compared with", "saved without load balancing", "by", "saved by load balancing",
+                 "saved in total"], rows, {marked: gains.findIndex((gain) => gain.name === summary.ours)}),
+          soft("The configurations of a row differ only in the forward kernel. Load balancing is compared with the " +
+               "fastest kernel without it, as a share of that kernel's time; the other two columns are shares of " +
+               "naive's time.")];
+}
+
+/// Training time up to an iteration, interpolated; constant after the last point.
+function elapsed_at({iteration, elapsed_s}, at) {
+  let [from, from_s] = [0, 0];
+  for (let i = 0; i < iteration.length; ++i) {
+    if (iteration[i] >= at) return from_s + (at - from) / (iteration[i] - from) * (elapsed_s[i] - from_s);
+    [from, from_s] = [iteration[i], elapsed_s[i]];
+  }
+  return from_s;
+}
+
+function time_charts(data) {
+  const {summary, seeds} = data, runs = first_runs(data), baseline = runs[0].curves;
+  const curve = ({name, color, curves}, value) =>
+      ({name, color, points: [[0, 0], ...curves.iteration.map((x, i) => [x, value(x, curves.elapsed_s[i])])]});
+  const ours = runs.find((run) => run.name === summary.ours);
+  const changed = ours.kernel_checks.find((check) => check.pass === "forward" && has_changed(check));
+  const seed = seeds.length > 1 ? `seed ${seeds[0]}` : "";
+  const events = !changed ? [] : [{x: changed.iteration, label: `kernel switch at ${count_text(changed.iteration)}` +
+                                                                (seed ? ` (${seed})` : "")}];
+  const note = seed ? ` Shown for ${seed}.` : "";
+  const chart = (name, height, series, caption) =>
+      series_figure({name, unit: "s", height, caption: caption + note}, series, events);
+  const difference = runs.slice(1).map((run) => {
+    const until = baseline.iteration.length > 0 ? baseline.iteration[baseline.iteration.length - 1] : 0;
+    const own = curve(run, (x, seconds) => elapsed_at(baseline, x) - seconds);
+    return {...own, points: own.points.filter((point) => point[0] <= until)};
+  });
+  return [chart("Training time", 280, runs.map((run) => curve(run, (_, seconds) => seconds)),
+                "Training time of each configuration."),
+          chart("Time saved", 220, difference, `Time saved compared with ${summary.baseline}: while a curve rises, ` +
+                                               "its configuration is faster.")];
+}
+
+const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+
+function time_section(data) {
+  const {reading_s, output_s, loading, repetition} = data;
+  return [
+    time_table(data), balancing_table(data),
+    soft(repetition ? `${sentence(repetition)} Values after ± are the run-to-run variation over the same iterations, ` +
+                      "the largest of all seeds."
+                    : "The run-to-run variation of times was not measured (--noise does that)."),
+    time_charts(data),
+    soft("Times include rendering, gradients, loss, optimizer, density control, uploads and timing checks of " +
+         `kernels. Reading the scene (${seconds_text(reading_s, 0)}, once for all configurations) and evaluation, ` +
+         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.`),
+    loading ? soft(sentence(loading)) : [],
+  ];
+}
+
+// --- Kernels, load, published results
+
+/// `make` of the first seed of a configuration for which `has` is true, under a heading; nothing if there is none.
+function of_configuration(runs, name, has, make) {
+  const run = runs.find((own) => own.name === name && has(own));
+  return run ? [element("h3", {}, `${name}, seed ${run.seed}`), make(run)] : [];
+}
+
+/// `make` of the configuration that the verdict is about, else of the first for which `has` is true.
+function of_one({runs, summary}, has, make) {
+  const own = of_configuration(runs, summary.ours, has, make), first = runs.find(has);
+  return own.length > 0 || !first ? own : of_configuration(runs, first.name, has, make);
+}
+
+/// Of all configurations with timing checks; without any, of one whose kernels were timed.
+function compared_kernels(data) {
+  const has_checks = (run) => run.kernel_checks.length > 0, has_times = (run) => run.candidate_times.length > 0;
+  const all = data.summary.results.flatMap(({name}) => of_configuration(data.runs, name, has_checks, kernel_section));
+  const one = all.length > 0 ? all : of_one(data, has_times, kernel_section);
+  return one.length > 0 ? one : soft("No kernels were timed: the kernels were fixed by options.");
+}
+
+/// The load depends on the scene, hardly on the kernel: one configuration represents all.
+function compared_load(data) {
+  const one = of_one(data, (run) => run.load_statistics.length > 0, load_section);
+  return one.length > 0 ? one : load_section({load_statistics: []});
+}
+
+/// Published results beside those of configurations that repeat the published comparison.
+function paper_section({summary}) {
+  const published = "The Balanced3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the " +
+      "kernels combined (load-balanced) and shared-memory, both with the backward pass and optimizer of the original " +
+      "3DGS trainer, on an A100 with its own scene at 960 x 540 px. It reports 8.5 % of training time saved in " +
+      "total: 19.6 % before the switch from combined to shared-memory at about iteration 2,000, and 7.9 % after it.";
+  if (summary.beside_paper.length === 0) {
+    return soft(`${published} No configurations here repeat that comparison; --configs ` +
+                "original,paper:original+kernel=paper comes closest.");
+  }
+  const rows = summary.beside_paper.map((own) => [`${own.name} against ${own.baseline}`,
+                                                  ...saved_cells(own, seeds_started(summary))]);
+  return [table(["comparison", ...kSavedHead], [...rows, ["published", "8.5 %", "", "19.6 %", "7.9 %", "about 2,000"]]),
+          soft(`${published} Here, both sides use this program's loss, optimizer and projection, which are faster ` +
+               "than the original ones, so the forward pass is a larger share of a step.")];
+}
+
+// --- The page
+
+function options_table({options, summary}) {
+  if (options.length === 0) return soft("The configurations have the same options.");
+  return table(["option", ...summary.results.map((own) => own.name)], options, {words: true});
+}
+
+function what_was_compared({scene, seeds, chunk, summary}, is_of_one_length) {
+  const n = seeds.length, started = seeds_started(summary);
+  return paragraph(`Scene ${scene}, ` +
+    (is_of_one_length ? `${count_text(summary.done)} iterations of each configuration, `
+                      : "each configuration for its own number of iterations, ") +
+    `${started < n ? `${started} of ` : ""}${n} ${n === 1 ? "seed" : "seeds"}. All configurations trained on the ` +
+    `same views in the same order, in turns of ${chunk} iterations, so that changes in the speed of the machine ` +
+    "affect all of them alike.");
+}
+
+function comparison_page(data) {
+  const {scene, summary} = data, runs = first_runs(data);
+  const is_of_one_length = summary.results.every((own) => own.iterations === summary.results[0].iterations);
+  const note = () => (is_of_one_length ? [] : soft(`Compared over the first ${count_text(summary.done)} iterations, ` +
+    "which all configurations have done, and so not at the end of the longer ones."));
+  return [`Comparison on ${scene}`, summary.verdict, [
+    what_was_compared(data, is_of_one_length),
+    section("Results", results_section(data)),
+    section("Photographs and renders", preview_section(data)),
+    section("Quality", note(), quality_section(data)),
+    section("Training time", note(), time_section(data)),
+    section("Scene, options and machine", settings_table(data), options_table(data)),
+    folded("Time by stage of the training step", stage_section(runs)),
+    folded("Kernels: which were used, and why", compared_kernels(data)),
+    folded("Load: Gaussians per tile and per pixel", compared_load(data)),
+    folded("Published results", paper_section(data)),
+    folded("Words", words_section()),
+  ]];
+}
