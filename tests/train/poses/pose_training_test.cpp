@@ -111,10 +111,11 @@ TEST(PoseTraining, FirstAndLastViewStayAndTheOthersMove) {
 TEST(PoseTraining, NothingIsLearnedBeforeItsIterationNorWithoutTheOption) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  TrainConfig config = refining_config();
-  const Trained without = train(eventful_config(), scene, temp / "without");
-  EXPECT_FALSE(corrections_of(without.result.checkpoint).defined()) << "default checkpoints have no poses";
+  TrainConfig config = eventful_config();
   config.densify_from_iter = config.iterations;
+  const Trained without = train(config, scene, temp / "without");
+  EXPECT_FALSE(corrections_of(without.result.checkpoint).defined()) << "default checkpoints have no poses";
+  config = refining_config(config);
   const Trained late = train(config, scene, temp / "late");
   EXPECT_FALSE(corrections_of(late.result.checkpoint).defined());
   EXPECT_TRUE(late.ply == without.ply);
