@@ -2,8 +2,8 @@
 #pragma once
 
 #include "dist/communicator.h"
-#include "train/density/row_edit.h"
 #include "multi/rows/row_owners.h"
+#include "train/density/row_edit.h"
 
 namespace b3dgs {
 

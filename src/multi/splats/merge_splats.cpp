@@ -5,8 +5,8 @@
 #include "core/parallel.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
 #include "multi/splats/splat_words_cuda.h"
+#include "raster/torch/torch_launch.h"
 #endif
 
 namespace b3dgs {

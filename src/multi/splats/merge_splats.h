@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "raster/torch/rasterizer.h"
 #include "multi/splats/splat_words.h"
+#include "raster/torch/rasterizer.h"
 
 namespace b3dgs {
 

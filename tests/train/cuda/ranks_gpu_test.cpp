@@ -5,9 +5,9 @@
 
 #include <vector>
 
-#include "support/gpu_test.h"
 #include "multi/rows/sharded_row_edit.h"
 #include "multi/splats/merge_splats.h"
+#include "support/gpu_test.h"
 
 namespace b3dgs {
 namespace {
