@@ -1,7 +1,7 @@
 # b3dgs for NVIDIA GPUs of compute capability 7.5 or higher. The machine needs NVIDIA's driver (580 or later) and its
-# container toolkit.
+# container toolkit. The image has not been built yet.
 #   docker build -t b3dgs .
-#   docker run --rm --gpus all -v "$PWD:/data" b3dgs train SCENE -m MODEL    # folders in the present one
+#   docker run --rm --gpus all -v "$PWD:/data" b3dgs train SCENE -m MODEL    # folders in the current one; for --view, add --network host
 FROM debian:12 AS build
 RUN apt-get update -q && apt-get install -y -q --no-install-recommends ca-certificates python3-pip wget
 RUN wget -q https://developer.download.nvidia.com/compute/cuda/repos/debian12/x86_64/cuda-keyring_1.1-1_all.deb \

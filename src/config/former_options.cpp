@@ -54,7 +54,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"bilateral_grid_tv", "10", "the weight of the total variation is 10"},
     {"prune_opacity", "0.005", "Gaussians with an opacity below 0.005 are removed"},
     {"min_opacity", "0.005", "Gaussians with an opacity below 0.005 are removed"},
-    {"prune_world_size", "0.1", "Gaussians larger than 0.1 x scene extent are removed"},
+    {"prune_world_size", "0.1", "only strategy default removes large Gaussians: above 0.1 x scene extent"},
     {"prune_screen_size", "0", "Gaussians are not removed for their size on the screen"},
     {"init_opacity", "0.1", "Gaussians start with an opacity of 0.1"},
     {"init_scale", "1", "Gaussians start as large as the distance to their neighbours"},

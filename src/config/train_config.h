@@ -259,15 +259,15 @@ void visit_fields(TrainConfig& c, Visitor&& field) {
   field(Option{"densification_interval"}.in_steps(), c.densification_interval, AtLeast{1},
         "iterations between rounds of density control");
   field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
-        "clone or split Gaussians whose mean screen-space gradient is at least X");
+        "default: clone or split Gaussians whose mean screen-space gradient is at least X");
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
-        "split Gaussians larger than X x scene extent, clone smaller ones");
+        "default: split Gaussians larger than X x scene extent, clone smaller ones");
   field(Option{"opacity_reset_interval"}.in_steps(), c.opacity_reset_interval, AtLeast{1},
         "iterations between opacity resets; balanced: between removals by --prune_weight");
   field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}.in_steps(), c.sh_increase_interval, AtLeast{1},
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
-        "maximum number of Gaussians (0 = no limit)");
+        "maximum number of Gaussians (0 = by --gaussians_per_pixel)");
   field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
         "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");

@@ -144,6 +144,7 @@ void RankStepper::apply_round(const DensityRound& round, int iteration, std::int
 }
 
 void RankStepper::allocate_together(const std::function<void()>& work) {
+  has_failed_together_ = false;
   std::string failure;
   try {
     work();

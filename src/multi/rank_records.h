@@ -28,7 +28,7 @@ struct StepRecord {
   std::int32_t is_out_of_memory = 0;
 };
 
-/// What rank 0 asks of the others in on_first_rank().
+/// What rank 0 asks of the others in on_first().
 struct RenderRequest {
   enum Kind : std::int32_t { kDone, kRender, kRemove };
   std::int64_t row = 0;  // to remove

@@ -17,7 +17,7 @@ namespace b3dgs {
 /// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer at the end of a step.
 struct RankStepper::Part {
   struct View {
-    ViewOfStep of;
+    ViewOfStep id;
     DensityPlan plan;
     PinholeView camera;
     RenderSettings settings;
@@ -56,11 +56,10 @@ void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int
   draw_plan_.forget_before(from);
   Part part;
   part.drawers = planned_drawers(from, views);
-  for (const ViewOfStep& view : views) part.views.emplace_back().of = view;
+  for (const ViewOfStep& view : views) part.views.emplace_back().id = view;
   StepRecord record;
   project_own_gaussians(part, is_filter_due, record);
   exchange_records(part, record, last);
-  if (views.empty()) return;
   drawers_ = part.drawers;
   draw_own_views(part);
   unread_losses_ = views;
@@ -71,27 +70,27 @@ void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int
 }
 
 void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record) {
-  if (part.views.empty()) return;
   std::vector<PinholeView> cameras;
   std::vector<RenderSettings> settings;
   update_filters(is_filter_due);
   try {
     for (Part::View& view : part.views) {
-      view.plan = training_.density->plan(view.of.iteration);
-      view.refines_pose = training_.views.poses.refines(view.of.index, view.of.iteration);
-      view.camera = training_.views.camera(view.of.index, view.of.iteration);
-      view.settings = step_settings(view.of.iteration);
+      view.plan = training_.density->plan(view.id.iteration);
+      view.refines_pose = training_.views.poses.refines(view.id.index, view.id.iteration);
+      view.camera = training_.views.camera(view.id.index, view.id.iteration);
+      view.settings = step_settings(view.id.iteration);
       cameras.push_back(view.camera);
       settings.push_back(view.settings);
     }
     const std::vector<ViewSplats> own = with_remedies(training_.remedies(), [&] {
-      return optimizer_.project_views(state_.gaussians, state_.adam, cameras, settings);
+      std::vector<ViewSplats> projected = optimizer_.project_views(state_.gaussians, state_.adam, cameras, settings);
+      splats_.pack(projected, part.drawers, owners_.own());
+      return projected;
     });
     for (std::size_t v = 0; v < own.size(); ++v) {
       part.views[v].own = own[v];
       record.n_splats[v] = own[v].size();
     }
-    splats_.pack(own, part.drawers, owners_.own());
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = owners_.row_of_model(error.row());
   } catch (const OutOfMemoryError&) {
@@ -116,7 +115,7 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   }
   for (const Part::View& view : part.views) {
     model_ratios_.add(view.n_splats, 0, state_.n_gaussians());
-    note_visibility(view.of.index, view.n_splats == 0);
+    note_visibility(view.id.index, view.n_splats == 0);
   }
   agreed_.write_checkpoint = records[0].write_checkpoint != 0;
   agreed_.check_kernels = records[0].check_kernels != 0;
@@ -134,11 +133,11 @@ void RankStepper::draw_own_views(Part& part) {
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     if (part.drawers[v] != ranks_.rank()) continue;
     own.push_back(v);
-    own_next.push_back(part.views[v].of.index);
+    own_next.push_back(part.views[v].id.index);
   }
   if (AppearanceModel* const appearance = training_.objective.appearance()) {
     for (const Part::View& view : part.views) {
-      appearance->begin_step(view.of.index, view.of.iteration, state_.appearance);
+      appearance->begin_step(view.id.index, view.id.iteration, state_.appearance);
     }
   }
   const std::vector<std::int32_t> ahead = own_views_ahead();
@@ -151,17 +150,18 @@ void RankStepper::draw_own_views(Part& part) {
 
 void RankStepper::draw_view(Part& part, std::size_t v, const ViewSplats& drawn,
                             const std::vector<std::int32_t>& own_next) {
-  const Part::View& of = part.views[v];
-  const int iteration = of.of.iteration;
+  const Part::View& part_view = part.views[v];
+  const int iteration = part_view.id.iteration;
   training_.timer.begin(Stage::kUpload);
   const std::size_t n_next = std::min(training_.views.images.n_upcoming_wanted(), own_next.size());
   const TrainView view = training_.views.take(
-      of.of.index, iteration, {own_next.begin(), own_next.begin() + static_cast<std::ptrdiff_t>(n_next)});
+      part_view.id.index, iteration, {own_next.begin(), own_next.begin() + static_cast<std::ptrdiff_t>(n_next)});
   training_.timer.end();
   RenderedView rendered;
   try {
-    rendered = with_remedies(training_.remedies(),
-                             [&] { return training_.rasterizer.forward_splats(drawn, view.camera, of.settings); });
+    rendered = with_remedies(training_.remedies(), [&] {
+      return training_.rasterizer.forward_splats(drawn, view.camera, part_view.settings);
+    });
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
   }
@@ -170,13 +170,13 @@ void RankStepper::draw_view(Part& part, std::size_t v, const ViewSplats& drawn,
   own_views_.push_back({v, std::nullopt, queue_row_entries()});
   AppearanceModel* const appearance = training_.objective.appearance();
   if (appearance != nullptr) appearance->set_place(static_cast<int>(learned_views_.size() + v));
-  const RenderedViewGrad grad = compare(view, iteration, rendered, of.plan.score);
+  const RenderedViewGrad grad = compare(view, iteration, rendered, part_view.plan.score);
   part.sums.push_back(training_.rasterizer.backward_splats(grad));
   if (part.refines_poses()) part.orders.push_back(training_.rasterizer.order_of_splats());
   if (n_shared_columns() > 0) part.shared.push_back(shared_gradients());
   if (part.has_scores()) {
-    part.scores.push_back(training_.rasterizer.score_splats(of.plan.score ? training_.objective.errors()
-                                                                          : torch::zeros_like(rendered.alpha)));
+    part.scores.push_back(training_.rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
+                                                                                 : torch::zeros_like(rendered.alpha)));
   }
 }
 
@@ -196,7 +196,7 @@ void RankStepper::keep_own_splats(Part& part) {
     training_.timer.begin(Stage::kDensify);
     make_room_for_statistics();
     save_statistics();
-    DensityStep step{view.of.iteration, statistics, view.camera.width, view.camera.height};
+    DensityStep step{view.id.iteration, statistics, view.camera.width, view.camera.height};
     if (view.plan.score) {
       step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
     }

@@ -70,7 +70,7 @@ class RankStepper final : public Stepper {
 
  protected:
   void take_step() override;
-  bool keeps_views() const override { return true; }
+  bool keeps_gradients() const override { return true; }
   void compute_filters(SmoothingFilter& filter) override;
   std::int64_t remove_invalid_rows(std::int64_t row) override;
 

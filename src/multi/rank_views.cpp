@@ -64,7 +64,6 @@ std::vector<std::int32_t> RankStepper::own_views_ahead() {
 }
 
 std::vector<int> RankStepper::planned_drawers(int from, const std::vector<ViewOfStep>& views) {
-  if (views.empty()) return {};
   std::vector<std::int32_t> indices;
   for (const ViewOfStep& view : views) indices.push_back(view.index);
   return draw_plan_.drawers(from, indices);

@@ -28,7 +28,7 @@ class Objective {
   /// The gradient of the loss with respect to `rendered`, valid until the next call.
   /// @param full_valid  TrainView::valid of the view at its full size
   /// @param wants_errors  errors() will be asked for
-  /// @param appearance  of all views; read only
+  /// @param appearance  of all views; steps of this view that were deferred are applied
   RenderedViewGrad compare(const TrainView& view, int iteration, const torch::Tensor& full_valid,
                            const RenderedView& rendered, bool wants_errors, AppearanceState& appearance);
 

@@ -31,6 +31,18 @@ bool is_out_of_memory(const std::exception& error) {
          std::strstr(error.what(), "out of memory") != nullptr;
 }
 
+/// While it lives, files are on disk when the call that writes them returns.
+class Ending {
+ public:
+  explicit Ending(TrainRecorder& recorder) : recorder_(recorder) { recorder_.set_ending(true); }
+  ~Ending() { recorder_.set_ending(false); }
+  Ending(const Ending&) = delete;
+  Ending& operator=(const Ending&) = delete;
+
+ private:
+  TrainRecorder& recorder_;
+};
+
 std::unique_ptr<Stepper> make_stepper(Training& training) {
   if (training.hooks.make_stepper) return training.hooks.make_stepper(training);
   return std::make_unique<Stepper>(training);
@@ -243,9 +255,10 @@ std::filesystem::path Session::write_checkpoint() {
   // Files that are still being written are those of a training that goes on.
   recorder.wait_for_files();
   recorder.collect_files();
-  recorder.set_ending(true);
-  write_state();
-  recorder.set_ending(false);
+  {
+    const Ending ending(recorder);
+    write_state();
+  }
   const std::optional<WrittenFile> failed = recorder.take_failed_checkpoint();
   if (failed) throw IoError(failed->error + recorder.last_checkpoint());
   return recorder.outputs().checkpoint;
@@ -254,9 +267,8 @@ std::filesystem::path Session::write_checkpoint() {
 std::filesystem::path Session::save() {
   std::filesystem::path checkpoint = write_checkpoint();
   if (!std::filesystem::exists(training_.folder.ply(training_.state.iteration))) {
-    training_.recorder.set_ending(true);
+    const Ending ending(training_.recorder);
     write_ply();
-    training_.recorder.set_ending(false);
   }
   return checkpoint;
 }
@@ -269,7 +281,7 @@ std::string Session::describe_images() const {
 std::optional<MemoryForecast> Session::forecast_memory() {
   const std::optional<std::int64_t> limit = training_.memory->limit();
   if (!limit) return std::nullopt;
-  if (training_.state.gaussians.size() == 0) initialize_model();
+  if (training_.state.n_gaussians() == 0) initialize_model();
   const GaussianMemory each = stepper_->memory_of_gaussian();
   const auto n = static_cast<double>(training_.state.gaussians.size());
   MemoryForecast forecast;
@@ -320,7 +332,7 @@ void Session::end_with_checkpoint() {
   } catch (const LossError&) {
     throw;
   } catch (const std::exception& error) {
-    saved = kNoCheckpoint + first_line(error.what()) + training_.recorder.last_checkpoint();
+    saved = kNoCheckpoint + first_line(error.what()) + last_checkpoint();
   }
   try {
     std::rethrow_exception(cause);

@@ -1,5 +1,4 @@
 #include <cmath>
-#include <utility>
 
 #include "model/disk_space.h"
 #include "model/model_folder.h"
@@ -58,7 +57,7 @@ void Session::warn_of_disk_space() {
 }
 
 void Session::begin() {
-  if (std::exchange(has_begun_, true)) return;
+  if (has_begun_) return;
   const TrainConfig& config = training_.config;
   const TrainState& state = training_.state;
   TrainRecorder& recorder = training_.recorder;
@@ -70,6 +69,7 @@ void Session::begin() {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
   }
   if (stepper_->writes_files()) recorder.open_log();
+  has_begun_ = true;
   if (!resumed_.empty()) {
     recorder.log_event(state.iteration, "resumed",
                        {{"kernel", training_.kernels.forward_name()},
@@ -106,7 +106,7 @@ BlendInput Session::kernel_check_input() {
                    stepper_->flushed_state().gaussians,
                    evaluation_settings(config, training_.state.sh_degree),
                    {}};
-  input.render = [this, settings = input.settings](const PinholeView& view) {
+  input.render = [this](const PinholeView& view, const RenderSettings& settings) {
     return stepper_->render(view, settings);
   };
   for (const std::int32_t view :

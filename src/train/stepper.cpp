@@ -100,7 +100,7 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
     rendered = with_remedies(training_.remedies(), [&] {
       update_filters(is_filter_due);
       RenderedView image = optimizer_.forward(state_.gaussians, state_.adam, view.camera, settings);
-      if (keeps_views()) {
+      if (keeps_gradients()) {
         optimizer_.make_room_for_view(state_.gaussians);
         if (plan.statistics) make_room_for_statistics();
       }
@@ -125,13 +125,13 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
 
   const RegularizationWeights regularization = regularization_weights(config_, training_.scene.extent);
   const ViewStatistics statistics =
-      keeps_views() ? optimizer_.keep_view(grad, state_.gaussians, regularization)
-                    : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad, state_.gaussians,
-                                      state_.adam, &training_.timer, regularization);
+      keeps_gradients() ? optimizer_.keep_view(grad, state_.gaussians, regularization)
+                        : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad,
+                                          state_.gaussians, state_.adam, &training_.timer, regularization);
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);
   if (!plan.statistics) return;
   training_.timer.begin(Stage::kDensify);
-  if (keeps_views()) save_statistics();
+  if (keeps_gradients()) save_statistics();
   DensityStep step{iteration, statistics, view.camera.width, view.camera.height};
   if (plan.score) {
     step.add_scores = [&](const GaussianScores& scores) {
@@ -304,8 +304,8 @@ void Stepper::remove_invalid_gaussians(const InvalidGaussianError& error) {
     throw LossError(detail::concat("after iteration ", state_.iteration, ": no Gaussian is left that can be rendered: ",
                                    reason, training_.recorder.last_checkpoint()));
   }
-  if (state_.n_removed < 2 * n_warned_of_) return;
-  n_warned_of_ = state_.n_removed;
+  if (state_.n_removed < 2 * n_removed_at_warning_) return;
+  n_removed_at_warning_ = state_.n_removed;
   training_.recorder.warn(detail::concat("after iteration ", state_.iteration, ": removed ", n,
                                          n == 1 ? " Gaussian" : " Gaussians", " that cannot be rendered (",
                                          state_.n_removed, " so far): ", reason));
@@ -319,7 +319,7 @@ std::int64_t Stepper::remove_invalid_rows(std::int64_t row) {
 
 GaussianMemory Stepper::memory_of_gaussian() {
   return gaussian_memory(state_, view_memory(step_settings(state_.iteration)), state_.view_ratios,
-                         keeps_views() ? config_.batch : 0);
+                         keeps_gradients() ? config_.batch : 0);
 }
 
 std::optional<std::int64_t> Stepper::room_for_gaussians() {

@@ -7,8 +7,8 @@
 //
 // If a step fails, the state is rolled back to the end of the step before. That is cheap because a step changes
 // Gaussians, moments and statistics last, and nothing can fail after the first of these changes: by then the
-// photographs are loaded and all memory is allocated. Deferred optimizer updates need no roll-back: they may be applied
-// at any time (optimizer/deferred_sh.h).
+// photographs are loaded and all memory is allocated. Statistics of a step of several views are saved before its first.
+// Deferred optimizer updates need no roll-back: they may be applied at any time (optimizer/deferred_sh.h).
 //
 // In this class all Gaussians are in this process. A training on several overrides what differs there
 // (multi/rank_stepper.h); the rest of a training does not know which it is.
@@ -150,7 +150,7 @@ class Stepper {
   /// Begins a step up to iteration `last`. Returns whether filters for anti-aliasing are due.
   bool begin_step(int last);
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
-  /// or takes the step along them, see keeps_views().
+  /// or takes the step along them, see keeps_gradients().
   void learn_view(const TrainView& view, bool is_filter_due);
   /// Takes the step along the gradients that were kept, and what belongs to it. Cannot fail, and allocates nothing.
   /// `model_rows`: see DensityStrategy::after_step().
@@ -159,7 +159,7 @@ class Stepper {
   /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
   /// the backward pass of the one view does that, which is faster. The GPU compiler may fuse multiplications and
   /// additions differently in the two; --deterministic always has the bytes of the former.
-  virtual bool keeps_views() const {
+  virtual bool keeps_gradients() const {
     return config_.batch > 1 || (config_.deterministic && !training_.device.is_cpu());
   }
   RenderSettings step_settings(int iteration);
@@ -210,8 +210,8 @@ class Stepper {
     std::vector<bool> empty_views;
     std::size_t n_rendered = 0, n_warned_of = 0;
   } visibility_;
-  std::int64_t view_bytes_ = 0;   // of the rasterizer's buffers after the last view
-  std::int64_t n_warned_of_ = 0;  // removed Gaussians at the last warning
+  std::int64_t view_bytes_ = 0;  // of the rasterizer's buffers after the last view
+  std::int64_t n_removed_at_warning_ = 0;
 };
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// What the parts of a training share. A Session owns it and outlives nothing that refers to it.
+// What the parts of a training share. A Session owns it, and it outlives everything that refers to it.
 #pragma once
 
 #include <memory>

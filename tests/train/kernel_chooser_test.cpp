@@ -99,6 +99,21 @@ TEST_F(KernelChooserTest, SwitchesToTheFasterKernel) {
   EXPECT_FALSE(own.is_due(at(1000, 1e6)));
 }
 
+/// Several processes render views together: what is timed must be such a view, with the kernel in use.
+TEST_F(KernelChooserTest, RendersViewsAsItIsTold) {
+  KernelChooser own = chooser(1.0, 2.0);
+  std::vector<ForwardKernel> rendered;
+  BlendInput by_others = input();
+  by_others.render = [&](const PinholeView& view, const RenderSettings& settings) {
+    rendered.push_back(settings.kernel);
+    return rasterizer.forward(gaussians, view, settings);
+  };
+  own.check(at(1), by_others);
+  own.time_candidates(by_others);
+  EXPECT_GE(rendered.size(), 6u);
+  for (const ForwardKernel kernel : rendered) EXPECT_EQ(kernel, ForwardKernel::kSegmented);
+}
+
 TEST_F(KernelChooserTest, KeepsTheBalancedKernelWhileItIsFaster) {
   KernelChooser own = chooser(1.0, 2.0);
   EXPECT_EQ(own.check(at(1), input())[0].message, "");

@@ -59,7 +59,6 @@ class TrainRecorder {
 
   // train.jsonl. Events before open_log() are dropped.
   void open_log();
-  bool is_log_open() const { return log_ != nullptr; }
   void log_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
   /// The line of this iteration. Kernel names may be empty: then there is no choice.
   void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,

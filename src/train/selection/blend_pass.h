@@ -16,11 +16,11 @@ struct BlendInput {
   const GaussianTensors& gaussians;
   RenderSettings settings;         // of training steps
   std::vector<PinholeView> views;  // the next views of the training
-  // Renders a view with `settings` and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
-  std::function<RenderedView(const PinholeView&)> render{};
+  // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
+  std::function<RenderedView(const PinholeView&, const RenderSettings&)> render{};
 
   RenderedView forward(const PinholeView& view) const {
-    return render ? render(view) : rasterizer.forward(gaussians, view, settings);
+    return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
   }
 };
 

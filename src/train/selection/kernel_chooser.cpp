@@ -113,7 +113,8 @@ KernelTimer& KernelChooser::timer() {
 
 std::vector<KernelCheck> KernelChooser::check(const CheckMoment& now, const BlendInput& input) {
   const bool forward_is_due = forward_.is_due(now), backward_is_due = backward_.is_due(now);
-  const BlendInput own{input.rasterizer, input.gaussians, apply(input.settings), input.views};
+  BlendInput own = input;
+  own.settings = apply(input.settings);
   std::vector<KernelCheck> checks;
   if (forward_is_due) checks.push_back(check_pass("forward", now, forward_, *tools_.make_forward(own), own));
   if (backward_is_due) checks.push_back(check_pass("backward", now, backward_, *tools_.make_backward(own), own));
@@ -190,7 +191,8 @@ std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::str
 }
 
 std::vector<CandidateTiming> KernelChooser::time_candidates(const BlendInput& input) {
-  const BlendInput own{input.rasterizer, input.gaussians, apply(input.settings), input.views};
+  BlendInput own = input;
+  own.settings = apply(input.settings);
   std::vector<CandidateTiming> timings;
   const auto time = [&](const char* pass, const std::vector<std::string>& kernels, const std::string& reference,
                         BlendPass& blend) {

@@ -6,7 +6,7 @@
 //   parents      drawn from the Gaussians with a score, in proportion to it
 //   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
 //   growth       budget_growth(): how far each round goes towards the budget
-//   pruning      in each round, opacity < --prune_opacity; every --opacity_reset_interval iterations, also blend weight
+//   pruning      in each round, opacity < 0.005; every --opacity_reset_interval iterations, also blend weight
 //                < --prune_weight in all views scored since the last such pruning, if at least kPruneViews saw it
 #pragma once
 
@@ -38,7 +38,7 @@ bool is_growth_round(const TrainConfig& config, int iteration);
 bool is_weight_prune_round(const TrainConfig& config, int iteration);
 
 /// How many Gaussians a growth round adds to `n`. Their number follows n_0 + (budget - n_0) t^p, where t runs from 0 at
-/// --densify_from_iter to 1 at the last growth round and p = --budget_power. For this, each round adds the fraction
+/// --densify_from_iter to 1 at the last growth round and p = 0.5. For this, each round adds the fraction
 /// 1 - (1 - t^p) / (1 - t_before^p) of what is left to the budget, so that n_0 need not be stored.
 std::int64_t budget_growth(const TrainConfig& config, int iteration, std::int64_t n, std::int64_t budget);
 
