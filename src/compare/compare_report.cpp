@@ -32,6 +32,7 @@ TrainConfig common_config(const std::vector<Configuration>& configurations) {
 /// The options in which configurations differ: the name, and a text for each configuration.
 Json differing(const std::vector<Configuration>& configurations) {
   std::vector<Json> values;
+  values.reserve(configurations.size());
   for (const Configuration& own : configurations) values.push_back(config_to_json(own.config));
   Json rows = Json::array();
   for (const auto& [name, first] : values.front().items()) {
