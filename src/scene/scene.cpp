@@ -76,6 +76,7 @@ void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<V
 
 std::vector<Camera> cameras_of(const std::vector<View>& views) {
   std::vector<Camera> cameras;
+  cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera);
   return cameras;
 }
