@@ -57,6 +57,7 @@ RenderedView RankStepper::project_and_draw(const PinholeView& view, const Render
   const std::vector<ProjectRecord> records = ranks_.exchange_record("projected", record);
   check_valid(records);
   std::vector<std::vector<std::int64_t>> counts;
+  counts.reserve(records.size());
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
   const std::vector<ViewSplats> drawn = splats_.to_drawers({own}, counts, {0}, owners_.own());
   if (drawn.empty()) return {};

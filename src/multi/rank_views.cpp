@@ -65,6 +65,7 @@ std::vector<std::int32_t> RankStepper::own_views_ahead() {
 
 std::vector<int> RankStepper::planned_drawers(int from, const std::vector<ViewOfStep>& views) {
   std::vector<std::int32_t> indices;
+  indices.reserve(views.size());
   for (const ViewOfStep& view : views) indices.push_back(view.index);
   return draw_plan_.drawers(from, indices);
 }

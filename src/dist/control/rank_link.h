@@ -22,7 +22,8 @@ namespace b3dgs {
 /// Every function but fail(), close() and the destructor throws a PeerError once another rank has failed. Safe to use
 /// from several threads, except that all threads of a rank must call gather() and exchange()
 /// in one order.
-class RankLink {
+// Members stand in the order of who uses them.
+class RankLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Joins, and waits until all ranks have. @throws InputError if this rank is refused, PeerError if another one failed
   RankLink(const std::string& address, int port, int rank, int size, const std::string& job, const RankLimits& limits);

@@ -170,6 +170,7 @@ std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::str
                                                       const std::vector<PinholeView>& views,
                                                       const IsEnough& is_enough) {
   std::vector<KernelMeasurement> found;
+  found.reserve(kernels.size());
   for (const std::string& name : kernels) found.push_back({name, {}, {}});
   std::vector<KernelMeasurement*> order;  // of the kernels that agree with the reference
   for (std::size_t i = 0; i < views.size() && !is_enough(static_cast<int>(i), found); ++i) {
