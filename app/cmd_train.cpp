@@ -35,7 +35,7 @@
 #include "multi/train_on_ranks.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
-#include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_scene.h"
 #include "train/device.h"
 #include "train/scene_limits.h"
 #include "train/threads.h"

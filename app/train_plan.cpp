@@ -15,6 +15,7 @@
 #include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint_scene.h"
 
 namespace b3dgs {
 namespace {

@@ -9,6 +9,7 @@
 
 #include "core/shell_quote.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_scene.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/gaussians/initial_splats.h"
 #include "train/scene_limits.h"
@@ -265,6 +266,7 @@ std::filesystem::path Session::write_checkpoint() {
 }
 
 std::filesystem::path Session::save() {
+  B3DGS_CHECK(stepper_->is_alone(), "save() of several processes");
   std::filesystem::path checkpoint = write_checkpoint();
   if (!std::filesystem::exists(training_.folder.ply(training_.state.iteration))) {
     const Ending ending(training_.recorder);

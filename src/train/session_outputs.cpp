@@ -5,6 +5,7 @@
 #include "model/photographs.h"
 #include "train/appearance/exposure_json.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_scene.h"
 #include "train/gaussians/floaters.h"
 #include "train/session.h"
 

@@ -7,7 +7,7 @@
 //
 // If a step fails, the state is rolled back to the end of the step before. That is cheap because a step changes
 // Gaussians, moments and statistics last, and nothing can fail after the first of these changes: by then the
-// photographs are loaded and all memory is allocated. Statistics of a step of several views are saved before its first.
+// photographs are loaded and all memory is allocated. Statistics that are added view by view are saved before.
 // Deferred optimizer updates need no roll-back: they may be applied at any time (optimizer/deferred_sh.h).
 //
 // In this class all Gaussians are in this process. A training on several overrides what differs there

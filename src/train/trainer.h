@@ -68,7 +68,7 @@ class Trainer {
   std::filesystem::path write_checkpoint();
 
   /// The same, and writes the PLY of this iteration, for viewers, unless there is one. A PLY that cannot be written
-  /// causes a warning. Returns the checkpoint.
+  /// causes a warning. Returns the checkpoint. Not with several processes.
   std::filesystem::path save();
 
   /// One iteration with its density control, without any output. For benchmarks.

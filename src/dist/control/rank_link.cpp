@@ -95,6 +95,7 @@ std::vector<std::string> RankLink::exchange(const std::string& label, const std:
   const std::string answer = request(MessageKind::kGather, body.take());
   BodyReader reader(answer);
   std::vector<std::string> all;
+  all.reserve(static_cast<std::size_t>(size_));
   for (int rank = 0; rank < size_; ++rank) all.push_back(reader.bytes());
   return all;
 }

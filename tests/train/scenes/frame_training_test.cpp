@@ -11,6 +11,7 @@
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/checkpoint/checkpoint_scene.h"
 
 namespace b3dgs {
 namespace {

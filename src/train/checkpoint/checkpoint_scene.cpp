@@ -1,0 +1,201 @@
+#include "train/checkpoint/checkpoint_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <set>
+#include <utility>
+
+#include "core/check.h"
+#include "model/checkpoint/checkpoint_layout.h"
+#include "model/photographs.h"
+
+namespace b3dgs {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Equal up to rounding: the order of a sum may change from version to version.
+bool is_same_extent(const Json& before, const Json& after) {
+  constexpr double kTolerance = 1e-6;
+  const auto a = before.get<double>(), b = after.get<double>();
+  return std::abs(a - b) <= kTolerance * std::max(std::abs(a), std::abs(b));
+}
+
+/// `json` as it will be read back from a file: invalid UTF-8 is replaced when it is written.
+Json as_read_back(const Json& json) {
+  return Json::parse(json.dump(-1, ' ', false, Json::error_handler_t::replace));
+}
+
+Json describe_views(const Scene& scene) {
+  Json views = Json::array();
+  for (const View& view : scene.train) {
+    views.push_back({{"name", view.name}, {"width", view.camera.width}, {"height", view.camera.height}});
+  }
+  return as_read_back(views);
+}
+
+/// Of pose and intrinsics, rounded to float: a later version may compute them in another order.
+std::uint32_t camera_crc(const Camera& camera) {
+  std::vector<double> values{camera.fx, camera.fy, camera.cx, camera.cy};
+  const Pose& pose = camera.cam_from_world;
+  values.insert(values.end(), pose.rotation.begin(), pose.rotation.end());
+  values.insert(values.end(), pose.translation.begin(), pose.translation.end());
+  std::uint32_t crc = 0;
+  for (const double value : values) {
+    const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0
+    crc = add_crc(crc, &rounded, sizeof rounded);
+  }
+  return crc;
+}
+
+Json camera_crcs(const Scene& scene) {
+  Json crcs = Json::array();
+  for (const View& view : scene.train) crcs.push_back(camera_crc(view.camera));
+  return crcs;
+}
+
+// Of the scene's own points: those found beside them are not looked for again at a resume.
+std::uint32_t points_crc(const Scene& scene) {
+  const auto n = static_cast<std::size_t>(3 * (scene.points.size() - scene.n_added_points));
+  return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
+}
+
+// Names of training views whose fingerprints in the list `key` differ. A list that the header lacks, as those of early
+// versions, differs nowhere. A fingerprint that was null differs only if files `may_be_added`.
+std::vector<std::string> changed_files(const Json& header, const Json& fingerprint, const char* key,
+                                       bool may_be_added) {
+  std::vector<std::string> names;
+  const Json saved = header.value("scene", Json::object()).value(key, Json::array());
+  const Json now = fingerprint.value(key, Json::array()), &views = fingerprint.at("train_views");
+  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
+    if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
+    names.push_back(views[i].at("name").get<std::string>());
+  }
+  return names;
+}
+
+// "; 2 are missing (00002.png, ...)"; empty if there are no names.
+std::string count_and_first(const std::vector<std::string>& names, const char* what) {
+  if (names.empty()) return "";
+  return detail::concat("; ", names.size(), names.size() == 1 ? " is " : " are ", what, " (", names[0],
+                        names.size() > 1 ? ", ...)" : ")");
+}
+
+// Which of the training views `before` are not among those of the scene, and the other way round; empty if none are.
+std::string describe_difference(const Json& before, const Json& after, const Scene& scene) {
+  const auto names_of = [](const Json& views) {
+    std::set<std::string> names;
+    for (const Json& view : views) names.insert(view.at("name").get<std::string>());
+    return names;
+  };
+  const std::set<std::string> old_names = names_of(before), new_names = names_of(after);
+  std::set<std::string> test_names;
+  for (const View& view : scene.test) test_names.insert(view.name);
+  std::vector<std::string> missing, held_out, added;
+  for (const std::string& name : old_names) {
+    if (new_names.count(name) == 0) (test_names.count(name) == 0 ? missing : held_out).push_back(name);
+  }
+  for (const std::string& name : new_names) {
+    if (old_names.count(name) == 0) added.push_back(name);
+  }
+  return count_and_first(missing, "missing") + count_and_first(held_out, "held out for testing now") +
+         count_and_first(added, "new");
+}
+
+}  // namespace
+
+Json scene_fingerprint(const Scene& scene) {
+  Json photographs = Json::array(), masks = Json::array();
+  for (const View& view : scene.train) {
+    photographs.push_back(photograph_fingerprint(view.file));
+    masks.push_back(photograph_fingerprint(view.mask_file));
+  }
+  return {{"frame", {{"origin", scene.frame.origin}, {"unit", scene.frame.unit}}},
+          {"extent", scene.extent},
+          {"train_views", describe_views(scene)},
+          {"camera_crc32s", camera_crcs(scene)},
+          {"points_crc32", points_crc(scene)},
+          {"photographs", std::move(photographs)},
+          {"masks", std::move(masks)}};
+}
+
+CoordinateFrame checkpoint_frame(const Json& header, const std::string& place) {
+  CoordinateFrame frame;
+  try {
+    const Json& scene = header.at("scene");
+    if (scene.find("frame") == scene.end()) return frame;
+    scene.at("frame").at("origin").get_to(frame.origin);
+    scene.at("frame").at("unit").get_to(frame.unit);
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": invalid checkpoint header: ", error.what());
+  }
+  for (const double value : frame.origin) {
+    if (!std::isfinite(value)) input_error(place, ": invalid checkpoint header: scene.frame.origin");
+  }
+  if (!(frame.unit > 0) || !std::isfinite(frame.unit)) {
+    input_error(place, ": invalid checkpoint header: scene.frame.unit must be above 0, found ", frame.unit);
+  }
+  return frame;
+}
+
+CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint) {
+  return checkpoint_frame(read_checkpoint_header(checkpoint), checkpoint.string());
+}
+
+void check_scene(const Json& header, const Scene& scene, const std::string& place) {
+  const std::string remedy = "; resume with the same -s, -i, -r and --eval";
+  B3DGS_CHECK(checkpoint_frame(header, place) == scene.frame, place,
+              ": the scene is in another frame; load it with SceneOptions::frame = checkpoint_frame()");
+  try {
+    const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
+    const std::string difference = describe_difference(before, after, scene);
+    if (before.size() != after.size()) {
+      input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), difference,
+                  remedy);
+    }
+    if (!difference.empty()) input_error(place, ": trained on other views of the scene", difference, remedy);
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      if (before[i] != after[i]) {
+        input_error(place, ": training view ", i, " was ", before[i].dump(), ", but in the scene it is ",
+                    after[i].dump(), remedy);
+      }
+    }
+    // Missing in checkpoints of early versions.
+    const Json cameras = saved.value("camera_crc32s", Json::array()), now = camera_crcs(scene);
+    std::vector<std::string> moved;
+    for (std::size_t i = 0; i < std::min(cameras.size(), now.size()); ++i) {
+      if (cameras[i] != now[i]) moved.push_back(scene.train[i].name);
+    }
+    if (!moved.empty()) {
+      input_error(place, ": poses or intrinsics of ", moved.size(), " of ", now.size(),
+                  " training views have changed since it was written (", moved.size() > 1 ? "first: " : "", moved[0],
+                  "), so its Gaussians do not fit them; resume with the cameras of that training, or train anew");
+    }
+    if (!is_same_extent(saved.at("extent"), scene.extent)) {
+      input_error(place, ": trained on a scene of extent ", saved.at("extent").dump(), ", but this one has extent ",
+                  Json(scene.extent).dump(), remedy);
+    }
+  } catch (const nlohmann::json::exception& error) {
+    input_error(place, ": invalid checkpoint header: ", error.what());
+  }
+}
+
+std::vector<std::string> changed_photographs(const Json& header, const Json& fingerprint) {
+  return changed_files(header, fingerprint, "photographs", /*may_be_added=*/false);
+}
+
+std::vector<std::string> changed_masks(const Json& header, const Json& fingerprint) {
+  return changed_files(header, fingerprint, "masks", /*may_be_added=*/true);
+}
+
+std::vector<std::string> changed_depth_maps(const Json& header, const Json& fingerprint) {
+  return changed_files(header, fingerprint, "depth_maps", /*may_be_added=*/true);
+}
+
+bool have_points_changed(const Json& header, const Json& fingerprint) {
+  const Json scene = header.value("scene", Json::object());
+  return scene.contains("points_crc32") && scene.at("points_crc32") != fingerprint.at("points_crc32");
+}
+
+}  // namespace b3dgs
