@@ -24,6 +24,7 @@
 #include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/presets.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/host_memory.h"

@@ -12,6 +12,7 @@
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"

@@ -11,6 +11,7 @@
 #include "compare/comparison.h"
 #include "config/former_options.h"
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/folder_lock.h"
 #include "core/options/command_line.h"

@@ -10,6 +10,7 @@
 #include "app/status/status_line.h"
 #include "app/tools/commands.h"
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/print.h"

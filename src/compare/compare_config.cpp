@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/options/nearest_name.h"

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "compare/compare_verdict.h"
+#include "config/train_options.h"
 #include "core/text.h"
 #include "report/page_data.h"
 

@@ -7,6 +7,7 @@
 #include "compare/compare_results.h"
 #include "compare/compare_verdict.h"
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"

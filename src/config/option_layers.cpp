@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "config/former_options.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/print.h"
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "config/option_layers.h"
+#include "config/train_options.h"
 
 namespace b3dgs {
 

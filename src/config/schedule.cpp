@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/print.h"
 #include "core/text.h"

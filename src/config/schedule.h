@@ -11,6 +11,8 @@
 
 namespace b3dgs {
 
+struct Option;
+
 /// Values by the option's primary name, each of the option's type.
 using GivenOptions = nlohmann::ordered_json;
 

@@ -1,13 +1,12 @@
-// The training options. Default values are those of the original 3DGS code unless a comment says otherwise.
+// The values of the training options. Defaults are those of the original 3DGS code unless a comment says otherwise.
+// train_options.h has the options' names, ranges and help texts.
 #pragma once
 
 #include <cstdint>
 #include <string>
 #include <vector>
 
-#include "config/batch_steps.h"
 #include "config/density_strategies.h"
-#include "core/config.h"
 #include "raster/kernels.h"
 
 namespace b3dgs {
@@ -136,169 +135,6 @@ struct TrainConfig {
   double noise_lr = 50000;  // of mcmc, times the learning rate of the means
   int kernel_check_views = 5;
 };
-
-template <class Visitor>
-void visit_fields(TrainConfig& c, Visitor&& field) {
-  SomeOf candidates{{}, 2};
-  for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
-  OneOf kernels{candidates.values}, backward_kernels, strategies;
-  for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
-  kernels.values.emplace_back(kPaperKernel);
-  for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
-  for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
-
-  field(Option{"source_path", 's', {"data_dir", "data_path"}}.common().group("Scene and output"), c.source_path, Any{},
-        "scene folder: a COLMAP model or transforms.json files");
-  field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{},
-        "output folder (default output/SCENE)");
-  field(Option{"images", 'i'}.common(), c.images, Any{}, "image folder inside the scene folder");
-  field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
-        "1, 2, 4, 8: divide size; >= 32: width, px; -1: width at most 1600 px");
-  field(Option{"eval"}.common(), c.eval, Any{},
-        "hold out views for testing: those that transforms files list, or every 8th by name");
-  field(Option{"init_ply"}, c.init_ply, Any{},
-        "start from this PLY (Gaussians or points) or SPZ instead of the scene's points");
-  field(Option{"depths", 'd'}.may_be_empty(), c.depths, Any{},
-        "folder of inverse depth maps, 16-bit PNGs named like the photographs");
-  field(Option{"masks"}, c.masks, Any{},
-        "folder of masks, black is left out (default masks/ if it exists; none: no masks)");
-  field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");
-  field(Option{"mask_mode"}, c.mask_mode, OneOf{{"ignore", "segment"}},
-        "ignore what masks leave out, or segment: nothing may be there");
-  field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
-        OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
-  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
-        "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
-  field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
-        "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
-  field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
-        "photographs in host memory, GB per rank (-1 = ranks share 80 %); rest read from disk");
-
-  field(Option{"sh_degree"}.group("Model and image"), c.sh_degree, InRange{0, 3},
-        "highest degree of the spherical harmonics");
-  field(Option{"white_background", 'w'}.common(), c.white_background, Any{}, "white background instead of black");
-  field(Option{"random_background"}, c.random_background, Any{}, "new random background colour in each iteration");
-  field(Option{"antialiasing"}.common(), c.antialiasing, Any{},
-        "filter Gaussians, for renders at other sizes and distances than the photographs'");
-  field(Option{"near_plane"}, c.near_plane, Above{0},
-        "ignore Gaussians closer to the camera than this; 5 is the typical depth of the scene");
-
-  OneOf presets;
-  for (const char* name : kPresetNames) presets.values.emplace_back(name);
-  field(Option{"preset"}.common().group("Schedule"), c.preset, presets,
-        "named set of option values, which other given options override: see docs/recipes.md");
-  field(Option{"steps_scaler"}, c.steps_scaler, Above{0},
-        "multiply all options counted in iterations by X, --iterations included");
-  field(Option{"iterations", '\0', {"max_steps"}}.common().in_steps(), c.iterations, AtLeast{1}, "training iterations");
-  field(Option{"max_epochs"}.in_steps(), c.max_epochs, AtLeast{0},
-        "use each photograph at most X times: shortens the schedule (0 = no limit)");
-  field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
-        "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
-  field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
-  field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations,
-        AtLeast{1}, "evaluate the test views after these iterations, and at the end");
-  field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations,
-        AtLeast{1}, "write a PLY after these iterations, and at the end");
-  field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, AtLeast{1},
-        "write a checkpoint after these iterations, and at the end");
-  field(Option{"checkpoint_interval"}.in_steps(Steps::kOutput), c.checkpoint_interval, AtLeast{0},
-        "write a checkpoint every N iterations (0 = never)");
-  field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
-        "write a checkpoint every X minutes of training (0 = never)");
-  field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
-  field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},
-        "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
-  field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
-        "train on views of full size from this iteration at the latest");
-
-  field(Option{"position_lr_init"}.group("Learning rates and loss"), c.position_lr_init, AtLeast{0},
-        "initial learning rate of the means, x scene extent");
-  field(Option{"position_lr_final"}, c.position_lr_final, AtLeast{0},
-        "final learning rate of the means, x scene extent");
-  field(Option{"position_lr_max_steps"}.in_steps(), c.position_lr_max_steps, AtLeast{1},
-        "iterations over which the learning rate of the means decays");
-  field(Option{"lr_final_scale"}, c.lr_final_scale, Above{0},
-        "rates of scales, rotations, opacities, colours fall to X times these");
-  field(Option{"lr_decay_from_iter"}.in_steps(), c.lr_decay_from_iter, AtLeast{0},
-        "iteration from which --lr_final_scale lowers rates, until --position_lr_max_steps");
-  field(Option{"lr_decay_from_epoch"}.in_steps(), c.lr_decay_from_epoch, AtLeast{0},
-        "begin this decay after at most X uses of each photograph (0 = no such limit)");
-  field(Option{"feature_lr"}, c.feature_lr, AtLeast{0}, "learning rate of SH degree 0");
-  field(Option{"feature_rest_divisor"}, c.feature_rest_divisor, Above{0},
-        "learning rate of higher SH degrees: --feature_lr / X");
-  field(Option{"opacity_lr"}, c.opacity_lr, AtLeast{0}, "learning rate of the opacities");
-  field(Option{"scaling_lr"}, c.scaling_lr, AtLeast{0}, "learning rate of the scales");
-  field(Option{"rotation_lr"}, c.rotation_lr, AtLeast{0}, "learning rate of the rotations");
-  field(Option{"pose_opt"}, c.pose_opt, Any{}, "refine the poses of the training cameras; see docs/recipes.md");
-
-  field(Option{"lambda_dssim", '\0', {"ssim_lambda", "ssim_weight"}}, c.lambda_dssim, InRange{0, 1},
-        "weight of D-SSIM in the loss");
-  field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
-  field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
-  field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
-        "initial weight of the error against --depths in the loss");
-  field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},
-        "weight of that error in the last iteration; changes exponentially between");
-
-  field(Option{"exposure"}.group("Appearance of photographs"), c.exposure, Any{},
-        "learn an affine colour transform for each photograph; see docs/recipes.md");
-  field(Option{"exposure_lr_init"}, c.exposure_lr_init, AtLeast{0}, "initial learning rate of --exposure");
-  field(Option{"exposure_lr_final"}, c.exposure_lr_final, AtLeast{0},
-        "learning rate of --exposure in the last iteration");
-  field(Option{"bilateral_grid"}, c.bilateral_grid, Any{},
-        "learn a bilateral grid of colour transforms for each photograph");
-  field(Option{"train_test_exp"}, c.train_test_exp, Any{},
-        "measure the right half of test views, with colours fitted to their left half");
-
-  field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
-        "how Gaussians are added and removed; see docs/recipes.md");
-  field(Option{"densify_from_iter"}.in_steps(), c.densify_from_iter, AtLeast{0},
-        "start density control after this iteration");
-  field(Option{"densify_until_iter"}.in_steps(), c.densify_until_iter, AtLeast{0},
-        "stop density control before this iteration");
-  field(Option{"densification_interval"}.in_steps(), c.densification_interval, AtLeast{1},
-        "iterations between rounds of density control");
-  field(Option{"densify_grad_threshold"}, c.densify_grad_threshold, AtLeast{0},
-        "default: clone or split Gaussians whose mean screen-space gradient is at least X");
-  field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
-        "default: split Gaussians larger than X x scene extent, clone smaller ones");
-  field(Option{"opacity_reset_interval"}.in_steps(), c.opacity_reset_interval, AtLeast{1},
-        "iterations between opacity resets; balanced: between removals by --prune_weight");
-  field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}.in_steps(), c.sh_increase_interval, AtLeast{1},
-        "raise the active SH degree by one every N iterations");
-  field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
-        "maximum number of Gaussians (0 = by --gaussians_per_pixel)");
-  field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
-        "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
-  field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
-  field(Option{"split"}, c.split, OneOf{{"moments", "preserve"}},
-        "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
-  field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
-        "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
-
-  field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
-        "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");
-  field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
-        "of adaptive; paper: switch at most once; tracking: keep re-checking");
-  field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
-        "kernels that adaptive chooses from; training starts with the first");
-  field(Option{"kernel_check_interval"}.in_steps(Steps::kOutput), c.kernel_check_interval, AtLeast{1},
-        "re-time kernels every N iterations; less often if it cost over 0.5 % of training");
-  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
-        "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
-  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x8 on a GPU, 16x16 on a CPU");
-  field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
-        "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
-  field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},
-        "same result every run; turns off kernel auto-selection, slower on a GPU");
-  field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0},
-        "CPU threads (0 = all cores, or with ranks this rank's share of the machine's)");
-
-  field(Option{"stats_interval"}.in_steps(Steps::kOutput).group("Schedule"), c.stats_interval, AtLeast{0},
-        "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
-  field(Option{"kernel_times_interval"}.in_steps(Steps::kOutput).group("Kernels"), c.kernel_times_interval, AtLeast{0},
-        "log all candidates' times every N iterations (0 = never)");
-}
 
 /// Whether depth maps are part of the loss.
 inline bool uses_depths(const TrainConfig& config) {

@@ -76,9 +76,11 @@ struct Option {
 
 /// The same list for a config that is not to be changed: fields are const.
 template <class Config, class Visitor>
-void visit_fields(const Config& config, Visitor&& field) {
-  visit_fields(const_cast<Config&>(config), [&](const Option& option, const auto& value, const auto& constraint,
-                                                const char* help) { field(option, value, constraint, help); });
+std::enable_if_t<std::is_const_v<Config>> visit_fields(Config& config, Visitor&& field) {
+  visit_fields(const_cast<std::remove_const_t<Config>&>(config),
+               [&](const Option& option, const auto& value, const auto& constraint, const char* help) {
+                 field(option, value, constraint, help);
+               });
 }
 
 struct Any {};

@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "config/batch_steps.h"
 #include "multi/rank_stepper.h"
 #include "multi/rows/sharded_rows.h"
 #include "raster/torch/splat_owner.h"

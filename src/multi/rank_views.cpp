@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "config/batch_steps.h"
 #include "multi/rank_stepper.h"
 
 namespace b3dgs {

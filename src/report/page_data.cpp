@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "adaptive/load_statistics.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"

@@ -7,6 +7,7 @@
 #include <new>
 #include <utility>
 
+#include "config/train_options.h"
 #include "core/shell_quote.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_scene.h"

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "config/train_config.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "data_synth/synth_config.h"
 #include "support/temp_dir.h"

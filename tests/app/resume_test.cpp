@@ -5,6 +5,7 @@
 #include <csignal>
 
 #include "config/train_config.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "model/model_folder.h"

@@ -10,6 +10,7 @@
 #include <initializer_list>
 #include <map>
 
+#include "config/train_options.h"
 #include "report/report_page.h"
 #include "report/train_report.h"
 #include "scene/images/image_io.h"

@@ -8,6 +8,7 @@
 
 #include "config/former_options.h"
 #include "config/presets.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"

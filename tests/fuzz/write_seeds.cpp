@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "adaptive/kernel_selector.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
 #include "fuzz/fuzz_target.h"

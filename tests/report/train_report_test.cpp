@@ -1,5 +1,6 @@
 // The data of the report of one training, from a model folder.
 #include "report/train_report.h"
+#include "config/train_options.h"
 
 #include <gtest/gtest.h>
 

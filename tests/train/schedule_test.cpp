@@ -10,6 +10,7 @@
 
 #include "config/option_layers.h"
 #include "config/output_plan.h"
+#include "config/train_options.h"
 #include "config/view_order.h"
 #include "core/random.h"
 #include "train/loss/loss_weights.h"

@@ -1,4 +1,5 @@
 #include "train/trainer.h"
+#include "config/train_options.h"
 
 #include <gtest/gtest.h>
 

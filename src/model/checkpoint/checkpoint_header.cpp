@@ -5,7 +5,9 @@
 #include <limits>
 #include <type_traits>
 
+#include "config/batch_steps.h"
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/json_text.h"
 
 namespace b3dgs {

@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "model/checkpoint/checkpoint_header.h"

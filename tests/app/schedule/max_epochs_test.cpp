@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "config/train_config.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "model/model_folder.h"
 #include "support/files.h"

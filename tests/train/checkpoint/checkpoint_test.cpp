@@ -1,4 +1,5 @@
 #include "train/checkpoint/checkpoint.h"
+#include "config/train_options.h"
 #include "train/checkpoint/checkpoint_scene.h"
 
 #include <gtest/gtest.h>

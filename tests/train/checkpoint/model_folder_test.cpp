@@ -1,6 +1,7 @@
 // Model folders, image metrics, and conversions of Gaussians.
 
 #include "model/model_folder.h"
+#include "config/train_options.h"
 
 #include <gtest/gtest.h>
 

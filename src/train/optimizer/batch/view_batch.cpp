@@ -1,5 +1,6 @@
 #include "train/optimizer/batch/view_batch.h"
 
+#include "config/batch_steps.h"
 #include "core/check.h"
 #include "raster/torch/tensor_storage.h"
 
